@@ -1,0 +1,43 @@
+"""massprop: mass properties of a vehicle from recorded commands and IMU data.
+
+The flow
+--------
+::
+
+    telemetry.read ─ Log ─ align ─ Aligned ─ compensate ─ Samples ─ estimate ─ History ─ conclude ─ Conclusion ─ report
+
+One frozen type per stage, arrays with time first. ``analysis`` composes the flow.
+
+Frames
+------
+==========  ==================================================================================
+``imu``     the sensor's own axes; ``v_b = body_from_imu @ v_imu``
+``b``       body axes X roll, Y pitch, Z yaw; origin O is the vehicle's declared reference point
+``w``       world, Z up on an air bearing; quaternions are wxyz and turn body into world
+==========  ==================================================================================
+
+Units are SI inside and in files. Degrees appear only in what a person reads.
+
+Symbols
+-------
+==================  =========================================================================
+``I``, ``inertia``  inertia about the CG in body axes, kg m²; products are the tensor's own
+                    elements, ``ixy = -Σ m x y``
+``c``, ``cg``       position of the CG from O in body axes, m
+``m``, ``mass``     kg; on an air bearing the bearing's translating mass is included
+``mu``              1/m, 1/kg: what the accelerometer sees linearly
+``w``, ``rate``     body rate, rad/s; cycle means unless said otherwise
+``f``               specific force at the IMU (accelerometer: +g upward at rest), m/s²
+``tau``, ``F``      executed torque about O [N m] and force [N], body axes
+``T``               length of a control cycle, s
+==================  =========================================================================
+
+The ten quantities stand in one order everywhere: :data:`QUANTITIES`.
+"""
+
+__version__ = "0.1.0"
+
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+CG = ("cg_x", "cg_y", "cg_z")
+QUANTITIES = (*INERTIA, *CG, "mass")
+UNITS = {**dict.fromkeys(INERTIA, "kg m^2"), **dict.fromkeys(CG, "m"), "mass": "kg"}

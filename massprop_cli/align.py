@@ -1,0 +1,205 @@
+"""Commands to executed force and torque, averaged under the windows that the IMU data carry.
+
+Differencing two cycle-mean rates gives the mean of the angular acceleration under a triangular window that spans both
+cycles. So every impulse is split in two: the part weighted with the *rising* half of the window (weights 0 → 1 over the
+cycle, which belongs to the step into the next cycle) and the *falling* half (1 → 0, the step from the previous one):
+
+    rate[k+1] − rate[k]  =  I⁻¹ ( rising impulse of k + falling impulse of k+1 )      (no gyroscopic torque)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array, BoolArray, frozen
+from massprop_cli.errors import InputError
+from massprop_cli.telemetry import Log
+from massprop_cli.vehicle import Jet, Vehicle
+
+TOUCHING = 1e-3
+"""Pulses closer than this part of a cycle are one: a jet held on does not fall and rise between cycles."""
+LAGS_FORGOTTEN = 5.0
+"""After this many time constants a lagging actuator has forgotten what it did before the log began."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """IMU data and executed wrench per control cycle. ``K`` cycles, ``B`` bins in each; wrench = torque about O, force."""
+
+    start_s: Array
+    """(K,) start of each cycle."""
+    duration_s: Array
+    """(K,) its length."""
+    rate_imu_rad_s: Array
+    """(K, 3) mean rate, IMU axes."""
+    specific_force_imu_m_s2: Array
+    """(K, 3) mean specific force, IMU axes."""
+    attitude_wxyz: Array | None
+    """(K, 4) logged attitude at the end of each cycle."""
+    impulse_bins: Array
+    """(K, B, 6) impulse of the wrench in equal parts of each cycle, N m s and N s, body axes."""
+    rising: Array
+    """(K, 6) impulse weighted with the rising half of the triangular window."""
+    falling: Array
+    """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse."""
+    pulse_covariance: Array | None
+    """(K, 6, 6) covariance of the cycle's impulse from independent pulse errors, where there are any."""
+    capability: Array
+    """(r, 6) wrenches that this vehicle can command."""
+    usable: BoolArray
+    """(K,) false where the executing command was issued before the log began."""
+
+    @property
+    def end_s(self) -> Array:
+        return self.start_s + self.duration_s
+
+    @property
+    def impulse(self) -> Array:
+        """(K, 6) impulse of the executed wrench over each cycle."""
+        return self.rising + self.falling
+
+
+def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
+    """Sum records into cycles and pair each cycle with what was executed during it.
+
+    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods. Raises
+    :class:`InputError` if the log is shorter than the delay.
+    """
+    records = log.records_per_cycle
+    per_cycle = log.interval_s.reshape(-1, records).sum(1)
+    end = log.time_s.reshape(-1, records)[:, -1]
+    start = end - per_cycle
+    delay_s = delay_cycles * vehicle.cycle.period_s
+    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.lag_s
+    usable = start >= start[0] + memory_s - 1e-6 * vehicle.cycle.period_s
+    if usable.sum() < 2:
+        raise InputError(
+            f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s and two cycles; "
+            "record longer, or mend cycle.command_delay_cycles"
+        )
+    edges = _bin_edges(start, per_cycle, vehicle.estimator.bins_per_cycle)
+    integral, moment = _executed(log, vehicle, start + delay_s, edges)
+    bins = vehicle.estimator.bins_per_cycle
+    integral, moment = (x.reshape(len(start), bins, -1) for x in (integral, moment))
+    offset = per_cycle[:, None] * (np.arange(bins) / bins)
+    rising = (moment + offset[..., None] * integral).sum(1) / per_cycle[:, None]
+    wrench = vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
+    return Aligned(
+        start_s=frozen(start),
+        duration_s=frozen(per_cycle),
+        rate_imu_rad_s=frozen(log.delta_theta_imu_rad.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
+        specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
+        attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz.reshape(-1, records, 4)[:, -1],
+        impulse_bins=frozen(integral @ wrench),
+        rising=frozen(rising @ wrench),
+        falling=frozen((integral.sum(1) - rising) @ wrench),
+        pulse_covariance=_pulse_covariance(integral.sum(1), wrench, vehicle.thrust.pulse_sigma),
+        capability=wrench if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)],
+        usable=usable,
+    )
+
+
+def _bin_edges(start: Array, duration: Array, bins: int) -> Array:
+    inner = start[:, None] + duration[:, None] * (np.arange(bins) / bins)
+    return np.append(inner.ravel(), start[-1] + duration[-1])
+
+
+def _pulse_covariance(impulse: Array, wrench: Array, pulse_sigma: float) -> Array | None:
+    if pulse_sigma == 0:
+        return None
+    return frozen(np.einsum("kj,ja,jb->kab", (pulse_sigma * impulse) ** 2, wrench, wrench))
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A piecewise linear function of time, zero before its first event: steps and changes of slope, in any order."""
+
+    time_s: Array
+    step: Array
+    slope: Array
+
+
+def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
+    """Thrust over full thrust of one jet: a pulse rises linearly from its start, lasts its on-time, then falls from the thrust
+    reached (contract, "Timing"). Pulses closer than ``touching_s`` are one.
+    """
+    fired = on_s > 0
+    begin, end = start_s[fired], (start_s + on_s)[fired]
+    alone = np.concatenate([[True], begin[1:] - end[:-1] > touching_s])[: len(begin)]
+    begin, end = begin[alone], end[np.append(alone[1:], True)[: len(end)]]
+    none = np.zeros_like(begin)
+    if jet.rise_s > 0:
+        top = np.minimum(begin + jet.rise_s, end)
+        reached = (top - begin) / jet.rise_s
+        events = [(begin, none, none + 1 / jet.rise_s), (top, none, none - 1 / jet.rise_s)]
+    else:
+        reached = none + 1
+        events = [(begin, reached, none)]
+    if jet.fall_s > 0:
+        events += [(end, none, none - 1 / jet.fall_s), (end + reached * jet.fall_s, none, none + 1 / jet.fall_s)]
+    else:
+        events += [(end, -reached, none)]
+    return Signal(*(np.concatenate(parts) for parts in zip(*events, strict=True)))
+
+
+def held(start_s: Array, value: Array) -> Signal:
+    """A value held from each start to the next."""
+    return Signal(start_s, np.diff(value, prepend=0.0), np.zeros_like(start_s))
+
+
+def _executed(log: Log, vehicle: Vehicle, begin_s: Array, edges_s: Array) -> tuple[Array, Array]:
+    """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction or of each wrench component."""
+    if log.command_kind == "jets":
+        touching = TOUCHING * vehicle.cycle.period_s
+        signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(log.command.T, vehicle.jets, strict=True)]
+    else:
+        signals = [held(begin_s, value) for value in log.command.T]
+    found = [window_integrals(signal, edges_s, vehicle.thrust.lag_s) for signal in signals]
+    return np.stack([integral for integral, _ in found], 1), np.stack([moment for _, moment in found], 1)
+
+
+def window_integrals(signal: Signal, edges_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+    """∫ u dt and ∫ (t − bin start) u dt over each bin of ``edges_s``, exactly, for a piecewise linear ``u``.
+
+    With ``lag_s`` the integrals are those of y, ``lag y' + y = u``, y = 0 before the first event. Both have shape (bins,).
+    """
+    time = np.concatenate([signal.time_s, edges_s])
+    zeros = np.zeros_like(edges_s)
+    order = np.argsort(time, kind="stable")
+    time = time[order]
+    is_edge = order >= len(signal.time_s)
+    slope = np.cumsum(np.concatenate([signal.slope, zeros])[order])
+    length = np.diff(time)
+    value = np.cumsum(np.concatenate([signal.step, zeros])[order])
+    value[1:] += np.cumsum(slope[:-1] * length)
+    value, slope = value[:-1], slope[:-1]
+
+    bin_of = np.cumsum(is_edge)[:-1] - 1
+    bins = len(edges_s) - 1
+    before, inside = bin_of < 0, (bin_of >= 0) & (bin_of < bins)
+    area = value * length + slope * length**2 / 2
+    moment = value * length**2 / 2 + slope * length**3 / 3 + (time[:-1] - edges_s[np.clip(bin_of, 0, bins)]) * area
+
+    def per_bin(x: Array) -> Array:
+        return np.bincount(bin_of[inside], x[inside], bins)
+
+    integral, first_moment = per_bin(area), per_bin(moment)
+    if lag_s == 0:
+        return integral, first_moment
+    bin_end = edges_s[np.clip(bin_of + 1, 0, bins)]
+    decay = np.exp(-length / lag_s)
+    forced = (value * (1 - decay) + slope * (length - lag_s * (1 - decay))) * np.exp(-(bin_end - time[1:]) / lag_s)
+    y = _lagged_at_edges(float(forced[before].sum()), per_bin(forced), np.exp(-np.diff(edges_s) / lag_s))
+    lagged = integral - lag_s * np.diff(y)
+    return lagged, first_moment - lag_s * (np.diff(edges_s) * y[1:] - lagged)
+
+
+def _lagged_at_edges(first: float, forced: Array, decay: Array) -> Array:
+    """y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i]``."""
+    y = np.empty(len(forced) + 1)
+    y[0] = first
+    for i, (a, q) in enumerate(zip(decay, forced, strict=True)):
+        y[i + 1] = a * y[i] + q
+    return y

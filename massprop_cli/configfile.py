@@ -1,0 +1,162 @@
+"""TOML files checked against a pydantic model, with errors that name file, line, key and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from massprop_cli.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+_HEADER = re.compile(r"^\s*\[(\[?)\s*([^\]]+?)\s*\]")
+_KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Parse TOML; :class:`InputError` names the file and the line of a syntax error."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: not valid TOML: {error}") from None
+
+
+def read_text(path: Path, what: str) -> str:
+    """The file's text; :class:`InputError` if it is missing, a folder, or not UTF-8."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name the {what} itself")
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such {what}; check the path") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 TOML") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
+    """Apply ``dotted.key=value`` assignments to parsed TOML; a value is a TOML literal or else a plain string.
+
+    Numbers in the path pick list items (``jets.0.rise_s=0.003``).
+    """
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"--set {assignment}: not KEY=VALUE; write for instance --set convergence.count=50")
+        _assign(data, key.strip().split("."), _literal(text.strip()), f"--set {assignment}")
+    return data
+
+
+def _literal(text: str) -> object:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -> None:
+    node: Any = data
+    for part in path[:-1]:
+        if isinstance(node, list):
+            if not part.isdigit() or int(part) >= len(node):
+                raise InputError(f"{source}: {part!r} is not an item of a list of {len(node)}; count from 0")
+            node = node[int(part)]
+        else:
+            node = node.setdefault(part, {})
+        if not isinstance(node, (dict, list)):
+            raise InputError(f"{source}: {part!r} is a value, not a table")
+    if isinstance(node, list):
+        raise InputError(f"{source}: name the key to set inside the list item")
+    node[path[-1]] = value
+
+
+def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "") -> Model:
+    """Check ``data`` against ``model``.
+
+    Raises :class:`InputError` with ``source``, the line in ``text`` where it can be found, the dotted key, the
+    value, and for an unknown key the nearest known one.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = [str(part) for part in first["loc"] if not str(part).startswith("function-")]
+        line = _line_of(text, path)
+        where = f"{source}, line {line}" if line else source
+        raise InputError(f"{where}: {_explain(model, first, path)}") from None
+
+
+def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
+    key = ".".join(path)
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(model, path[:-1])
+        near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.0)
+        return f"unknown key {key!r}; the nearest known key is {near[0]!r}" if near else f"unknown key {key!r}"
+    if error["type"] == "missing":
+        return f"key {key!r} is missing; add it"
+    message = error["msg"].removeprefix("Value error, ")
+    value = repr(error["input"])
+    shown = value if len(value) <= 80 else value[:77] + "..."
+    return f"{key} = {shown}: {message}" if key else message
+
+
+def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
+    """The keys allowed at ``path``, found in the model's JSON Schema."""
+    schema = model.model_json_schema()
+    definitions = schema.get("$defs", {})
+    nodes = [schema]
+    for part in [*path, ""]:
+        nodes = [resolved for node in nodes for resolved in _alternatives(node, definitions)]
+        if part == "":
+            break
+        children = []
+        for node in nodes:
+            if "items" in node and part.isdigit():
+                children.append(node["items"])
+            elif part in node.get("properties", {}):
+                children.append(node["properties"][part])
+            elif isinstance(node.get("additionalProperties"), dict):
+                children.append(node["additionalProperties"])
+        nodes = children or nodes
+    return sorted({key for node in nodes for key in node.get("properties", {})})
+
+
+def _alternatives(node: dict[str, Any], definitions: dict[str, Any]) -> list[dict[str, Any]]:
+    if "$ref" in node:
+        return _alternatives(definitions[node["$ref"].rsplit("/", 1)[-1]], definitions)
+    if "anyOf" in node:
+        return [found for option in node["anyOf"] for found in _alternatives(option, definitions)]
+    return [node]
+
+
+def _line_of(text: str, path: list[str]) -> int | None:
+    """The line on which ``path`` is set, or its table begins; ``None`` where it can't be found."""
+    wanted = [part for part in path if not part.isdigit()]
+    indices = [int(part) for part in path if part.isdigit()]
+    table: list[str] = []
+    seen: dict[str, int] = {}
+    best: tuple[int, int] | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        header = _HEADER.match(line)
+        if header:
+            table = [part.strip().strip("\"'") for part in header.group(2).split(".")]
+            if header.group(1):
+                seen[header.group(2)] = seen.get(header.group(2), -1) + 1
+            candidate, in_item = table, not header.group(1) or not indices or seen[header.group(2)] == indices[0]
+        else:
+            key = _KEY.match(line)
+            if not key:
+                continue
+            candidate = [*table, *key.group(1).split(".")]
+            current = seen.get(".".join(table))
+            in_item = current is None or not indices or current == indices[0]
+        depth = len(candidate)
+        if in_item and candidate == wanted[:depth] and (best is None or depth > best[0]):
+            best = (depth, number)
+    return best[1] if best else None

@@ -1,0 +1,257 @@
+"""The default estimator: a square-root Kalman filter on the linear response, run through a phase cycle by cycle.
+
+The equations are linear about a reference (:mod:`massprop_cli.linearise`). The reference comes from the cycles seen so far
+(:mod:`massprop_cli.start`); when the estimate has moved so far from it that the neglected second order would show, the filter takes its
+own estimate as the new reference and goes once more through the cycles it has seen. So every row depends on its own and earlier cycles
+only, no starting value is needed, and the last rows equal a Gauss–Newton (maximum-likelihood) fit of all data so far.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.compensate import Samples
+from massprop_cli.dynamics import elements, tensor
+from massprop_cli.history import History
+from massprop_cli.kalman import Innovation, State, predict, update
+from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters
+from massprop_cli.plant import BearingBody, Reference, plant_of
+from massprop_cli.posterior import quantities
+from massprop_cli.start import first_reference
+from massprop_cli.vehicle import Phase, Vehicle
+
+BLOCK = 16
+"""Cycles linearised at a time."""
+STALE = 0.02
+"""Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
+FAR = 0.2
+"""A reference this far off, relative to the natural size, is found anew rather than stepped to."""
+
+
+@dataclass(frozen=True)
+class _Run:
+    """The filter after some cycle of a phase."""
+
+    reference: Reference
+    state: State
+    since: int
+    """The cycle at which the reference was taken."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the filter knew after one cycle: state entries, their covariance, innovation in rate and specific force."""
+
+    reference: Reference
+    mean: Array
+    covariance: Array
+    innovation: Innovation | None
+
+
+def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle) -> History:
+    """Run the filter through ``cycles`` (non-empty). Noise levels must be set in ``vehicle`` (:mod:`massprop_cli.noise`)."""
+    rows: list[Row | None] = []
+    run: _Run | None = None
+    begin = cycles.start
+    while begin < cycles.stop:
+        end = min(begin + BLOCK, cycles.stop)
+        if run is None:
+            rows += [None] * (end - begin)
+            reference = first_reference(samples, slice(cycles.start, end), vehicle) if end - cycles.start >= BLOCK else None
+            if reference is not None:
+                run, rows[-1] = _from_start(samples, slice(cycles.start, end), reference, vehicle)
+            begin = end
+            continue
+        found, run, begin = _advance(samples, slice(cycles.start, end), begin, run, vehicle)
+        rows += found
+    return _history(samples, cycles, phase, vehicle, rows)
+
+
+def _advance(samples: Samples, seen: slice, begin: int, run: _Run, vehicle: Vehicle) -> tuple[list[Row | None], _Run, int]:
+    """Take the cycles from ``begin`` to the end of ``seen``, or up to the one after which the reference had to be renewed."""
+    system = linearise(samples, slice(begin - 1, seen.stop), run.reference, vehicle)
+    noise = _Noise.of(samples, slice(begin - 1, seen.stop), run.reference, vehicle, system)
+    rows: list[Row | None] = []
+    state = run.state
+    for k in range(1, seen.stop - begin + 1):
+        state, row = _cycle(state, system, noise, k, run.reference)
+        rows.append(row)
+        cycle = begin + k
+        if cycle - run.since >= max(4, (run.since - seen.start) // 50) and _stale(state, run.reference, samples, slice(seen.start, cycle), vehicle):
+            reference = _renewed(state, run.reference, samples, slice(seen.start, cycle), vehicle)
+            run, rows[-1] = _from_start(samples, slice(seen.start, cycle), reference, vehicle)
+            return rows, run, cycle
+    return rows, replace(run, state=state), seen.stop
+
+
+def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Run, Row]:
+    """The filter after ``seen``, from a fresh covariance, about ``reference``."""
+    system = linearise(samples, seen, reference, vehicle)
+    noise = _Noise.of(samples, seen, reference, vehicle, system)
+    state = _initial(samples, seen, reference, vehicle)
+    state, innovation = update(state, system.measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
+    row = Row(reference, state.mean, state.covariance, None)
+    for k in range(1, seen.stop - seen.start):
+        state, row = _cycle(state, system, noise, k, reference)
+    return _Run(reference, state, seen.stop), row
+
+
+def _cycle(state: State, system: Linear, noise: _Noise, k: int, reference: Reference) -> tuple[State, Row]:
+    process = None if noise.process is None else noise.process[k - 1]
+    state = predict(state, system.transition[k - 1], system.drive[k - 1], process)
+    state, innovation = update(state, system.measured[k], system.observation[k], noise.measurement[k])
+    root = state.root[PARAMETERS]
+    return state, Row(reference, state.mean, root @ root.T, innovation)
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """Square roots of the noise covariances: process (K − 1, n, q) or None, measurement (K, 6, 6)."""
+
+    process: Array | None
+    measurement: Array
+
+    @staticmethod
+    def of(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, system: Linear) -> _Noise:
+        duration = samples.executed.duration_s[cycles]
+        layout = Layout.of(vehicle)
+        columns = []
+        if vehicle.environment.disturbance_torque_n_m > 0:
+            impulse = vehicle.environment.disturbance_torque_n_m * duration[1:, None, None]
+            columns.append(_rate_columns(system.moment_to_rate * impulse, layout))
+        if layout.torque.stop > layout.torque.start:
+            walk = np.zeros((len(duration) - 1, layout.size, 3))
+            walk[:, layout.torque] = vehicle.environment.disturbance_walk_n_m * np.eye(3)
+            columns.append(walk)
+        drift = np.array([getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields])
+        if drift.any():
+            drift[MU] *= reference.mu**2
+            step = np.zeros((len(duration) - 1, layout.size, 10))
+            step[:, PARAMETERS] = np.diag(drift) * np.sqrt(duration[1:])[:, None, None]
+            columns.append(step)
+        measurement = np.zeros((len(duration), 6, 6))
+        scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
+        stated = np.concatenate([[vehicle.imu.gyro_noise_rad_s] * 3, scale * (vehicle.imu.accel_noise_m_s2 or 0.0)])
+        measurement[:] = np.diag(stated.astype(float))
+        if samples.executed.pulse_covariance is not None:
+            rate, force = _pulse_noise(samples.executed.pulse_covariance[cycles], reference, vehicle, system, duration)
+            columns.append(_rate_columns(rate, layout))
+            measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + force)
+        return _Noise(np.concatenate(columns, -1) if columns else None, measurement)
+
+
+def _rate_columns(block: Array, layout: Layout) -> Array:
+    columns = np.zeros((len(block), layout.size, 3))
+    columns[:, RATE] = block
+    return columns
+
+
+def _pulse_noise(covariance: Array, reference: Reference, vehicle: Vehicle, system: Linear, duration: Array) -> tuple[Array, Array]:
+    """Root of the rate's process noise (K − 1, 3, 3) and covariance of the specific force (K, 3, 3) from pulse errors.
+
+    A pulse's error enters the rate once; here it enters with the step out of its cycle, and the accelerometer's share counts as
+    independent of it.
+    """
+    moment = plant_of(vehicle).jet_moment(reference)
+    values, axes = np.linalg.eigh(moment @ covariance[:-1] @ moment.T)
+    root = system.moment_to_rate @ (axes * np.sqrt(np.clip(values, 0, None))[:, None, :])
+    force = reference.mu**2 * covariance[:, 3:, 3:] / (duration**2)[:, None, None]
+    return root, force
+
+
+def _initial(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> State:
+    """The prior: parameters wide about the reference, the rate as first measured, nuisances at zero."""
+    layout = Layout.of(vehicle)
+    mean, root = np.zeros(layout.size), np.zeros((layout.size, layout.size))
+    mean[PARAMETERS] = parameters(reference)
+    mean[RATE] = samples.rate_rad_s[seen.start]
+    root[PARAMETERS, PARAMETERS] = np.diag(vehicle.estimator.prior_scale * natural_sizes(reference))
+    root[RATE, RATE] = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.eye(3)
+    root[layout.gyro_bias, layout.gyro_bias] = _diagonal(vehicle.imu.gyro_bias_sigma_rad_s, layout.gyro_bias)
+    if layout.gyro_bias.stop > layout.gyro_bias.start:
+        root[RATE, layout.gyro_bias] = -vehicle.imu.gyro_bias_sigma_rad_s * np.eye(3)
+    root[layout.accel_bias, layout.accel_bias] = _diagonal(vehicle.imu.accel_bias_sigma_m_s2, layout.accel_bias)
+    root[layout.torque, layout.torque] = _diagonal(_torque_size(samples, seen), layout.torque)
+    return State(mean, root)
+
+
+def _diagonal(sigma: float, block: slice) -> Array:
+    return sigma * np.eye(block.stop - block.start)
+
+
+def _torque_size(samples: Samples, seen: slice) -> float:
+    """Root mean square executed torque, N m."""
+    torque = samples.executed.impulse[seen, :3] / samples.executed.duration_s[seen, None]
+    return float(np.sqrt((torque**2).mean()))
+
+
+def natural_sizes(reference: Reference) -> Array:
+    """(10,) the size that each state parameter has by nature: trace, sqrt(trace/mass), 1/mass."""
+    trace = float(np.trace(reference.inertia))
+    sizes = np.empty(10)
+    sizes[INERTIA], sizes[CG], sizes[MU] = trace, np.sqrt(trace * reference.mu), reference.mu
+    return sizes
+
+
+def _reach(reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Array:
+    """(10,) how far a parameter may move before the response changes by its own size. On a bearing gravity turns a CG offset into a
+    torque as large as the jets', so the CG's reach is the torque over the weight.
+    """
+    reach = natural_sizes(reference)
+    plant = plant_of(vehicle)
+    if isinstance(plant, BearingBody) and plant.gravity > 0:
+        weight = plant.rotating_mass(reference) * plant.gravity
+        reach[CG] = np.minimum(reach[CG], _torque_size(samples, seen) / weight)
+    return reach
+
+
+def _stale(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> bool:
+    """Whether the neglected second order, relative move times move in sigmas, would show."""
+    move = np.abs(state.mean[PARAMETERS] - parameters(reference))
+    sigma = np.sqrt((state.root[PARAMETERS] ** 2).sum(1))
+    relative = move / _reach(reference, samples, seen, vehicle)
+    return bool(np.any((relative * move > STALE * sigma) & (sigma < natural_sizes(reference))))
+
+
+def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Reference:
+    """The estimate as a reference; where it is far off or no body, one found from the data anew."""
+    mean = state.mean[PARAMETERS]
+    relative = np.abs(mean - parameters(reference)) / _reach(reference, samples, seen, vehicle)
+    inertia = tensor(mean[INERTIA])
+    principal = np.linalg.eigvalsh(inertia)
+    if relative.max() > FAR or principal[0] < 1e-3 * principal[2] or mean[MU] <= 0:
+        return first_reference(samples, seen, vehicle) or reference
+    return Reference(inertia, mean[CG].copy(), float(mean[MU]))
+
+
+def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: list[Row | None]) -> History:
+    count = len(rows)
+    mean, covariance = np.full((count, 10), np.nan), np.full((count, 10, 10), np.nan)
+    innovation, sigma = np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    duration = samples.executed.duration_s[cycles]
+    for k, row in enumerate(rows):
+        if row is None:
+            continue
+        mean[k], covariance[k] = row.mean[PARAMETERS], row.covariance[:10, :10]
+        if row.innovation is not None:
+            scale = np.zeros((6, 6))
+            scale[:3, :3], scale[3:, 3:] = row.reference.inertia / duration[k], np.eye(3) / row.reference.mu
+            innovation[k] = scale @ row.innovation.value
+            sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
+    values, full = quantities(mean, covariance, vehicle)
+    return History(
+        phase=phase,
+        cycles=cycles,
+        time_s=samples.executed.end_s[cycles],
+        values=values,
+        sigmas=np.sqrt(np.einsum("kii->ki", full)),
+        covariance=full[-1],
+        innovation=innovation,
+        innovation_sigma=sigma,
+    )
+
+
+__all__ = ["History", "elements", "natural_sizes", "replay"]

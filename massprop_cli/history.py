@@ -1,0 +1,44 @@
+"""What every estimator hands on: one row per control cycle of one phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.telemetry import Notice
+from massprop_cli.vehicle import Phase
+
+
+@dataclass(frozen=True)
+class History:
+    """The estimate after each cycle. NaN where nothing can be said yet."""
+
+    phase: Phase
+    cycles: slice
+    """Which of the log's cycles these are."""
+    time_s: Array
+    """(K,) end of each cycle."""
+    values: Array
+    """(K, 10) ixx … mass, SI."""
+    sigmas: Array
+    """(K, 10) one standard deviation of each."""
+    covariance: Array
+    """(10, 10) of the last row."""
+    innovation: Array
+    """(K, 6) torque [N m] and force [N], measured less predicted."""
+    innovation_sigma: Array
+    """(K, 6) what the filter expected of them."""
+    notices: tuple[Notice, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = len(self.time_s)
+        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma)):
+            raise ValueError("history arrays differ in length")
+
+
+def phase_cycles(phase: Phase, end_s: Array, usable: Array) -> slice:
+    """The cycles with ``start_s < time_s <= end_s`` whose executed command is known; empty where there are none."""
+    inside = np.flatnonzero(usable & (end_s > phase.start_s + 1e-9) & (end_s <= phase.end_s + 1e-9))
+    return slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)

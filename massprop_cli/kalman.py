@@ -1,0 +1,63 @@
+"""A square-root Kalman filter in two pure functions.
+
+The covariance is carried as P = S Sᵀ with S from an orthogonal (QR) factorisation, so it can't lose positive semi-definiteness
+whatever the conditioning (Kaminski, Bryson, Schmidt 1971). State x has n entries, a measurement z has m.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+
+
+class State(NamedTuple):
+    """Mean x, shape (n,), and square root S of the covariance, shape (n, n)."""
+
+    mean: Array
+    root: Array
+
+    @property
+    def covariance(self) -> Array:
+        full: Array = self.root @ self.root.T
+        return full
+
+
+class Innovation(NamedTuple):
+    """z − H x, shape (m,), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
+
+    value: Array
+    root: Array
+
+
+def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
+    """x ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q)."""
+    mean = transition @ state.mean + drive
+    root = transition @ state.root
+    if noise_root is not None:
+        root = _triangle(np.hstack([root, noise_root]))
+    return State(mean, root)
+
+
+def update(state: State, measured: Array, observation: Array, noise_root: Array) -> tuple[State, Innovation]:
+    """Condition on z = H x + v, v ~ N(0, V Vᵀ), with H ``observation`` (m, n) and V ``noise_root`` (m, m).
+
+    The array form: one QR turns [[V, H S], [0, S]] into [[root of H P Hᵀ + R, 0], [gain × root, updated S]].
+    """
+    m, n = observation.shape
+    joint = np.zeros((m + n, m + n))
+    joint[:m, :m] = noise_root
+    joint[:m, m:] = observation @ state.root
+    joint[m:, m:] = state.root
+    lower = _triangle(joint)
+    innovation = Innovation(measured - observation @ state.mean, lower[:m, :m])
+    mean = state.mean + lower[m:, :m] @ np.linalg.solve(lower[:m, :m], innovation.value)
+    return State(mean, lower[m:, m:]), innovation
+
+
+def _triangle(wide: Array) -> Array:
+    """The lower-triangular T with T Tᵀ = A Aᵀ."""
+    upper: Array = np.linalg.qr(wide.T, mode="r")
+    return upper.T

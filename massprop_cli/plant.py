@@ -1,0 +1,138 @@
+"""What acts on the rotating body, free or on an air bearing, and what the accelerometer then feels.
+
+Both environments answer the same two questions for a reference (I, c, mu = 1/m): the moment about the CG with its derivatives
+with respect to c and mu, and the specific force at a centre (O, or the bearing) with its derivatives. Arrays are per bin,
+(K, B, ...): B equal parts of each of K cycles; see :mod:`massprop_cli.linearise` for how they are used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.dynamics import cross_matrix, lever_arm, times
+from massprop_cli.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The mass properties about which the equations are linearised."""
+
+    inertia: Array
+    """(3, 3) about the CG, kg m²."""
+    cg: Array
+    """(3,) from O, m."""
+    mu: float
+    """1/m, 1/kg."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion and commands within the cycles, one row per bin."""
+
+    wrench: Array
+    """(K, B, 6) executed torque about O [N m] and force [N]."""
+    rate: Array
+    """(K, B, 3) body rate, rad/s."""
+    rate_dot: Array
+    """(K, B, 3) angular acceleration, rad/s²."""
+    up: Array
+    """(K, B, 3) world vertical in body axes; zeros in free flight."""
+
+    @property
+    def rotation(self) -> Array:
+        """(K, B, 3, 3) matrix of ``ω̇ × ρ + ω × (ω × ρ)`` acting on ρ."""
+        rate = cross_matrix(self.rate)
+        return cross_matrix(self.rate_dot) + rate @ rate
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """``moment = τ − c × F``; the specific force of the CG is ``F/m`` (thesis eq. 2.3, 4.13)."""
+
+    def centre(self, reference: Reference) -> Array:
+        """The point whose specific force the commands alone decide: the CG."""
+        return reference.cg
+
+    def jet_moment(self, reference: Reference) -> Array:
+        """(3, 6) wrench to moment about the CG, the commands' direct part."""
+        return np.hstack([np.eye(3), -cross_matrix(reference.cg)])
+
+    def reaction_moment(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3) moment of everything but the commands, N m."""
+        return np.zeros_like(motion.rate)
+
+    def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
+        slopes = np.zeros((*motion.rate.shape, 4))
+        slopes[..., :3] = cross_matrix(motion.wrench[..., 3:])
+        return slopes
+
+    def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
+        """(K, B, 3) specific force at the centre and (K, B, 3, 4) its derivative, the centre's own shift with c included."""
+        applied = motion.wrench[..., 3:]
+        return reference.mu * applied, np.concatenate([-motion.rotation, applied[..., None]], -1)
+
+
+@dataclass(frozen=True)
+class BearingBody:
+    """A body turning about a bearing b whose base slides on a horizontal plane.
+
+    The bearing's reaction is whatever keeps b level: all forces but gravity on the rotating mass m_r sum to m_r f, f the specific
+    force of the CG, so the moment about the CG is ``τ − b × F − m_r (c − b) × f``. The bearing point accelerates horizontally only,
+    ``a = P (F − m_r (ω̇ × s + ω × (ω × s))) / m``, s = c − b, P the projector on the plane; m = m_r + bearing mass.
+    """
+
+    bearing: Array
+    bearing_mass: float
+    gravity: float
+
+    def centre(self, reference: Reference) -> Array:
+        return self.bearing
+
+    def jet_moment(self, reference: Reference) -> Array:
+        return np.hstack([np.eye(3), -cross_matrix(self.bearing)])
+
+    def rotating_mass(self, reference: Reference) -> float:
+        """m_r, kg; not below a hundredth of the whole, so that a poor reference stays a body."""
+        return max(1 / reference.mu - self.bearing_mass, 0.01 / reference.mu)
+
+    def _cg_force(self, reference: Reference, motion: Motion) -> Array:
+        centre_force, _ = self.force(reference, motion)
+        return centre_force + lever_arm(motion.rate, motion.rate_dot, reference.cg - self.bearing)
+
+    def reaction_moment(self, reference: Reference, motion: Motion) -> Array:
+        offset = reference.cg - self.bearing
+        moment: Array = -self.rotating_mass(reference) * np.cross(offset, self._cg_force(reference, motion))
+        return moment
+
+    def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
+        offset = reference.cg - self.bearing
+        force = self._cg_force(reference, motion)
+        slopes = np.empty((*motion.rate.shape, 4))
+        slopes[..., :3] = self.rotating_mass(reference) * (cross_matrix(force) - cross_matrix(offset) @ motion.rotation)
+        slopes[..., 3] = np.cross(offset, force) / reference.mu**2
+        return slopes
+
+    def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
+        level = np.eye(3) - motion.up[..., :, None] * motion.up[..., None, :]
+        rotation = motion.rotation
+        share = self.rotating_mass(reference) * reference.mu
+        pull = reference.mu * motion.wrench[..., 3:] - share * times(rotation, reference.cg - self.bearing)
+        slopes = np.empty((*motion.rate.shape, 4))
+        slopes[..., :3] = -share * level @ rotation
+        slopes[..., 3] = times(level, motion.wrench[..., 3:])
+        return times(level, pull) + self.gravity * motion.up, slopes
+
+
+Plant = FreeBody | BearingBody
+
+
+def plant_of(vehicle: Vehicle) -> Plant:
+    """The environment that the vehicle file states."""
+    environment = vehicle.environment
+    if environment.kind == "free":
+        return FreeBody()
+    return BearingBody(np.array(environment.bearing_position_m), environment.bearing_mass_kg, environment.gravity_m_s2)

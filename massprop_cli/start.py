@@ -1,0 +1,113 @@
+"""A first reference from the cycles seen so far, with no starting values.
+
+The growth of the mean rate is regressed on impulses and on products of rates,
+
+    w[k+1] − w[k]  =  J τ̄ + K F̄ + G (w w) + b,          J = I⁻¹,  K = −J [c]×  (on a bearing K acts on m_r f: K = J [c − b]×… )
+
+with noise on the left alone, so the fit is unbiased and converges from nothing. A weak prior of the vehicle's own scale keeps axes
+that were never driven at a sensible value. The result only serves to linearise: it is never reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.dynamics import lever_arm
+from massprop_cli.plant import BearingBody, Reference, plant_of
+from massprop_cli.vehicle import Vehicle
+
+SIGNIFICANT = 10.0
+"""The common response of rate to torque must exceed its own sigma this many times before anything is said."""
+_SPREAD = 30.0
+"""Largest ratio of a reference's principal moments to the common scale."""
+
+
+def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """A reference from ``cycles``, or None while the rates don't yet answer to the torques."""
+    rate, duration = samples.rate_rad_s[cycles], samples.executed.duration_s[cycles]
+    growth = np.diff(rate, axis=0)
+    impulse = samples.executed.rising[cycles][:-1] + samples.executed.falling[cycles][1:]
+    scale = _response(growth, impulse[:, :3])
+    if scale is None:
+        return None
+    mu = _mu(samples, cycles, vehicle) or _fallback_mu(vehicle, scale)
+    plant = plant_of(vehicle)
+    torque, load = impulse[:, :3], impulse[:, 3:]
+    reach = np.sqrt(3 * mu / scale)
+    if isinstance(plant, BearingBody):
+        torque = torque - np.cross(plant.bearing, load)
+        turning = plant.rotating_mass(Reference(np.eye(3), plant.bearing, mu))
+        load = turning * _mean_step(_force_at(plant.bearing, samples, cycles, vehicle), duration)
+        reach *= 0.01
+    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
+    regressors = np.hstack([torque, load, _mean_step(products, duration), duration[1:, None]])
+    prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
+    fit = _ridge(regressors, growth, prior, scale)
+    response = (fit[:3] + fit[:3].T) / 2
+    values, axes = np.linalg.eigh(response)
+    inertia = (axes / np.clip(values, scale / _SPREAD, scale * _SPREAD)) @ axes.T
+    couple = inertia @ fit[3:6].T
+    cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
+    return Reference(inertia, cg + (plant.bearing if isinstance(plant, BearingBody) else 0.0), mu)
+
+
+def _response(growth: Array, torque: Array) -> float | None:
+    """Common slope of rate growth on torque impulse, 1/(kg m²), where it is significant."""
+    power = float((torque**2).sum())
+    if power == 0:
+        return None
+    slope = float((growth * torque).sum()) / power
+    sigma = float(np.sqrt(((growth - slope * torque) ** 2).mean() / power))
+    return slope if slope > SIGNIFICANT * sigma else None
+
+
+def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
+    """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing."""
+    force = samples.executed.impulse[cycles][:, 3:] / samples.executed.duration_s[cycles][:, None]
+    felt = acceleration(samples, vehicle)[cycles]
+    if vehicle.on_air_bearing:
+        up = samples.up_b[:-1][cycles]
+        force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
+    power = float((force**2).sum())
+    slope = float((force * felt).sum()) / power if power > 0 else 0.0
+    return slope if slope > 0 else None
+
+
+def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
+    """1/m where no force has been felt: the known or nominal mass, else a body whose radius of gyration is its jets' reach."""
+    known = vehicle.known.get("mass")
+    mass = known.value if known else vehicle.nominal.mass
+    reach = max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
+    return 1 / mass if mass else reach**2 * scale / 3
+
+
+def _force_at(point: Array, samples: Samples, cycles: slice, vehicle: Vehicle) -> Array:
+    """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
+    rate_dot = samples.rate_step_rad_s[cycles] / samples.executed.duration_s[cycles][:, None]
+    moved: Array = samples.specific_force_m_s2[cycles] - lever_arm(samples.rate_rad_s[cycles], rate_dot, np.array(vehicle.imu.position_m) - point)
+    return moved
+
+
+def _mean_step(values: Array, duration: Array) -> Array:
+    """Trapezoid of cycle means over each step, (K − 1, ...)."""
+    area = values * duration[:, None]
+    mean: Array = (area[:-1] + area[1:]) / 2
+    return mean
+
+
+def _ridge(regressors: Array, growth: Array, prior_sigma: Array, scale: float) -> Array:
+    """Least squares with a zero-mean prior, but ``scale`` × identity for J; two passes to find the noise."""
+    target = np.zeros((regressors.shape[1], 3))
+    target[:3] = scale * np.eye(3)
+    residual = growth - regressors @ target
+    fit = target
+    for _ in range(2):
+        weight = np.sqrt((residual**2).mean()) / prior_sigma
+        rows = np.vstack([regressors, np.diag(weight)])
+        size = np.sqrt((rows**2).sum(0))
+        size[size == 0] = 1.0
+        fit = np.linalg.lstsq(rows / size, np.vstack([growth, weight[:, None] * target]), rcond=None)[0] / size[:, None]
+        residual = growth - regressors @ fit
+    return fit

@@ -1,0 +1,377 @@
+"""Telemetry files to a checked :class:`Log`. The only room that knows Parquet and CSV.
+
+A log is one row per IMU record; a record covers ``(previous time_s, time_s]``. Everything is checked here, once;
+later stages trust the arrays.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from massprop_cli.arrays import Array, frozen
+from massprop_cli.errors import InputError
+from massprop_cli.vehicle import Column, Vehicle
+
+AXES = ("x", "y", "z")
+DELTA_THETA = tuple(f"delta_theta_{a}_rad" for a in AXES)
+DELTA_V = tuple(f"delta_v_{a}_m_s" for a in AXES)
+GYRO = tuple(f"gyro_{a}_rad_s" for a in AXES)
+ACCEL = tuple(f"accel_{a}_m_s2" for a in AXES)
+WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in AXES))
+QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
+GAP, LONG = 2.5, 1.5
+VEHICLE_KEY = b"massprop.vehicle"
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something a reader must know; ``code`` is stable, ``message`` names numbers and a remedy."""
+
+    code: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as read from a file: numbers with NaN for null, and where they came from."""
+
+    path: Path
+    sha256: str
+    columns: Mapping[str, Any]
+    rows: int
+    first_line: int
+    embedded_vehicle: str | None
+
+
+@dataclass(frozen=True)
+class Log:
+    """A checked recording. ``n`` IMU records, ``K`` control cycles of ``records_per_cycle`` records each."""
+
+    path: Path
+    sha256: str
+    rows: int
+    records_per_cycle: int
+    time_s: Array
+    """(n,) end of each record."""
+    interval_s: Array
+    """(n,) length of each record."""
+    delta_theta_imu_rad: Array
+    """(n, 3) angle increments, IMU axes."""
+    delta_v_imu_m_s: Array
+    """(n, 3) velocity increments (specific force), IMU axes."""
+    command_kind: Literal["jets", "wrench"]
+    command: Array
+    """(K, jets) on-times in s, or (K, 6) mean torque about O [N m] and force [N], body axes."""
+    attitude_wxyz: Array | None
+    """(n, 4) logged attitude at ``time_s``, world ← body."""
+    notices: tuple[Notice, ...]
+
+    @property
+    def cycles(self) -> int:
+        return len(self.command)
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV or Parquet file whole. :class:`InputError` for anything that is not a readable, non-empty table."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name the log file itself")
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if not data:
+        raise InputError(f"{path}: the file is empty; record the log again")
+    readers = {".parquet": _read_parquet, ".csv": _read_csv}
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv")
+    columns, rows, first_line, embedded = readers[path.suffix.lower()](path, data)
+    if rows == 0:
+        raise InputError(f"{path}: has a header but no rows; record the log again")
+    return Table(path, hashlib.sha256(data).hexdigest(), columns, rows, first_line, embedded)
+
+
+def _read_parquet(path: Path, data: bytes) -> tuple[dict[str, Any], int, int, str | None]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(pa.BufferReader(data))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
+    metadata = table.schema.metadata or {}
+    embedded = metadata[VEHICLE_KEY].decode("utf-8", "replace") if VEHICLE_KEY in metadata else None
+    return _arrow_columns(path, table, 0), table.num_rows, 0, embedded
+
+
+def _read_csv(path: Path, data: bytes) -> tuple[dict[str, Any], int, int, str | None]:
+    import pyarrow as pa
+    from pyarrow import csv
+
+    try:
+        header = data.split(b"\n", 1)[0].decode("utf-8-sig").strip()
+        names = [name.strip().strip('"') for name in header.split(",")]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"{path}, line 1: column {twice[0]!r} stands twice; rename one")
+        options = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
+        table = csv.read_csv(pa.BufferReader(data), convert_options=options)
+    except (pa.ArrowException, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a readable CSV file ({reason})") from None
+    return _arrow_columns(path, table, 2), table.num_rows, 2, None
+
+
+def _arrow_columns(path: Path, table: Any, first_line: int) -> dict[str, Any]:
+    """Arrow columns, converted to float arrays on first use."""
+    return {name: _Cells(path, name, table.column(index), first_line) for index, name in enumerate(table.column_names)}
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
+
+    path: Path
+    name: str
+    data: Any
+    first_line: int
+
+    def numbers(self) -> Array:
+        """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        data = self.data.combine_chunks()
+        if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
+            data = pc.utf8_trim_whitespace(data)
+        try:
+            converted = data.cast(pa.float64())
+        except (pa.ArrowException, NotImplementedError):
+            raise self._no_number(data) from None
+        return np.array(pc.fill_null(converted, float("nan")).to_numpy(zero_copy_only=False), dtype=np.float64)
+
+    def _no_number(self, data: Any) -> InputError:
+        for row, cell in enumerate(data.to_pylist()):
+            try:
+                float(cell) if cell is not None else None
+            except (TypeError, ValueError):
+                where = _place(row, self.first_line)
+                return InputError(f"{self.path}, {where}, column {self.name}: {cell!r} is not a number; mend the cell")
+        return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")
+
+
+def _place(row: int, first_line: int) -> str:
+    return f"line {row + first_line}" if first_line else f"row {row}"
+
+
+def read(table: Table, vehicle: Vehicle) -> Log:
+    """Check a table against the vehicle and the contract.
+
+    Raises :class:`InputError` with file, row (Parquet, from 0) or line (CSV), column, value and remedy.
+    """
+    source = _Source(table, vehicle.columns)
+    time_s = source.required("time_s")
+    interval_s, notices = _intervals(source, time_s)
+    records = _records_per_cycle(source, interval_s, vehicle.cycle.period_s)
+    cycles = table.rows // records
+    if cycles < 2:
+        raise InputError(
+            f"{table.path}: {table.rows} rows of {np.median(interval_s):g} s are not two control cycles of "
+            f"{vehicle.cycle.period_s:g} s; record longer, or mend cycle.period_s"
+        )
+    n = cycles * records
+    theta = source.increments(DELTA_THETA, GYRO, interval_s)
+    velocity = source.increments(DELTA_V, ACCEL, interval_s)
+    kind, command = _commands(source, vehicle, records, n)
+    attitude = _attitude(source)
+    notices += _saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
+    return Log(
+        path=table.path,
+        sha256=table.sha256,
+        rows=table.rows,
+        records_per_cycle=records,
+        time_s=frozen(time_s[:n]),
+        interval_s=frozen(interval_s[:n]),
+        delta_theta_imu_rad=frozen(theta[:n]),
+        delta_v_imu_m_s=frozen(velocity[:n]),
+        command_kind=kind,
+        command=frozen(command),
+        attitude_wxyz=None if attitude is None else frozen(attitude[:n]),
+        notices=tuple(notices),
+    )
+
+
+class _Source:
+    """Contract columns of a table, under this log's own names and scales."""
+
+    def __init__(self, table: Table, columns: Mapping[str, Column]) -> None:
+        self.table, self.columns = table, columns
+
+    def name(self, column: str) -> str:
+        mapped = self.columns.get(column)
+        return mapped.from_ if mapped else column
+
+    def has(self, column: str) -> bool:
+        return self.name(column) in self.table.columns
+
+    def place(self, row: int) -> str:
+        return _place(row, self.table.first_line)
+
+    def error(self, row: int, column: str, problem: str) -> InputError:
+        return InputError(f"{self.table.path}, {self.place(row)}, column {self.name(column)}: {problem}")
+
+    def optional(self, column: str) -> Array:
+        """The column, scaled, with NaN for null."""
+        name = self.name(column)
+        if name not in self.table.columns:
+            near = difflib.get_close_matches(name, list(self.table.columns), n=1, cutoff=0.0)
+            hint = f"; the nearest present is {near[0]!r}: rename it, or map it under [columns] of the vehicle file" if near else ""
+            raise InputError(f"{self.table.path}: column {name!r} is missing{hint}")
+        numbers: Array = self.table.columns[name].numbers()
+        return numbers * (self.columns[column].scale if column in self.columns else 1.0)
+
+    def required(self, column: str) -> Array:
+        """The column, scaled; every cell must be a finite number."""
+        values = self.optional(column)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
+        return values
+
+    def increments(self, names: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
+        """(n, 3) increments, or rates times the interval where the increments are absent."""
+        if not any(self.has(name) for name in names) and any(self.has(name) for name in rates):
+            return np.stack([self.required(name) for name in rates], 1) * interval_s[:, None]
+        return np.stack([self.required(name) for name in names], 1)
+
+
+def _intervals(source: _Source, time_s: Array) -> tuple[Array, list[Notice]]:
+    if len(time_s) < 2:
+        raise InputError(f"{source.table.path}: one row only; a log needs at least two control cycles")
+    steps = np.diff(time_s)
+    back = np.flatnonzero(steps <= 0)
+    if back.size:
+        row = int(back[0]) + 1
+        verb = "stands still" if steps[back[0]] == 0 else "goes back"
+        raise source.error(row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; sort or cut the log")
+    median = float(np.median(steps))
+    gap = np.flatnonzero(steps > GAP * median)
+    if gap.size:
+        row = int(gap[0]) + 1
+        raise source.error(
+            row, "time_s", f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {median:.6g} s); split the log there"
+        )
+    long = np.flatnonzero(steps > LONG * median)
+    notices = []
+    if long.size:
+        row = int(long[0]) + 1
+        notices.append(
+            Notice(
+                "long-interval",
+                f"{long.size} record(s) longer than {LONG:g} times the median interval of {median:.6g} s, the first at "
+                f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length",
+            )
+        )
+    return np.concatenate([[median], steps]), notices
+
+
+def _records_per_cycle(source: _Source, interval_s: Array, period_s: float) -> int:
+    median = float(np.median(interval_s))
+    records = round(period_s / median)
+    if records < 1 or abs(records * median / period_s - 1) > 0.2:
+        raise InputError(
+            f"{source.table.path}, column {source.name('time_s')}: a median interval of {median:.6g} s does not divide the control "
+            f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
+        )
+    return records
+
+
+def _commands(source: _Source, vehicle: Vehicle, records: int, n: int) -> tuple[Literal["jets", "wrench"], Array]:
+    path = source.table.path
+    mapped = {column.from_: name for name, column in vehicle.columns.items()}
+    logged = [mapped.get(name, name) for name in source.table.columns]
+    jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if name.startswith("jet_") and name.endswith("_s")]
+    known = [jet.name for jet in vehicle.jets]
+    for jet in jets:
+        if jet not in known:
+            near = difflib.get_close_matches(jet, known, n=1, cutoff=0.0)
+            hint = f"the nearest jet is {near[0]!r}" if near else "it has no [[jets]] at all"
+            raise InputError(f"{path}: column 'jet_{jet}_s' names a jet that the vehicle file lacks; {hint}. Add it to the vehicle file")
+    wrench = any(source.has(name) for name in WRENCH)
+    if jets and wrench:
+        raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
+    if wrench:
+        return "wrench", np.stack([_per_cycle(source, name, records, n) for name in WRENCH], 1)
+    if not known:
+        raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
+    command = np.stack([_per_cycle(source, f"jet_{name}_s", records, n) for name in known], 1)
+    _check_on_times(source, known, command, records, vehicle.cycle.period_s)
+    return "jets", command
+
+
+def _per_cycle(source: _Source, column: str, records: int, n: int) -> Array:
+    """(K,) the command in the first row of each cycle; other rows must be null or the same."""
+    values = source.optional(column)[:n]
+    bad = np.flatnonzero(np.isinf(values))
+    if bad.size:
+        raise source.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
+    grid = values.reshape(-1, records)
+    first = grid[:, :1]
+    missing = np.flatnonzero(np.isnan(first[:, 0]))
+    if missing.size:
+        raise source.error(int(missing[0]) * records, column, "no command in the first row of its control cycle; write one (0 for none)")
+    differs = np.argwhere(~np.isnan(grid) & (grid != first))
+    if differs.size:
+        cycle, row = (int(i) for i in differs[0])
+        raise source.error(
+            cycle * records + row, column, f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
+            "commands change at cycle starts only: check cycle.period_s and the first row"
+        )
+    return np.ascontiguousarray(first[:, 0])
+
+
+def _check_on_times(source: _Source, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
+    checks: list[tuple[Callable[[Array], Any], str]] = [
+        (lambda t: t < 0, "negative on-time; an on-time is 0 or more"),
+        (lambda t: t > period_s * (1 + 1e-6), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
+    ]
+    for check, problem in checks:
+        bad = np.argwhere(check(on_s))
+        if bad.size:
+            cycle, jet = (int(i) for i in bad[0])
+            raise source.error(cycle * records, f"jet_{names[jet]}_s", f"{on_s[cycle, jet]:g} s: {problem}")
+
+
+def _attitude(source: _Source) -> Array | None:
+    if not any(source.has(name) for name in QUATERNION):
+        return None
+    quaternion = np.stack([source.required(name) for name in QUATERNION], 1)
+    norm = np.linalg.norm(quaternion, axis=1)
+    bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
+    if bad.size:
+        raise source.error(int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body")
+    unit: Array = quaternion / norm[:, None]
+    return unit
+
+
+def _saturation(vehicle: Vehicle, rate: Array, force: Array) -> list[Notice]:
+    found = []
+    for name, values, limit, unit in (
+        ("gyro", rate, vehicle.imu.gyro_range_rad_s, "rad/s"),
+        ("accelerometer", force, vehicle.imu.accel_range_m_s2, "m/s^2"),
+    ):
+        count = 0 if limit is None else int((np.abs(values) >= 0.999 * limit).any(1).sum())
+        if count:
+            found.append(
+                Notice(f"{name}-saturated", f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate")
+            )
+    return found
