@@ -27,9 +27,6 @@ BLOCK = 16
 """Cycles linearised at a time."""
 STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
-FAR = 0.2
-"""A reference this far off, relative to the natural size, is found anew rather than stepped to."""
-
 
 @dataclass(frozen=True)
 class _Run:
@@ -210,21 +207,35 @@ def _reach(reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle
 
 def _stale(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> bool:
     """Whether the neglected second order, relative move times move in sigmas, would show."""
-    move = np.abs(state.mean[PARAMETERS] - parameters(reference))
+    move = np.abs(_sensible(state, reference) - parameters(reference))
     sigma = np.sqrt((state.root[PARAMETERS] ** 2).sum(1))
-    relative = move / _reach(reference, samples, seen, vehicle)
-    return bool(np.any((relative * move > STALE * sigma) & (sigma < natural_sizes(reference))))
+    return bool(np.any(move**2 > STALE * sigma * _reach(reference, samples, seen, vehicle)))
+
+
+def _sensible(state: State, reference: Reference) -> Array:
+    """(10,) the parameters, with those that the data don't tell kept near the reference: the estimate conditioned on the reference
+    with a sigma of a tenth of its natural size.
+    """
+    root = state.root[PARAMETERS]
+    covariance = root @ root.T
+    pull = covariance + np.diag((0.1 * natural_sizes(reference)) ** 2)
+    mean = state.mean[PARAMETERS]
+    sensible: Array = mean - covariance @ np.linalg.solve(pull, mean - parameters(reference))
+    return sensible
 
 
 def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Reference:
-    """The estimate as a reference; where it is far off or no body, one found from the data anew."""
-    mean = state.mean[PARAMETERS]
-    relative = np.abs(mean - parameters(reference)) / _reach(reference, samples, seen, vehicle)
-    inertia = tensor(mean[INERTIA])
-    principal = np.linalg.eigvalsh(inertia)
-    if relative.max() > FAR or principal[0] < 1e-3 * principal[2] or mean[MU] <= 0:
+    """The estimate as a reference; where that is no body, one found from the data anew.
+
+    The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
+    """
+    mean = _sensible(state, reference)
+    inverse = np.linalg.inv(reference.inertia)
+    response = inverse - inverse @ (tensor(mean[INERTIA]) - reference.inertia) @ inverse
+    principal = np.linalg.eigvalsh(response)
+    if principal[0] < 1e-3 * principal[2] or mean[MU] <= 0:
         return first_reference(samples, seen, vehicle) or reference
-    return Reference(inertia, mean[CG].copy(), float(mean[MU]))
+    return Reference(np.linalg.inv(response), mean[CG], float(mean[MU]))
 
 
 def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: list[Row | None]) -> History:

@@ -53,13 +53,13 @@ def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Refere
     return Reference(inertia, cg + (plant.bearing if isinstance(plant, BearingBody) else 0.0), mu)
 
 
-def _response(growth: Array, torque: Array) -> float | None:
-    """Common slope of rate growth on torque impulse, 1/(kg m²), where it is significant."""
-    power = float((torque**2).sum())
+def _response(motion: Array, cause: Array) -> float | None:
+    """Common slope of a motion on its cause (rate growth on torque impulse, acceleration on force) where it is significant."""
+    power = float((cause**2).sum())
     if power == 0:
         return None
-    slope = float((growth * torque).sum()) / power
-    sigma = float(np.sqrt(((growth - slope * torque) ** 2).mean() / power))
+    slope = float((motion * cause).sum()) / power
+    sigma = float(np.sqrt(((motion - slope * cause) ** 2).mean() / power))
     return slope if slope > SIGNIFICANT * sigma else None
 
 
@@ -70,9 +70,7 @@ def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
     if vehicle.on_air_bearing:
         up = samples.up_b[:-1][cycles]
         force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
-    power = float((force**2).sum())
-    slope = float((force * felt).sum()) / power if power > 0 else 0.0
-    return slope if slope > 0 else None
+    return _response(felt, force)
 
 
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
