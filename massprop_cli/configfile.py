@@ -49,11 +49,12 @@ def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
             raise InputError(f"--set {assignment}: not KEY=VALUE; write for instance --set convergence.count=50")
-        _assign(data, key.strip().split("."), _literal(text.strip()), f"--set {assignment}")
+        _assign(data, key.strip().split("."), literal(text.strip()), f"--set {assignment}")
     return data
 
 
-def _literal(text: str) -> object:
+def literal(text: str) -> object:
+    """A TOML literal's value, or the text itself where it is none."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

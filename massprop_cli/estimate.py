@@ -14,10 +14,11 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import elements, tensor
+from massprop_cli.dynamics import tensor
 from massprop_cli.history import History
 from massprop_cli.kalman import Innovation, State, predict, update
 from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters
+from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import BearingBody, Reference, plant_of
 from massprop_cli.posterior import quantities
 from massprop_cli.start import first_reference
@@ -253,6 +254,13 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
             innovation[k] = scale @ row.innovation.value
             sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
     values, full = quantities(mean, covariance, vehicle)
+    last = rows[-1]
+    sizes, share, drowned, seen = np.full(10, np.nan), np.zeros((10, 6)), np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
+    if last is not None:
+        sizes = natural_sizes(last.reference)
+        sizes[MU] = 1 / last.reference.mu
+        share, drowned = excitation(samples, cycles, last.reference, vehicle)
+        seen = observable(samples.executed.capability, last.reference, vehicle)
     return History(
         phase=phase,
         cycles=cycles,
@@ -262,7 +270,8 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         covariance=full[-1],
         innovation=innovation,
         innovation_sigma=sigma,
+        natural_sizes=sizes,
+        information_share=share,
+        drowned=drowned,
+        observable=seen,
     )
-
-
-__all__ = ["History", "elements", "natural_sizes", "replay"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase
 
@@ -30,6 +30,14 @@ class History:
     """(K, 6) torque [N m] and force [N], measured less predicted."""
     innovation_sigma: Array
     """(K, 6) what the filter expected of them."""
+    natural_sizes: Array
+    """(10,) the size that each quantity has by nature: trace (inertia), sqrt(trace/mass) (CG), mass."""
+    information_share: Array
+    """(10, 6) which part of the information on each quantity each channel brought: rate x y z, specific force x y z."""
+    drowned: BoolArray
+    """(6,) channels in which disturbances outweigh what the commands explain."""
+    observable: BoolArray
+    """(10,) whether some motion of this vehicle could inform the quantity by this method."""
     notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:

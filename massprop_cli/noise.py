@@ -56,48 +56,108 @@ def _white_level(signal: Array, cycles: Sequence[slice]) -> float:
 
 
 def misfit(histories: Sequence[History]) -> Array:
-    """(6,) mean squared normalised innovation per channel (1 where noise explains all), NaN where it is not in excess."""
-    squares = np.concatenate([(h.innovation / h.innovation_sigma) ** 2 for h in histories])
-    squares = squares[np.isfinite(squares).all(1)]
-    if len(squares) < 20:
-        return np.full(6, np.nan)
-    mean: Array = squares.mean(0)
-    limit = 1 + max(EXCESS, 6 * np.sqrt(2 / len(squares)))
-    return np.where(mean > limit, mean, np.nan)
+    """(6,) variance of the normalised innovations per channel where it is in excess of 1, NaN where noise explains them.
 
-
-def with_disturbances(samples: Samples, histories: Sequence[History], vehicle: Vehicle) -> Vehicle:
-    """The vehicle with disturbance torque and accelerometer noise sized so that the innovations are explained.
-
-    Rate channels: residual moment impulses e of the differenced rates are taken as a white torque, a random-walk torque and gyro noise;
-    the autocovariances g of their differences give the variances, walk = g0 + 2 g1 + 2 g2, white = −g1 − 4 g2 (pooled over axes).
-    If that was done before, both are raised by what is still missing.
+    For the accelerometer it is the long-run variance (Bartlett window over √N lags): drag and vibration are not white.
     """
-    excess = misfit(histories)
+    rows = [(h.innovation / h.innovation_sigma)[np.isfinite(h.innovation).all(1)] for h in histories]
+    rows = [z for z in rows if len(z) >= 20]
+    if not rows:
+        return np.full(6, np.nan)
+    count = sum(len(z) for z in rows)
+    lags = int(np.sqrt(count))
+    white = np.sum([(z**2).sum(0) for z in rows], 0) / count
+    long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
+    found = np.concatenate([white[:3], np.maximum(white, long_run)[3:]])
+    limit = 1 + np.maximum(EXCESS, 6 * np.sqrt(np.array([2.0] * 3 + [4 * lags / 3] * 3) / count))
+    return np.where(found > limit, found, np.nan)
+
+
+def _long_run(z: Array, lags: int) -> Array:
+    """Spectral density at zero frequency of each column, mean included."""
+    total = (z**2).mean(0)
+    for lag in range(1, min(lags, len(z) - 1) + 1):
+        total = total + 2 * (1 - lag / (lags + 1)) * (z[lag:] * z[:-lag]).sum(0) / len(z)
+    density: Array = total
+    return density
+
+
+def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> Array:
+    """(6,) infinite in the rate channels if a look at the differenced rates shows more disturbance than gyro noise, else NaN.
+
+    White gyro noise has lag-one autocovariance −½ of its variance, so variance plus twice the lag-one autocovariance is what it leaves.
+    """
+    excess = np.full(6, np.nan)
+    noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
+    for piece in cycles:
+        reference = first_reference(samples, piece, vehicle)
+        if reference is not None and piece.stop - piece.start > 50:
+            e = np.diff(samples.rate_rad_s[piece], axis=0) - linearise(samples, piece, reference, vehicle).steps
+            left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
+            excess[:3][left > noise * (1 + EXCESS)] = np.inf
+    return excess
+
+
+def with_disturbances(samples: Samples, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
+    """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
+
+    Rate channels: residual moments e of the differenced rates are taken as a white torque, a random-walk torque and gyro noise; the
+    autocovariances g of their differences give the variances, walk = g0 + 2 g1 + 2 g2, white = −g1 − 4 g2 (pooled over axes). Where
+    that was done before, both are raised by what is still missing.
+    """
     environment: dict[str, float] = {}
-    if np.isfinite(excess[:3]).any():
-        now = vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m
-        factor = float(np.sqrt(np.nanmax(excess[:3])))
-        white, walk = _torque_levels(samples, histories, vehicle)
+    now = vehicle.environment
+    if not np.isnan(excess[:3]).all():
+        white, walk = _torque_levels(samples, cycles, vehicle)
+        factor = float(np.sqrt(np.nanmax(excess[:3]))) if now.disturbance_walk_n_m + now.disturbance_torque_n_m > 0 else 1.0
         environment = {
-            "disturbance_torque_n_m": max(white, factor * now[0]),
-            "disturbance_walk_n_m": max(walk, factor * now[1]),
+            "disturbance_torque_n_m": max(white, factor * now.disturbance_torque_n_m),
+            "disturbance_walk_n_m": max(walk, factor * now.disturbance_walk_n_m),
         }
     estimator: dict[str, Any] = {}
-    if np.isfinite(excess[3:]).any():
+    if not np.isnan(excess[3:]).all():
         scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0)) * np.sqrt(np.fmax(excess[3:], 1.0))
         estimator["accel_noise_scale"] = tuple(float(f) for f in scale)
     return _changed(vehicle, environment=environment, estimator=estimator)
 
 
-def _torque_levels(samples: Samples, histories: Sequence[History], vehicle: Vehicle) -> tuple[float, float]:
+def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[Notice]:
+    """What was added to the stated noise, and what is still not explained."""
+    found = []
+    now, before = used.environment, stated.environment
+    if (now.disturbance_torque_n_m, now.disturbance_walk_n_m) != (before.disturbance_torque_n_m, before.disturbance_walk_n_m):
+        found.append(
+            Notice(
+                "disturbance-torque",
+                "the stated noise does not explain the rates; a disturbance torque was added: white "
+                f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. Sigmas include it. "
+                "Look for aerodynamics, friction, thrust errors, a wrong delay or jet",
+            )
+        )
+    if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale and used.estimator.accel_noise_scale is not None:
+        x, y, z = used.estimator.accel_noise_scale
+        found.append(
+            Notice(
+                "accelerometer-misfit",
+                f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. Sigmas include it. "
+                "Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
+            )
+        )
+    if not np.isnan(excess).all():
+        worst = float(np.nanmax(excess))
+        found.append(
+            Notice("model-misfit", f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about that")
+        )
+    return found
+
+
+def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
     """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m."""
     moments = []
-    for history in histories:
-        reference = first_reference(samples, history.cycles, vehicle)
-        if reference is not None and history.cycles.stop - history.cycles.start > 10:
-            e = residual_torque(samples, history.cycles, reference, vehicle)
-            change = np.diff(e, axis=0)
+    for piece in cycles:
+        reference = first_reference(samples, piece, vehicle)
+        if reference is not None and piece.stop - piece.start > 10:
+            change = np.diff(residual_torque(samples, piece, reference, vehicle), axis=0)
             moments.append([float((change[lag:] * change[: len(change) - lag]).mean()) for lag in range(3)])
     if not moments:
         return 0.0, 0.0

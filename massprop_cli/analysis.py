@@ -1,0 +1,154 @@
+"""The composed flow: a log and its vehicle in, an :class:`Analysis` out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprop_cli import estimate, noise, thesis, vehicle
+from massprop_cli.align import Aligned, align
+from massprop_cli.compensate import Samples, compensate
+from massprop_cli.conclude import Conclusion, conclude
+from massprop_cli.errors import InputError
+from massprop_cli.history import History, phase_cycles
+from massprop_cli.telemetry import Log, Notice, read, read_table
+from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
+
+ROUNDS = 4
+"""How often disturbances may be raised until the innovations are explained."""
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything that one run found, with what it was found from."""
+
+    log: Log
+    source: VehicleSource
+    vehicle: Vehicle
+    """As used: with the noise levels and disturbances that a first pass set."""
+    aligned: Aligned
+    delay_cycles: float
+    histories: tuple[History, ...]
+    conclusions: tuple[Conclusion, ...]
+    notices: tuple[Notice, ...]
+    assignments: tuple[str, ...]
+
+
+def analyse(log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
+    """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
+    say = progress or (lambda _: None)
+    say("reading")
+    table = read_table(log_path)
+    source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    log = read(table, source.vehicle)
+    delay = _delay(source)
+    aligned = align(log, source.vehicle, delay)
+    samples = compensate(aligned, source.vehicle)
+    phases = _phases(log, source.vehicle, aligned)
+    used, histories, notices = _estimates(samples, phases, source.vehicle, say)
+    conclusions = tuple(conclude(history, used) for history in histories)
+    found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions))
+    return Analysis(log, source, used, aligned, delay, histories, conclusions, found, tuple(assignments))
+
+
+def _delay(source: VehicleSource) -> float:
+    delay = source.vehicle.cycle.command_delay_cycles
+    if delay == "auto":
+        raise InputError(f"{source.source}: cycle.command_delay_cycles = 'auto' is not available; state the delay in cycles (--delay 2.0)")
+    return delay
+
+
+def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:
+    start, end = float(aligned.start_s[0]), float(aligned.end_s[-1])
+    found = []
+    for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
+        cycles = phase_cycles(phase, aligned.end_s, aligned.usable)
+        if cycles.stop - cycles.start < 2:
+            raise InputError(
+                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds {cycles.stop - cycles.start} usable cycles; "
+                f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
+            )
+        found.append((phase, cycles))
+    return found
+
+
+def _estimates(
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, say: Progress
+) -> tuple[Vehicle, tuple[History, ...], list[Notice]]:
+    """Noise levels, then the estimator through every phase; disturbances are sized where the stated noise can't explain the log."""
+    pieces = [cycles for _, cycles in phases]
+    if stated.estimator.method == "thesis":
+        return stated, _thesis(samples, phases, stated), []
+    used, notices = noise.with_noise_levels(samples, pieces, stated)
+    adapt = used.estimator.adapt_noise
+    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
+    histories: tuple[History, ...] = ()
+    for _ in range(ROUNDS):
+        if not np.isnan(excess).all():
+            used = noise.with_disturbances(samples, pieces, excess, used)
+        say("estimating")
+        histories = tuple(estimate.replay(samples, cycles, phase, used) for phase, cycles in phases)
+        excess = noise.misfit(histories)
+        if not adapt or np.isnan(excess).all():
+            break
+    return used, histories, notices + noise.disturbance_notices(stated, used, excess)
+
+
+def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
+    histories: list[History] = []
+    filters = None
+    for phase, cycles in phases:
+        history, filters = thesis.replay(samples, cycles, phase, used, filters)
+        histories.append(history)
+    return tuple(histories)
+
+
+def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
+    found = []
+    for conclusion in conclusions:
+        note = physical_note(conclusion)
+        if note:
+            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {note}"))
+    return found
+
+
+def physical_note(conclusion: Conclusion) -> str:
+    """What no real body could have in this inertia, or an empty text."""
+    low, middle, high = (float(moment) for moment in conclusion.principal_moments)
+    if np.isnan(low):
+        return ""
+    if low <= 0:
+        return f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2)"
+    if low + middle < high * (1 - 1e-9):
+        return f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2; check jets, units and thrust"
+    return ""
+
+
+def effective_settings(analysis: Analysis) -> dict[str, Any]:
+    """Dotted keys and values which, given back with ``--set``, reproduce the result."""
+    used = analysis.vehicle
+    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.delay_cycles}
+    for section, names in (
+        ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2")),
+        ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),
+    ):
+        keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}
+    final = used.estimator.model_copy(update={"adapt_noise": False})
+    return keys | vehicle.flat(final, "estimator") | vehicle.flat(used.convergence, "convergence") | _set_by_user(analysis, keys)
+
+
+def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
+    """Other keys that the command line overrode."""
+    from massprop_cli.configfile import literal
+
+    pairs = (assignment.partition("=") for assignment in analysis.assignments)
+    others = {key.strip(): literal(value.strip()) for key, _, value in pairs}
+    return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}
+
+
+__all__ = ["Analysis", "analyse", "effective_settings", "physical_note"]

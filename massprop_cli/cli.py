@@ -1,0 +1,166 @@
+"""Commands and exit codes. Heavy rooms are imported inside the commands, so that ``--help`` stays fast."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from enum import Enum
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from massprop_cli import QUANTITIES, __version__
+from massprop_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from massprop_cli.analysis import Analysis
+
+EXIT_BUG, EXIT_USAGE, EXIT_INPUT, EXIT_NOT_CONVERGED = 1, 2, 3, 4
+
+app = typer.Typer(
+    name="massprop",
+    help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+class Method(str, Enum):
+    """Estimators."""
+
+    default = "default"
+    thesis = "thesis"
+
+
+class SchemaName(str, Enum):
+    """Files with a schema."""
+
+    log = "log"
+    vehicle = "vehicle"
+    result = "result"
+
+
+def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """Errors become one line on stderr and the contract's exit code."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except InputError as error:
+            _fail(str(error), EXIT_INPUT)
+        except UsageError as error:
+            _fail(str(error), EXIT_USAGE)
+        except (typer.Exit, typer.Abort):
+            raise
+        except Exception as error:
+            if os.environ.get("MASSPROP_DEBUG"):
+                raise
+            _fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", EXIT_BUG)
+
+    return run
+
+
+def _fail(message: str, code: int) -> None:
+    typer.echo(f"massprop: {message}", err=True)
+    raise typer.Exit(code)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"massprop {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False) -> None:
+    """Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data."""
+
+
+@app.command()
+@_guarded
+def estimate(
+    log: Annotated[Path, typer.Argument(help="Telemetry log, .parquet or .csv.", show_default=False)],
+    vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    out: Annotated[Path | None, typer.Option(help="Result folder [massprop-out/LOGSTEM].", envvar="MASSPROP_OUT", show_default=False)] = None,
+    method: Annotated[Method | None, typer.Option(help="Estimator [default].", envvar="MASSPROP_METHOD", show_default=False)] = None,
+    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    require: Annotated[str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
+
+    Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
+    not converged.
+    """
+    required = _required(require)
+    from massprop_cli import analysis, store
+    from massprop_cli.report import result
+
+    assignments = list(assign or [])
+    if method is not None:
+        assignments.append(f'estimator.method="{method.value}"')
+    if delay is not None:
+        assignments.append(f"cycle.command_delay_cycles={delay}")
+    found = analysis.analyse(log, vehicle, assignments)
+    text = result.to_json(result.result(found))
+    store.write(out or Path("massprop-out") / log.stem, found, text)
+    if not quiet:
+        for notice in found.notices:
+            typer.echo(f"massprop: warning: {notice.message} [{notice.code}]", err=True)
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
+        _show(found, no_color)
+    _check_required(found, required)
+
+
+def _show(found: Analysis, no_color: bool) -> None:
+    from rich.console import Console
+
+    from massprop_cli.report import table
+
+    terminal = sys.stdout.isatty()
+    table.show(found, Console(no_color=no_color or None, width=None if terminal else 132, highlight=False))
+
+
+def _required(text: str | None) -> list[str]:
+    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    names = list(QUANTITIES) if names == ["all"] else names
+    for name in names:
+        if name not in QUANTITIES:
+            raise UsageError(f"--require {name}: no such quantity; choose from {', '.join(QUANTITIES)} or all")
+    return names
+
+
+def _check_required(found: Analysis, required: list[str]) -> None:
+    missed = [
+        f"{name} in phase {conclusion.phase.name} is {conclusion.estimates[name].verdict} ({conclusion.estimates[name].reason})"
+        for conclusion in found.conclusions
+        for name in required
+        if conclusion.estimates[name].verdict != "converged"
+    ]
+    if missed:
+        _fail(f"required but not converged: {'; '.join(missed)}", EXIT_NOT_CONVERGED)
+
+
+@app.command()
+@_guarded
+def schema(name: Annotated[SchemaName, typer.Argument(help="Which file.")]) -> None:
+    """Print the JSON Schema of a file."""
+    from massprop_cli import schemas
+
+    typer.echo(json.dumps(schemas.schema(name.value), indent=1, ensure_ascii=False))
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,151 @@
+"""Final values and verdicts: the sustained-convergence rule, gated on information actually gained. Doesn't touch the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.dynamics import tensor
+from massprop_cli.history import History
+from massprop_cli.vehicle import Phase, Vehicle
+
+Verdict = Literal["converged", "not_converged", "not_excited", "unobservable"]
+PRIOR = 0.5
+"""Prior sigma of the default method over the natural size: that much is known of any body of this size before the log."""
+HALVED = 0.5
+"""A quantity is informed once its sigma is below this part of the prior's."""
+RELATIVE_TOLERANCE = 0.01
+THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One quantity's final value; ``None`` where nothing can be said."""
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    verdict: Verdict
+    final_at_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """The ten quantities of one phase."""
+
+    phase: Phase
+    estimates: dict[str, Estimate]
+    covariance: Array
+    """(10, 10), NaN where nothing can be said."""
+    rotating_mass: float
+    """kg; the mass whose CG and inertia these are (without the bearing's)."""
+
+    @property
+    def values(self) -> Array:
+        """(10,) with NaN for what is not known."""
+        return np.array([np.nan if e.value is None else e.value for e in self.estimates.values()])
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the CG, kg m²; NaN where not known."""
+        return tensor(self.values[:6])
+
+    @property
+    def inertia_about_origin(self) -> Array:
+        """(3, 3) about O: ``I + m (c·c 1 − c cᵀ)``, kg m²."""
+        c = self.values[6:9]
+        about: Array = self.inertia + self.rotating_mass * ((c @ c) * np.eye(3) - np.outer(c, c))
+        return about
+
+    @property
+    def principal_moments(self) -> Array:
+        """(3,) ascending, kg m²; NaN where the inertia is not known."""
+        return np.linalg.eigvalsh(self.inertia) if np.isfinite(self.inertia).all() else np.full(3, np.nan)
+
+
+def conclude(history: History, vehicle: Vehicle) -> Conclusion:
+    """Decide each quantity's value and verdict.
+
+    ``--method default``: the values at the phase's end; the rule decides the verdict. ``--method thesis``: the latched value, taken
+    when the count is reached and anew each time it is reached again after a larger change (thesis, chapter 4).
+    """
+    thesis = vehicle.estimator.method == "thesis"
+    informed = _informed(history, vehicle)
+    steady = _within_tolerance(history, vehicle) & informed
+    stretches = [_stretches(steady[:, i], vehicle.convergence.count) for i in range(10)]
+    estimates = {}
+    for i, name in enumerate(QUANTITIES):
+        latched = stretches[i][-1] if stretches[i] else None
+        row = latched[1] if thesis and latched else len(history.time_s) - 1
+        estimates[name] = _estimate(history, i, row, latched, bool(informed[-1, i]), thesis)
+    known = np.array([estimate.value is not None for estimate in estimates.values()])
+    covariance = np.where(known[:, None] & known, history.covariance, np.nan)
+    if thesis:
+        sigma = np.array([np.nan if e.sigma is None else e.sigma for e in estimates.values()])
+        covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
+    mass = estimates["mass"].value
+    rotating = np.nan if mass is None else mass - (vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0)
+    return Conclusion(history.phase, estimates, covariance, rotating)
+
+
+def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] | None, informed: bool, thesis: bool) -> Estimate:
+    value, sigma = float(history.values[row, i]), float(history.sigmas[row, i])
+    share = float(history.information_share[i, history.drowned].sum())
+    told = bool(np.isfinite(value) and np.isfinite(sigma) and (thesis or sigma < history.natural_sizes[i]))
+    lasts = latched is not None and (thesis or latched[2] == len(history.time_s) - 1)
+    verdict: Verdict
+    if not history.observable[i]:
+        verdict, told, reason = "unobservable", False, "no motion of this vehicle can inform it by this method"
+    elif not informed:
+        verdict, reason = "not_excited", "the motion in this phase hardly informed it"
+    elif share > 0.5:
+        verdict, reason = "not_excited", f"{share:.0%} of what was seen of it is outweighed by disturbances that the commands did not cause"
+    elif not lasts:
+        verdict, reason = "not_converged", "it still moved more than the tolerance, or too few updates came after it was informed"
+    else:
+        verdict, reason = "converged", "informed, and within tolerance for the required number of updates"
+    final_at = float(history.time_s[latched[0]]) if verdict == "converged" and latched else None
+    return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
+
+
+def _informed(history: History, vehicle: Vehicle) -> BoolArray:
+    """(K, 10) whether the sigma is below half the prior's."""
+    if vehicle.estimator.method == "thesis":
+        settings = vehicle.estimator.thesis
+        prior = np.sqrt(np.array([*settings.p1, settings.p2]))
+    else:
+        prior = PRIOR * history.natural_sizes
+    informed: BoolArray = history.sigmas < HALVED * prior
+    return informed
+
+
+def tolerances(history: History, vehicle: Vehicle) -> Array:
+    """(10,) the largest step-to-step change that counts as standing still, in each quantity's unit."""
+    settings = vehicle.convergence
+    thesis = vehicle.estimator.method == "thesis"
+    relative = settings.relative if settings.relative is not None else not thesis
+    found = np.empty(10)
+    for i, name in enumerate(QUANTITIES):
+        kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
+        given = getattr(settings, f"{kind}_tolerance")
+        fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
+        found[i] = (fallback if given is None else given) * (history.natural_sizes[i] if relative else 1.0)
+    return found
+
+
+def _within_tolerance(history: History, vehicle: Vehicle) -> BoolArray:
+    change = np.abs(np.diff(history.values, axis=0, prepend=np.nan))
+    within: BoolArray = change <= tolerances(history, vehicle)
+    return within
+
+
+def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:
+    """Runs of at least ``count`` steady updates: first row, the row at which the count was reached, last row."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(int)))
+    runs = zip(edges[::2], edges[1::2], strict=True)
+    return [(int(a), int(a) + count - 1, int(b) - 1) for a, b in runs if b - a >= count]

@@ -1,0 +1,88 @@
+"""What a method could learn from this vehicle at all, and what this log's commands told it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.compensate import Samples
+from massprop_cli.dynamics import angular_acceleration, cross_matrix, inertia_regressor, times, torque_regressor
+from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters
+from massprop_cli.plant import Reference
+from massprop_cli.vehicle import Vehicle
+
+_MOTIONS = 60
+_RANK = 1e-9
+
+
+def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> BoolArray:
+    """(10,) whether any motion of this vehicle informs each quantity (thesis eq. 3.17: rank of the stacked regressors).
+
+    Random motions, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it does not
+    enter the null space of what they show.
+    """
+    rng = np.random.default_rng(0)
+    wrench = rng.standard_normal((_MOTIONS, len(capability))) @ capability if len(capability) else np.zeros((_MOTIONS, 6))
+    torque, force = wrench[:, :3], wrench[:, 3:]
+    size = np.abs(torque).max() or 1.0
+    rate = rng.standard_normal((_MOTIONS, 3)) * np.sqrt(size / np.trace(reference.inertia))
+    rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
+    spin = cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate)
+    gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
+    if vehicle.estimator.method == "thesis":
+        reaction = gravity / reference.mu * _directions(rng)
+        rows = np.concatenate([torque_regressor(rate, rate_dot, force + reaction), (force * reference.mu)[..., None]], -1)
+        rows = np.concatenate([rows, np.zeros((_MOTIONS, 3, 10))], 1)
+        rows[:, 3:, 9] = rows[:, :3, 9]
+        rows[:, :3, 9] = 0.0
+    else:
+        load = force if not vehicle.on_air_bearing else (gravity * _directions(rng) + force * reference.mu) / reference.mu
+        inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
+        rows = np.zeros((_MOTIONS, 6, 10))
+        rows[:, :3, :6], rows[:, :3, 6:9] = inertia, -cross_matrix(load)
+        rows[:, 3:, 9] = force
+        rows[:, 3:, 6:9] = 0.0 if vehicle.on_air_bearing else -spin
+    return _in_row_space(rows.reshape(-1, 10))
+
+
+def _directions(rng: np.random.Generator) -> Array:
+    found = rng.standard_normal((_MOTIONS, 3))
+    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    return unit
+
+
+def _in_row_space(rows: Array) -> BoolArray:
+    size = np.sqrt((rows**2).sum(0))
+    seen = size > 0
+    scaled = rows / np.where(seen, size, 1.0)
+    _, singular, right = np.linalg.svd(scaled, full_matrices=True)
+    null = right[(np.append(singular, np.zeros(10))[:10] < _RANK * max(singular[0], 1e-300))]
+    within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
+    return within
+
+
+def excitation(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, BoolArray]:
+    """Which channel told what, and which channels told nothing of the commands.
+
+    Returns the share (10, 6) of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,) whether in
+    that channel the part of the residual that is not white noise outweighs what commands and mass properties explain.
+    """
+    system = linearise(samples, cycles, reference, vehicle)
+    gyro = vehicle.imu.gyro_noise_rad_s or 1.0
+    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
+    accel = scale * (vehicle.imu.accel_noise_m_s2 or 1.0)
+    regressors = system.transition[:, RATE, PARAMETERS], system.observation[:, 3:, PARAMETERS]
+    told = np.concatenate([(r**2).sum(0) / s[:, None] ** 2 for r, s in zip(regressors, (np.full(3, gyro), accel), strict=True)])
+    share = (told / np.maximum(told.sum(0), 1e-300)).T
+
+    explained_force = times(regressors[1], parameters(reference))
+    residual = (
+        np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps,
+        system.measured[:, 3:] - explained_force,
+    )
+    explained = np.concatenate([(system.steps**2).mean(0), (explained_force**2).mean(0)])
+    variance = np.concatenate([(e**2).mean(0) for e in residual])
+    lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
+    coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
+    noise = np.concatenate([np.full(3, 2 * gyro**2), (accel / scale) ** 2])
+    return share, (coloured > explained) & (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(variance) + len(residual[1])))

@@ -1,0 +1,69 @@
+"""JSON Schemas of the files that massprop reads and writes; schemas/ holds the same, written by ``python -m massprop_cli.schemas``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from massprop_cli import telemetry, vehicle
+
+NAMES = ("log", "vehicle", "result")
+
+
+def schema(name: str) -> dict[str, Any]:
+    """The schema called ``name``."""
+    if name == "vehicle":
+        found = vehicle.schema()
+    elif name == "log":
+        found = _log()
+    else:
+        from massprop_cli.report import result
+
+        found = result.schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"massprop/{name}/1", **found}
+
+
+def _log() -> dict[str, Any]:
+    """One row of a log; command columns may be null in all but the first row of their control cycle."""
+    number = {"type": "number"}
+    command = {"type": ["number", "null"]}
+
+    def columns(names: tuple[str, ...], kind: dict[str, Any], description: str) -> dict[str, Any]:
+        return {name: {**kind, "description": description} for name in names}
+
+    properties = {
+        "time_s": {**number, "description": "end of the record's interval, strictly increasing, s"},
+        **columns(telemetry.DELTA_THETA, number, "gyro angle increment over the record, IMU axes, rad"),
+        **columns(telemetry.DELTA_V, number, "accelerometer increment (specific force) over the record, IMU axes, m/s"),
+        **columns(telemetry.GYRO, number, "mean rate over the record, may stand in for the angle increment, rad/s"),
+        **columns(telemetry.ACCEL, number, "mean specific force over the record, may stand in for the velocity increment, m/s^2"),
+        **columns(telemetry.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
+        **columns(telemetry.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
+        **columns(telemetry.QUATERNION, number, "attitude at time_s, world from body"),
+        "event": {"type": ["string", "null"], "description": 'text, e.g. "dock"'},
+    }
+
+    def either(increments: tuple[str, ...], rates: tuple[str, ...]) -> dict[str, Any]:
+        return {"anyOf": [{"required": list(increments)}, {"required": list(rates)}]}
+
+    return {
+        "title": "Log row",
+        "description": _log.__doc__,
+        "type": "object",
+        "properties": properties,
+        "patternProperties": {"^jet_.+_s$": {**command, "minimum": 0, "description": "commanded on-time in this control cycle, s"}},
+        "required": ["time_s"],
+        "allOf": [either(telemetry.DELTA_THETA, telemetry.GYRO), either(telemetry.DELTA_V, telemetry.ACCEL)],
+    }
+
+
+def _write(folder: Path) -> None:
+    for name in NAMES:
+        text = json.dumps(schema(name), indent=1, ensure_ascii=False) + "\n"
+        (folder / f"{name}.schema.json").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    _write(Path(sys.argv[1] if len(sys.argv) > 1 else "schemas"))

@@ -1,0 +1,128 @@
+"""The two filters of the thesis, as written (A. M. Wright, MIT 2000), for comparison side by side.
+
+Nine parameters from torque balance, mass from force balance (eq. 4.5–4.7, 4.13–4.14), with its gain P⁺ Hᵀ R⁻¹ (eq. 3.1, 3.2), in which
+Q is inside P⁺: not the Kalman gain. Angular acceleration is the difference of consecutive cycle-mean rates, paired with the torque of the
+later cycle; on the bearing the reaction m̂ g along world +Z joins the force columns. P is carried as a square root.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.dynamics import elements, tensor, torque_regressor
+from massprop_cli.history import History
+from massprop_cli.kalman import Innovation, State, predict, update
+from massprop_cli.observability import observable
+from massprop_cli.plant import Reference
+from massprop_cli.telemetry import Notice
+from massprop_cli.vehicle import Phase, ThesisSettings, Vehicle
+
+DIVERGENT = 2.0
+"""An eigenvalue of H P⁺ Hᵀ R⁻¹ above this makes the thesis's gain overshoot by more than it corrects."""
+
+
+class Filters(NamedTuple):
+    """Both filters' states: nine parameters, and mass."""
+
+    rotation: State
+    mass: State
+
+
+def step(state: State, measured: Array, regressor: Array, q_root: Array, r: float) -> tuple[State, Innovation, float]:
+    """One update: P⁺ = P − P Hᵀ (R + H P Hᵀ)⁻¹ H P + Q, θ⁺ = θ + P⁺ Hᵀ R⁻¹ (u − H θ), R = r·1 (thesis eq. 3.1, 3.2).
+
+    Also returns the largest eigenvalue of H P⁺ Hᵀ R⁻¹.
+    """
+    noise = np.sqrt(r) * np.eye(len(measured))
+    conditioned, innovation = update(state, measured, regressor, noise)
+    root = predict(conditioned, np.eye(len(state.mean)), np.zeros(len(state.mean)), q_root).root
+    spread = regressor @ root
+    gain = root @ spread.T / r
+    return State(state.mean + gain @ innovation.value, root), innovation, float(np.linalg.eigvalsh(spread @ spread.T / r)[-1])
+
+
+def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, before: Filters | None = None) -> tuple[History, Filters]:
+    """Run both filters through ``cycles``; estimates go on from ``before``, covariances start afresh."""
+    settings = vehicle.estimator.thesis
+    filters = _start(settings, before)
+    q_roots = np.diag(np.sqrt(settings.q1)), np.sqrt([[settings.q2]])
+    rate, duration = samples.rate_rad_s, samples.executed.duration_s
+    rate_dot = samples.rate_step_rad_s / duration[:, None]
+    wrench = samples.executed.impulse / duration[:, None]
+    felt = acceleration(samples, vehicle)
+    weight = (samples.up_b[:-1] + samples.up_b[1:]) / 2 * vehicle.environment.gravity_m_s2
+
+    count = cycles.stop - cycles.start
+    values, sigmas = np.full((count, 10), np.nan), np.full((count, 10), np.nan)
+    innovation, innovation_sigma = np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    worst = 0.0
+    for row, k in enumerate(range(cycles.start, cycles.stop)):
+        if k > 0:
+            force = wrench[k, 3:] + filters.mass.mean[0] * weight[k]
+            regressor = torque_regressor(rate[k], rate_dot[k], force)
+            rotation, torque_left, torque_worst = step(filters.rotation, wrench[k, :3], regressor, q_roots[0], settings.r1)
+            mass, force_left, force_worst = step(filters.mass, wrench[k, 3:], felt[k][:, None], q_roots[1], settings.r2)
+            filters = Filters(rotation, mass)
+            worst = max(worst, torque_worst, force_worst)
+            innovation[row] = np.concatenate([torque_left.value, force_left.value])
+            innovation_sigma[row] = np.concatenate([np.sqrt((i.root**2).sum(1)) for i in (torque_left, force_left)])
+        values[row] = np.concatenate([filters.rotation.mean, filters.mass.mean])
+        sigmas[row] = np.concatenate([np.sqrt((s.root**2).sum(1)) for s in filters])
+    history = History(
+        phase=phase,
+        cycles=cycles,
+        time_s=samples.executed.end_s[cycles],
+        values=values,
+        sigmas=sigmas,
+        covariance=_joint(filters),
+        innovation=innovation,
+        innovation_sigma=innovation_sigma,
+        natural_sizes=_natural(values[-1]),
+        information_share=np.full((10, 6), 1 / 6),
+        drowned=np.zeros(6, dtype=bool),
+        observable=observable(samples.executed.capability, _body(values[-1]), vehicle),
+        notices=_notices(phase, worst),
+    )
+    return history, filters
+
+
+def _start(settings: ThesisSettings, before: Filters | None) -> Filters:
+    initial = np.array(settings.initial)
+    rotation = initial[:9] if before is None else before.rotation.mean
+    mass = initial[9:] if before is None else before.mass.mean
+    return Filters(State(rotation, np.diag(np.sqrt(settings.p1))), State(mass, np.sqrt([[settings.p2]])))
+
+
+def _joint(filters: Filters) -> Array:
+    covariance = np.zeros((10, 10))
+    covariance[:9, :9], covariance[9:, 9:] = filters.rotation.covariance, filters.mass.covariance
+    return covariance
+
+
+def _natural(values: Array) -> Array:
+    body = _body(values)
+    trace = float(np.trace(body.inertia))
+    return np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace * body.mu)), [1 / body.mu]])
+
+
+def _body(values: Array) -> Reference:
+    """A body near the estimate, with inertia and mass made positive."""
+    principal, axes = np.linalg.eigh(tensor(values[:6]))
+    inertia = (axes * np.maximum(principal, 1e-3 * max(principal[-1], 1e-12))) @ axes.T
+    return Reference(tensor(elements(inertia)), values[6:9], 1 / max(float(values[9]), 1e-9))
+
+
+def _notices(phase: Phase, worst: float) -> tuple[Notice, ...]:
+    if worst <= DIVERGENT:
+        return ()
+    return (
+        Notice(
+            "thesis-gain-divergent",
+            f"phase {phase.name}: H P+ H' R^-1 reaches {worst:.3g}, above {DIVERGENT:g}; the thesis's gain, with Q inside P+, then overshoots. "
+            "Lower estimator.thesis.q1/q2 or raise r1/r2, or use --method default",
+        ),
+    )
