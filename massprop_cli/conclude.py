@@ -15,7 +15,9 @@ from massprop_cli.vehicle import Phase, Vehicle
 
 Verdict = Literal["converged", "not_converged", "not_excited", "unobservable"]
 PRIOR = 0.5
-"""Prior sigma of the default method over the natural size: that much is known of any body of this size before the log."""
+"""Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
+inertia and the mass are positive, so their own value stands in for the natural size where it is smaller."""
+POSITIVE = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
 HALVED = 0.5
 """A quantity is informed once its sigma is below this part of the prior's."""
 RELATIVE_TOLERANCE = 0.01
@@ -104,7 +106,7 @@ def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] 
     elif not informed:
         verdict, reason = "not_excited", "the motion in this phase hardly informed it"
     elif share > 0.5:
-        verdict, reason = "not_excited", f"{share:.0%} of what was seen of it is outweighed by disturbances that the commands did not cause"
+        verdict, reason = "not_excited", f"{share:.0%} of what was seen of it lies in channels that disturbances dominate, not the commands"
     elif not lasts:
         verdict, reason = "not_converged", "it still moved more than the tolerance, or too few updates came after it was informed"
     else:
@@ -119,7 +121,9 @@ def _informed(history: History, vehicle: Vehicle) -> BoolArray:
         settings = vehicle.estimator.thesis
         prior = np.sqrt(np.array([*settings.p1, settings.p2]))
     else:
-        prior = PRIOR * history.natural_sizes
+        sizes = np.tile(history.natural_sizes, (len(history.time_s), 1))
+        sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], history.values[:, POSITIVE])
+        prior = PRIOR * sizes
     informed: BoolArray = history.sigmas < HALVED * prior
     return informed
 

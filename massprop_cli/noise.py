@@ -14,7 +14,7 @@ from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples, acceleration
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
-from massprop_cli.linearise import linearise
+from massprop_cli.linearise import PARAMETERS, RATE, linearise
 from massprop_cli.plant import Reference
 from massprop_cli.start import first_reference
 from massprop_cli.telemetry import Notice
@@ -92,7 +92,7 @@ def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) ->
     for piece in cycles:
         reference = first_reference(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > 50:
-            e = np.diff(samples.rate_rad_s[piece], axis=0) - linearise(samples, piece, reference, vehicle).steps
+            e = _residual_growth(samples, piece, reference, vehicle)
             left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
             excess[:3][left > noise * (1 + EXCESS)] = np.inf
     return excess
@@ -157,7 +157,9 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
     for piece in cycles:
         reference = first_reference(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > 10:
-            change = np.diff(residual_torque(samples, piece, reference, vehicle), axis=0)
+            duration = samples.executed.duration_s[piece][1:, None]
+            torque = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
+            change = np.diff(torque, axis=0)
             moments.append([float((change[lag:] * change[: len(change) - lag]).mean()) for lag in range(3)])
     if not moments:
         return 0.0, 0.0
@@ -165,11 +167,15 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
     return float(np.sqrt(max(-g1 - 4 * max(g2, 0.0), 0.0))), float(np.sqrt(max(g0 + 2 * g1 + 2 * g2, 0.0)))
 
 
-def residual_torque(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K − 1, 3) mean torque that the differenced rates show beyond the model about ``reference``, N m."""
-    duration = samples.executed.duration_s[cycles][1:, None]
-    growth = np.diff(samples.rate_rad_s[cycles], axis=0)
-    return times(reference.inertia, growth - linearise(samples, cycles, reference, vehicle).steps) / duration
+def _residual_growth(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s."""
+    system = linearise(samples, cycles, reference, vehicle)
+    growth = np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps
+    regressors = system.transition[:, RATE, PARAMETERS].reshape(-1, 10)
+    size = np.sqrt((regressors**2).sum(0))
+    scaled = regressors / np.where(size > 0, size, 1.0)
+    step = np.linalg.lstsq(scaled, growth.ravel(), rcond=1e-9)[0]
+    return growth - (scaled @ step).reshape(-1, 3)
 
 
 def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:

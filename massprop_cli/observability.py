@@ -7,10 +7,12 @@ import numpy as np
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.compensate import Samples
 from massprop_cli.dynamics import angular_acceleration, cross_matrix, inertia_regressor, times, torque_regressor
-from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters
+from massprop_cli.linearise import CG, PARAMETERS, RATE, linearise, parameters
 from massprop_cli.plant import Reference
 from massprop_cli.vehicle import Vehicle
 
+DROWNED = 1 / 3
+"""A channel tells nothing where disturbances exceed this part of the power that commands and mass properties explain in it."""
 _MOTIONS = 60
 _RANK = 1e-9
 
@@ -65,7 +67,7 @@ def excitation(samples: Samples, cycles: slice, reference: Reference, vehicle: V
     """Which channel told what, and which channels told nothing of the commands.
 
     Returns the share (10, 6) of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,) whether in
-    that channel the part of the residual that is not white noise outweighs what commands and mass properties explain.
+    that channel the part of the residual that is not white noise is more than ``DROWNED`` of what commands and mass properties explain.
     """
     system = linearise(samples, cycles, reference, vehicle)
     gyro = vehicle.imu.gyro_noise_rad_s or 1.0
@@ -75,14 +77,17 @@ def excitation(samples: Samples, cycles: slice, reference: Reference, vehicle: V
     told = np.concatenate([(r**2).sum(0) / s[:, None] ** 2 for r, s in zip(regressors, (np.full(3, gyro), accel), strict=True)])
     share = (told / np.maximum(told.sum(0), 1e-300)).T
 
-    explained_force = times(regressors[1], parameters(reference))
-    residual = (
-        np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps,
-        system.measured[:, 3:] - explained_force,
-    )
-    explained = np.concatenate([(system.steps**2).mean(0), (explained_force**2).mean(0)])
+    theta = parameters(reference)
+    commanded = theta.copy()
+    commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
+    slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
+    steps, left = system.steps, np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps
+    steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)
+    residual = left, system.measured[:, 3:] - times(regressors[1], theta)
+    explained = np.concatenate([(steps**2).mean(0), (times(regressors[1], commanded) ** 2).mean(0)])
     variance = np.concatenate([(e**2).mean(0) for e in residual])
     lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
     noise = np.concatenate([np.full(3, 2 * gyro**2), (accel / scale) ** 2])
-    return share, (coloured > explained) & (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(variance) + len(residual[1])))
+    significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(residual[1])))
+    return share, (coloured > DROWNED * explained) & significant
