@@ -53,6 +53,7 @@ class Aligned:
 
     @property
     def end_s(self) -> Array:
+        """(K,) end of each cycle."""
         return self.start_s + self.duration_s
 
     @property
@@ -122,8 +123,9 @@ class Signal:
 
 
 def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
-    """Thrust over full thrust of one jet: a pulse rises linearly from its start, lasts its on-time, then falls from the thrust
-    reached (contract, "Timing"). Pulses closer than ``touching_s`` are one.
+    """Thrust over full thrust of one jet.
+
+    A pulse rises linearly from its start, lasts its on-time, then falls from the thrust reached. Pulses closer than ``touching_s`` are one.
     """
     fired = on_s > 0
     begin, end = start_s[fired], (start_s + on_s)[fired]
@@ -183,7 +185,8 @@ def window_integrals(signal: Signal, edges_s: Array, lag_s: float = 0.0) -> tupl
     moment = value * length**2 / 2 + slope * length**3 / 3 + (time[:-1] - edges_s[np.clip(bin_of, 0, bins)]) * area
 
     def per_bin(x: Array) -> Array:
-        return np.bincount(bin_of[inside], x[inside], bins)
+        summed: Array = np.bincount(bin_of[inside], x[inside], bins).astype(np.float64)
+        return summed
 
     integral, first_moment = per_bin(area), per_bin(moment)
     if lag_s == 0:
@@ -197,7 +200,7 @@ def window_integrals(signal: Signal, edges_s: Array, lag_s: float = 0.0) -> tupl
 
 
 def _lagged_at_edges(first: float, forced: Array, decay: Array) -> Array:
-    """y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i]``."""
+    """Y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i]``."""
     y = np.empty(len(forced) + 1)
     y[0] = first
     for i, (a, q) in enumerate(zip(decay, forced, strict=True)):

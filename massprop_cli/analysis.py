@@ -15,7 +15,8 @@ from massprop_cli.compensate import Samples, compensate
 from massprop_cli.conclude import Conclusion, conclude
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
-from massprop_cli.telemetry import Log, Notice, read, read_table
+from massprop_cli.tablefile import read_table
+from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 ROUNDS = 4
@@ -39,7 +40,9 @@ class Analysis:
     assignments: tuple[str, ...]
 
 
-def analyse(log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
+def analyse(
+    log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None
+) -> Analysis:
     """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
     say = progress or (lambda _: None)
     say("reading")
@@ -70,7 +73,8 @@ def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slic
         cycles = phase_cycles(phase, aligned.end_s, aligned.usable)
         if cycles.stop - cycles.start < 2:
             raise InputError(
-                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds {cycles.stop - cycles.start} usable cycles; "
+                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "
+                f"{cycles.stop - cycles.start} usable cycles; "
                 f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
             )
         found.append((phase, cycles))

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from enum import Enum
+from enum import StrEnum
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,14 +30,14 @@ app = typer.Typer(
 )
 
 
-class Method(str, Enum):
+class Method(StrEnum):
     """Estimators."""
 
     default = "default"
     thesis = "thesis"
 
 
-class SchemaName(str, Enum):
+class SchemaName(StrEnum):
     """Files with a schema."""
 
     log = "log"
@@ -87,11 +87,15 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 def estimate(
     log: Annotated[Path, typer.Argument(help="Telemetry log, .parquet or .csv.", show_default=False)],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
-    out: Annotated[Path | None, typer.Option(help="Result folder [massprop-out/LOGSTEM].", envvar="MASSPROP_OUT", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result folder [massprop-out/LOGSTEM].", envvar="MASSPROP_OUT", show_default=False)
+    ] = None,
     method: Annotated[Method | None, typer.Option(help="Estimator [default].", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
-    require: Annotated[str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")] = None,
+    require: Annotated[
+        str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
     no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,

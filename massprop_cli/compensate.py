@@ -38,7 +38,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle) -> Samples:
     """
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
-    up = np.zeros((len(rate) + 1, 3))
+    up: Array = np.zeros((len(rate) + 1, 3))
     if vehicle.on_air_bearing:
         up = world_up_b(_attitude_at_edges(aligned, vehicle, rate))
     return Samples(

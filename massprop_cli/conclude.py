@@ -67,7 +67,8 @@ class Conclusion:
     @property
     def principal_moments(self) -> Array:
         """(3,) ascending, kg m²; NaN where the inertia is not known."""
-        return np.linalg.eigvalsh(self.inertia) if np.isfinite(self.inertia).all() else np.full(3, np.nan)
+        moments: Array = np.linalg.eigvalsh(self.inertia) if np.isfinite(self.inertia).all() else np.full(3, np.nan)
+        return moments
 
 
 def conclude(history: History, vehicle: Vehicle) -> Conclusion:

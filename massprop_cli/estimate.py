@@ -29,6 +29,7 @@ BLOCK = 16
 STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 
+
 @dataclass(frozen=True)
 class _Run:
     """The filter after some cycle of a phase."""
@@ -78,7 +79,9 @@ def _advance(samples: Samples, seen: slice, begin: int, run: _Run, vehicle: Vehi
         state, row = _cycle(state, system, noise, k, run.reference)
         rows.append(row)
         cycle = begin + k
-        if cycle - run.since >= max(4, (run.since - seen.start) // 50) and _stale(state, run.reference, samples, slice(seen.start, cycle), vehicle):
+        if cycle - run.since >= max(4, (run.since - seen.start) // 50) and _stale(
+            state, run.reference, samples, slice(seen.start, cycle), vehicle
+        ):
             reference = _renewed(state, run.reference, samples, slice(seen.start, cycle), vehicle)
             run, rows[-1] = _from_start(samples, slice(seen.start, cycle), reference, vehicle)
             return rows, run, cycle
@@ -90,7 +93,7 @@ def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Ve
     system = linearise(samples, seen, reference, vehicle)
     noise = _Noise.of(samples, seen, reference, vehicle, system)
     state = _initial(samples, seen, reference, vehicle)
-    state, innovation = update(state, system.measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
+    state, _ = update(state, system.measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
     row = Row(reference, state.mean, state.covariance, None)
     for k in range(1, seen.stop - seen.start):
         state, row = _cycle(state, system, noise, k, reference)
@@ -195,8 +198,9 @@ def natural_sizes(reference: Reference) -> Array:
 
 
 def _reach(reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Array:
-    """(10,) how far a parameter may move before the response changes by its own size. On a bearing gravity turns a CG offset into a
-    torque as large as the jets', so the CG's reach is the torque over the weight.
+    """(10,) how far a parameter may move before the response changes by its own size.
+
+    On a bearing gravity turns a CG offset into a torque as large as the jets', so the CG's reach is the torque over the weight.
     """
     reach = natural_sizes(reference)
     plant = plant_of(vehicle)
@@ -214,8 +218,9 @@ def _stale(state: State, reference: Reference, samples: Samples, seen: slice, ve
 
 
 def _sensible(state: State, reference: Reference) -> Array:
-    """(10,) the parameters, with those that the data don't tell kept near the reference: the estimate conditioned on the reference
-    with a sigma of a tenth of its natural size.
+    """(10,) the parameters, with those that the data don't tell kept near the reference.
+
+    That is the estimate conditioned on the reference with a sigma of a tenth of its natural size.
     """
     root = state.root[PARAMETERS]
     covariance = root @ root.T
@@ -255,7 +260,9 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
             sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
     values, full = quantities(mean, covariance, vehicle)
     last = rows[-1]
-    sizes, share, drowned, seen = np.full(10, np.nan), np.zeros((10, 6)), np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
+    sizes: Array = np.full(10, np.nan)
+    share: Array = np.zeros((10, 6))
+    drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
     if last is not None:
         sizes = natural_sizes(last.reference)
         sizes[MU] = 1 / last.reference.mu

@@ -46,7 +46,7 @@ class History:
             raise ValueError("history arrays differ in length")
 
 
-def phase_cycles(phase: Phase, end_s: Array, usable: Array) -> slice:
+def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:
     """The cycles with ``start_s < time_s <= end_s`` whose executed command is known; empty where there are none."""
     inside = np.flatnonzero(usable & (end_s > phase.start_s + 1e-9) & (end_s <= phase.end_s + 1e-9))
     return slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)

@@ -21,6 +21,7 @@ class State(NamedTuple):
 
     @property
     def covariance(self) -> Array:
+        """P = S Sᵀ, shape (n, n)."""
         full: Array = self.root @ self.root.T
         return full
 
@@ -33,9 +34,9 @@ class Innovation(NamedTuple):
 
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
-    """x ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q)."""
+    """X ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q)."""
     mean = transition @ state.mean + drive
-    root = transition @ state.root
+    root: Array = transition @ state.root
     if noise_root is not None:
         root = _triangle(np.hstack([root, noise_root]))
     return State(mean, root)
@@ -59,5 +60,6 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
 
 def _triangle(wide: Array) -> Array:
     """The lower-triangular T with T Tᵀ = A Aᵀ."""
-    upper: Array = np.linalg.qr(wide.T, mode="r")
-    return upper.T
+    upper = np.linalg.qr(wide.T, mode="r")
+    lower: Array = np.asarray(upper).T
+    return lower

@@ -46,6 +46,7 @@ class Layout:
 
     @staticmethod
     def of(vehicle: Vehicle) -> Layout:
+        """The states that the vehicle file asks for."""
         wanted = (
             vehicle.imu.gyro_bias_sigma_rad_s > 0,
             vehicle.imu.accel_bias_sigma_m_s2 > 0,
@@ -55,7 +56,8 @@ class Layout:
         for want in wanted:
             slices.append(slice(end, end + 3 * want))
             end += 3 * want
-        return Layout(*slices, size=end)
+        gyro_bias, accel_bias, torque = slices
+        return Layout(gyro_bias, accel_bias, torque, end)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def motion_within(samples: Samples, cycles: slice, reference: Reference, plant: 
     bin_s = (samples.executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
     inverse = np.linalg.inv(reference.inertia)
     jet_moment = plant.jet_moment(reference)
-    shape = impulse.shape[:2] + (3,)
+    shape = (*impulse.shape[:2], 3)
     up_start = samples.up_b[:-1][cycles][:, None]
     motion = Motion(impulse / bin_s, np.broadcast_to(rate_mean, shape), np.zeros(shape), np.broadcast_to(up_start, shape))
     for _ in range(_REFINEMENTS):
@@ -157,7 +159,9 @@ def linearise(samples: Samples, cycles: slice, reference: Reference, vehicle: Ve
     return _with_observations(system, samples, cycles, reference, vehicle, motion, moments)
 
 
-def _rotation(samples: Samples, cycles: slice, reference: Reference, layout: Layout, moments: _Moments) -> tuple[Array, Array, Array, Array]:
+def _rotation(
+    samples: Samples, cycles: slice, reference: Reference, layout: Layout, moments: _Moments
+) -> tuple[Array, Array, Array, Array]:
     """Transition, drive, moment-to-rate map and expected growth of the steps.
 
     The step's derivatives with respect to the rate of the cycle it leaves and of the cycle it enters make it implicit,

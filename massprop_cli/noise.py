@@ -130,8 +130,8 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
             Notice(
                 "disturbance-torque",
                 "the stated noise does not explain the rates; a disturbance torque was added: white "
-                f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. Sigmas include it. "
-                "Look for aerodynamics, friction, thrust errors, a wrong delay or jet",
+                f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
+                "Sigmas include it. Look for aerodynamics, friction, thrust errors, a wrong delay or jet",
             )
         )
     if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale and used.estimator.accel_noise_scale is not None:
@@ -139,14 +139,17 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
         found.append(
             Notice(
                 "accelerometer-misfit",
-                f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. Sigmas include it. "
-                "Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
+                f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. "
+                "Sigmas include it. Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
             )
         )
     if not np.isnan(excess).all():
         worst = float(np.nanmax(excess))
         found.append(
-            Notice("model-misfit", f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about that")
+            Notice(
+                "model-misfit",
+                f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about that",
+            )
         )
     return found
 

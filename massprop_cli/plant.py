@@ -60,11 +60,11 @@ class FreeBody:
         """(3, 6) wrench to moment about the CG, the commands' direct part."""
         return np.hstack([np.eye(3), -cross_matrix(reference.cg)])
 
-    def reaction_moment(self, reference: Reference, motion: Motion) -> Array:
+    def reaction_moment(self, _: Reference, motion: Motion) -> Array:
         """(K, B, 3) moment of everything but the commands, N m."""
         return np.zeros_like(motion.rate)
 
-    def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
+    def moment_slopes(self, _: Reference, motion: Motion) -> Array:
         """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
         slopes = np.zeros((*motion.rate.shape, 4))
         slopes[..., :3] = cross_matrix(motion.wrench[..., 3:])
@@ -89,10 +89,12 @@ class BearingBody:
     bearing_mass: float
     gravity: float
 
-    def centre(self, reference: Reference) -> Array:
+    def centre(self, _: Reference) -> Array:
+        """The point whose specific force the commands alone decide: the bearing."""
         return self.bearing
 
-    def jet_moment(self, reference: Reference) -> Array:
+    def jet_moment(self, _: Reference) -> Array:
+        """(3, 6) wrench to moment about the bearing."""
         return np.hstack([np.eye(3), -cross_matrix(self.bearing)])
 
     def rotating_mass(self, reference: Reference) -> float:
@@ -104,11 +106,13 @@ class BearingBody:
         return centre_force + lever_arm(motion.rate, motion.rate_dot, reference.cg - self.bearing)
 
     def reaction_moment(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3) ``−m_r (c − b) × f``: bearing and gravity together, N m."""
         offset = reference.cg - self.bearing
         moment: Array = -self.rotating_mass(reference) * np.cross(offset, self._cg_force(reference, motion))
         return moment
 
     def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
         offset = reference.cg - self.bearing
         force = self._cg_force(reference, motion)
         slopes = np.empty((*motion.rate.shape, 4))
@@ -117,6 +121,7 @@ class BearingBody:
         return slopes
 
     def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
+        """(K, B, 3) specific force at the bearing and (K, B, 3, 4) its derivative with respect to (c, mu)."""
         level = np.eye(3) - motion.up[..., :, None] * motion.up[..., None, :]
         rotation = motion.rotation
         share = self.rotating_mass(reference) * reference.mu

@@ -26,11 +26,11 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     sigma = np.sqrt(covariance[:, 9, 9])
     with np.errstate(invalid="ignore"):
         mu[~(mu > 0) | (sigma > UNTOLD * mu)] = np.nan
-    values = mean.copy()
+    values: Array = mean.copy()
     values[:, 9] = 1 / mu
     jacobian = np.ones((len(mean), 10))
     jacobian[:, 9] = -1 / mu**2
-    full = covariance * jacobian[:, :, None] * jacobian[:, None, :]
+    full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
     proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
     full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
     for name, known in vehicle.known.items():

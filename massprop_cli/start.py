@@ -34,7 +34,8 @@ def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Refere
         return None
     mu = _mu(samples, cycles, vehicle) or _fallback_mu(vehicle, scale)
     plant = plant_of(vehicle)
-    torque, load = impulse[:, :3], impulse[:, 3:]
+    torque: Array = impulse[:, :3]
+    load: Array = impulse[:, 3:]
     reach = np.sqrt(3 * mu / scale)
     if isinstance(plant, BearingBody):
         torque = torque - np.cross(plant.bearing, load)
@@ -84,7 +85,9 @@ def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
 def _force_at(point: Array, samples: Samples, cycles: slice, vehicle: Vehicle) -> Array:
     """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
     rate_dot = samples.rate_step_rad_s[cycles] / samples.executed.duration_s[cycles][:, None]
-    moved: Array = samples.specific_force_m_s2[cycles] - lever_arm(samples.rate_rad_s[cycles], rate_dot, np.array(vehicle.imu.position_m) - point)
+    moved: Array = samples.specific_force_m_s2[cycles] - lever_arm(
+        samples.rate_rad_s[cycles], rate_dot, np.array(vehicle.imu.position_m) - point
+    )
     return moved
 
 

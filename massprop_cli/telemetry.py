@@ -1,4 +1,4 @@
-"""Telemetry files to a checked :class:`Log`. The only room that knows Parquet and CSV.
+"""A table of telemetry to a checked :class:`Log`.
 
 A log is one row per IMU record; a record covers ``(previous time_s, time_s]``. Everything is checked here, once;
 later stages trust the arrays.
@@ -7,7 +7,6 @@ later stages trust the arrays.
 from __future__ import annotations
 
 import difflib
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from massprop_cli.arrays import Array, frozen
 from massprop_cli.errors import InputError
+from massprop_cli.tablefile import Table, place
 from massprop_cli.vehicle import Column, Vehicle
 
 AXES = ("x", "y", "z")
@@ -27,7 +27,6 @@ ACCEL = tuple(f"accel_{a}_m_s2" for a in AXES)
 WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in AXES))
 QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 GAP, LONG = 2.5, 1.5
-VEHICLE_KEY = b"massprop.vehicle"
 
 
 @dataclass(frozen=True)
@@ -36,18 +35,6 @@ class Notice:
 
     code: str
     message: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns as read from a file: numbers with NaN for null, and where they came from."""
-
-    path: Path
-    sha256: str
-    columns: Mapping[str, Any]
-    rows: int
-    first_line: int
-    embedded_vehicle: str | None
 
 
 @dataclass(frozen=True)
@@ -75,102 +62,8 @@ class Log:
 
     @property
     def cycles(self) -> int:
+        """How many control cycles."""
         return len(self.command)
-
-
-def read_table(path: Path) -> Table:
-    """Read a CSV or Parquet file whole. :class:`InputError` for anything that is not a readable, non-empty table."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name the log file itself")
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the path") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if not data:
-        raise InputError(f"{path}: the file is empty; record the log again")
-    readers = {".parquet": _read_parquet, ".csv": _read_csv}
-    if path.suffix.lower() not in readers:
-        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv")
-    columns, rows, first_line, embedded = readers[path.suffix.lower()](path, data)
-    if rows == 0:
-        raise InputError(f"{path}: has a header but no rows; record the log again")
-    return Table(path, hashlib.sha256(data).hexdigest(), columns, rows, first_line, embedded)
-
-
-def _read_parquet(path: Path, data: bytes) -> tuple[dict[str, Any], int, int, str | None]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(pa.BufferReader(data))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
-    metadata = table.schema.metadata or {}
-    embedded = metadata[VEHICLE_KEY].decode("utf-8", "replace") if VEHICLE_KEY in metadata else None
-    return _arrow_columns(path, table, 0), table.num_rows, 0, embedded
-
-
-def _read_csv(path: Path, data: bytes) -> tuple[dict[str, Any], int, int, str | None]:
-    import pyarrow as pa
-    from pyarrow import csv
-
-    try:
-        header = data.split(b"\n", 1)[0].decode("utf-8-sig").strip()
-        names = [name.strip().strip('"') for name in header.split(",")]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError(f"{path}, line 1: column {twice[0]!r} stands twice; rename one")
-        options = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
-        table = csv.read_csv(pa.BufferReader(data), convert_options=options)
-    except (pa.ArrowException, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: not a readable CSV file ({reason})") from None
-    return _arrow_columns(path, table, 2), table.num_rows, 2, None
-
-
-def _arrow_columns(path: Path, table: Any, first_line: int) -> dict[str, Any]:
-    """Arrow columns, converted to float arrays on first use."""
-    return {name: _Cells(path, name, table.column(index), first_line) for index, name in enumerate(table.column_names)}
-
-
-@dataclass(frozen=True)
-class _Cells:
-    """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
-
-    path: Path
-    name: str
-    data: Any
-    first_line: int
-
-    def numbers(self) -> Array:
-        """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
-        data = self.data.combine_chunks()
-        if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
-            data = pc.utf8_trim_whitespace(data)
-        try:
-            converted = data.cast(pa.float64())
-        except (pa.ArrowException, NotImplementedError):
-            raise self._no_number(data) from None
-        return np.array(pc.fill_null(converted, float("nan")).to_numpy(zero_copy_only=False), dtype=np.float64)
-
-    def _no_number(self, data: Any) -> InputError:
-        for row, cell in enumerate(data.to_pylist()):
-            try:
-                float(cell) if cell is not None else None
-            except (TypeError, ValueError):
-                where = _place(row, self.first_line)
-                return InputError(f"{self.path}, {where}, column {self.name}: {cell!r} is not a number; mend the cell")
-        return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")
-
-
-def _place(row: int, first_line: int) -> str:
-    return f"line {row + first_line}" if first_line else f"row {row}"
 
 
 def read(table: Table, vehicle: Vehicle) -> Log:
@@ -224,7 +117,7 @@ class _Source:
         return self.name(column) in self.table.columns
 
     def place(self, row: int) -> str:
-        return _place(row, self.table.first_line)
+        return place(row, self.table.first_line)
 
     def error(self, row: int, column: str, problem: str) -> InputError:
         return InputError(f"{self.table.path}, {self.place(row)}, column {self.name(column)}: {problem}")
@@ -268,7 +161,9 @@ def _intervals(source: _Source, time_s: Array) -> tuple[Array, list[Notice]]:
     if gap.size:
         row = int(gap[0]) + 1
         raise source.error(
-            row, "time_s", f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {median:.6g} s); split the log there"
+            row,
+            "time_s",
+            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {median:.6g} s); split the log there",
         )
     long = np.flatnonzero(steps > LONG * median)
     notices = []
@@ -333,8 +228,10 @@ def _per_cycle(source: _Source, column: str, records: int, n: int) -> Array:
     if differs.size:
         cycle, row = (int(i) for i in differs[0])
         raise source.error(
-            cycle * records + row, column, f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
-            "commands change at cycle starts only: check cycle.period_s and the first row"
+            cycle * records + row,
+            column,
+            f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
+            "commands change at cycle starts only: check cycle.period_s and the first row",
         )
     return np.ascontiguousarray(first[:, 0])
 
@@ -358,7 +255,9 @@ def _attitude(source: _Source) -> Array | None:
     norm = np.linalg.norm(quaternion, axis=1)
     bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
     if bad.size:
-        raise source.error(int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body")
+        raise source.error(
+            int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
+        )
     unit: Array = quaternion / norm[:, None]
     return unit
 
@@ -372,6 +271,9 @@ def _saturation(vehicle: Vehicle, rate: Array, force: Array) -> list[Notice]:
         count = 0 if limit is None else int((np.abs(values) >= 0.999 * limit).any(1).sum())
         if count:
             found.append(
-                Notice(f"{name}-saturated", f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate")
+                Notice(
+                    f"{name}-saturated",
+                    f"{count} record(s) at the {name}'s range of {limit:g} {unit}; what they hid is not in the estimate",
+                )
             )
     return found

@@ -74,9 +74,7 @@ class Environment(Section):
     bearing_mass_kg: NonNegative = Field(0.0, description="translates with the vehicle, does not rotate")
     initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
-    disturbance_walk_n_m: NonNegative = Field(
-        0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle"
-    )
+    disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
 
     @model_validator(mode="after")
     def _has_attitude(self) -> Environment:
@@ -256,6 +254,7 @@ class Vehicle(Section):
 
     @property
     def on_air_bearing(self) -> bool:
+        """Whether the body turns on a bearing under gravity."""
         return self.environment.kind == "air_bearing"
 
     @cached_property

@@ -103,7 +103,7 @@ class DockedObject(Item):
     covariance: Matrix
 
 
-class Warning_(Item):
+class WarningItem(Item):
     """Something a reader must know."""
 
     code: str
@@ -120,7 +120,7 @@ class Result(Item):
     conventions: Conventions
     phases: list[PhaseItem]
     docked_object: DockedObject | None
-    warnings: list[Warning_]
+    warnings: list[WarningItem]
 
 
 def result(analysis: Analysis) -> Result:
@@ -146,7 +146,7 @@ def result(analysis: Analysis) -> Result:
         conventions=Conventions(),
         phases=[_phase(conclusion) for conclusion in analysis.conclusions],
         docked_object=None,
-        warnings=[Warning_(code=notice.code, message=notice.message) for notice in analysis.notices],
+        warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
     )
 
 

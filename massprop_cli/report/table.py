@@ -18,7 +18,9 @@ def show(analysis: Analysis, console: Console) -> None:
     for conclusion in analysis.conclusions:
         console.print(_table(analysis, conclusion))
     body = "rotating body" if analysis.vehicle.on_air_bearing else "vehicle"
-    console.print(f"Inertia of the {body} about its CG, body axes; products are the tensor's own elements, ixy = −Σ m x y (positive-integral")
+    console.print(
+        f"Inertia of the {body} about its CG, body axes; products are the tensor's own elements, ixy = −Σ m x y (positive-integral"
+    )
     console.print("convention: opposite sign). CG from O in body axes. ± is one standard deviation.", end="")
     console.print(" Mass includes the bearing's." if analysis.vehicle.on_air_bearing else "")
     if analysis.vehicle.thrust.scale_sigma == 0 and not analysis.vehicle.known:
@@ -29,7 +31,14 @@ def _table(analysis: Analysis, conclusion: Conclusion) -> Table:
     phase = conclusion.phase
     title = f"{analysis.vehicle.name}: {analysis.log.path.name}, phase {phase.name}, {phase.start_s:g} to {phase.end_s:g} s"
     table = Table(title=title, title_justify="left", title_style="bold")
-    for name, justify in (("quantity", "left"), ("value", "right"), ("± sigma", "right"), ("unit", "left"), ("verdict", "left"), ("final at", "right")):
+    for name, justify in (
+        ("quantity", "left"),
+        ("value", "right"),
+        ("± sigma", "right"),
+        ("unit", "left"),
+        ("verdict", "left"),
+        ("final at", "right"),
+    ):
         table.add_column(name, justify=justify)  # type: ignore[arg-type]
     for name, estimate in conclusion.estimates.items():
         value, sigma = numbers(estimate)
