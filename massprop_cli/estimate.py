@@ -118,7 +118,7 @@ class _Noise:
     @staticmethod
     def of(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, system: Linear) -> _Noise:
         duration = samples.executed.duration_s[cycles]
-        layout = Layout.of(vehicle)
+        layout = Layout.of(samples, vehicle)
         columns = []
         if vehicle.environment.disturbance_torque_n_m > 0:
             impulse = vehicle.environment.disturbance_torque_n_m * duration[1:, None, None]
@@ -165,7 +165,7 @@ def _pulse_noise(covariance: Array, reference: Reference, vehicle: Vehicle, syst
 
 def _initial(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> State:
     """The prior: parameters wide about the reference, the rate as first measured, nuisances at zero."""
-    layout = Layout.of(vehicle)
+    layout = Layout.of(samples, vehicle)
     mean, root = np.zeros(layout.size), np.zeros((layout.size, layout.size))
     mean[PARAMETERS] = parameters(reference)
     mean[RATE] = samples.rate_rad_s[seen.start]
@@ -212,6 +212,11 @@ def _reach(reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle
 
 def _stale(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> bool:
     """Whether the neglected second order, relative move times move in sigmas, would show."""
+    bias = Layout.of(samples, vehicle).gyro_bias
+    elapsed = samples.executed.end_s[seen.stop - 1] - samples.executed.start_s[seen.start]
+    bias_error = (state.mean[bias] - reference.gyro_bias[: bias.stop - bias.start]) ** 2 * elapsed
+    if np.any(bias_error > STALE * (vehicle.imu.gyro_noise_rad_s or 0.0)):
+        return True
     move = np.abs(_sensible(state, reference) - parameters(reference))
     sigma = np.sqrt((state.root[PARAMETERS] ** 2).sum(1))
     return bool(np.any(move**2 > STALE * sigma * _reach(reference, samples, seen, vehicle)))
@@ -241,7 +246,9 @@ def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, 
     principal = np.linalg.eigvalsh(response)
     if principal[0] < 1e-3 * principal[2] or mean[MU] <= 0:
         return first_reference(samples, seen, vehicle) or reference
-    return Reference(np.linalg.inv(response), mean[CG], float(mean[MU]))
+    bias = Layout.of(samples, vehicle).gyro_bias
+    gyro_bias = state.mean[bias] if bias.stop > bias.start else np.zeros(3)
+    return Reference(np.linalg.inv(response), mean[CG], float(mean[MU]), gyro_bias)
 
 
 def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: list[Row | None]) -> History:

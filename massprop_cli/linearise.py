@@ -1,7 +1,8 @@
 """The vehicle's response over control cycles, linear in its mass properties about a reference.
 
 State x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then the nuisances that the vehicle file asks
-for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3).
+for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a bearing, where the attitude comes from the gyro, its
+error at the start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it).
 
 Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.align`):
 
@@ -42,22 +43,24 @@ class Layout:
     gyro_bias: slice
     accel_bias: slice
     torque: slice
+    tilt: slice
     size: int
 
     @staticmethod
-    def of(vehicle: Vehicle) -> Layout:
-        """The states that the vehicle file asks for."""
+    def of(samples: Samples, vehicle: Vehicle) -> Layout:
+        """The states that this vehicle and log ask for."""
         wanted = (
             vehicle.imu.gyro_bias_sigma_rad_s > 0,
             vehicle.imu.accel_bias_sigma_m_s2 > 0,
             vehicle.environment.disturbance_walk_n_m > 0,
+            vehicle.on_air_bearing and samples.executed.attitude_wxyz is None,
         )
         slices, end = [], RATE.stop
         for want in wanted:
             slices.append(slice(end, end + 3 * want))
             end += 3 * want
-        gyro_bias, accel_bias, torque = slices
-        return Layout(gyro_bias, accel_bias, torque, end)
+        gyro_bias, accel_bias, torque, tilt = slices
+        return Layout(gyro_bias, accel_bias, torque, tilt, end)
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ def windows(per_bin: Array, bin_s: Array) -> Windows:
 
 def motion_within(samples: Samples, cycles: slice, reference: Reference, plant: Plant) -> Motion:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
-    rate_mean = samples.rate_rad_s[cycles][:, None]
+    rate_mean = (samples.rate_rad_s[cycles] - reference.gyro_bias)[:, None]
     impulse = samples.executed.impulse_bins[cycles]
     bin_s = (samples.executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
     inverse = np.linalg.inv(reference.inertia)
@@ -133,6 +136,7 @@ class _Moments:
     by_inertia: Windows
     by_cg_mu: Windows
     by_rate: Windows
+    by_tilt: Windows
 
 
 def _moments(samples: Samples, cycles: slice, reference: Reference, plant: Plant, motion: Motion) -> _Moments:
@@ -147,12 +151,13 @@ def _moments(samples: Samples, cycles: slice, reference: Reference, plant: Plant
         by_inertia=windows(-rate_cross @ inertia_regressor(motion.rate), bin_s),
         by_cg_mu=windows(plant.moment_slopes(reference, motion), bin_s),
         by_rate=windows(cross_matrix(momentum) - rate_cross @ reference.inertia, bin_s),
+        by_tilt=windows(plant.moment_by_tilt(reference, motion), bin_s),
     )
 
 
 def linearise(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
-    plant, layout = plant_of(vehicle), Layout.of(vehicle)
+    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
     motion = motion_within(samples, cycles, reference, plant)
     moments = _moments(samples, cycles, reference, plant, motion)
     system = _rotation(samples, cycles, reference, layout, moments)
@@ -167,7 +172,7 @@ def _rotation(
     The step's derivatives with respect to the rate of the cycle it leaves and of the cycle it enters make it implicit,
     ``(1 − A) w[k+1] = (1 + B) w[k] + …``, solved here once per step.
     """
-    rate, duration = samples.rate_rad_s[cycles], samples.executed.duration_s[cycles]
+    rate, duration = samples.rate_rad_s[cycles] - reference.gyro_bias, samples.executed.duration_s[cycles]
     inverse = np.linalg.inv(reference.inertia)
     leaving, entering = inverse @ moments.by_rate.rising[:-1], inverse @ moments.by_rate.falling[1:]
     solve = np.linalg.inv(np.eye(3) - entering)
@@ -178,11 +183,15 @@ def _rotation(
     transition[:, RATE, INERTIA] = to_rate @ (moments.by_inertia.step - inertia_regressor(steps))
     transition[:, RATE, 6:10] = to_rate @ moments.by_cg_mu.step
     transition[:, RATE, RATE] = solve @ (np.eye(3) + leaving)
-    if layout.gyro_bias.stop > layout.gyro_bias.start:
-        transition[:, RATE, layout.gyro_bias] = solve @ (leaving + entering)
     if layout.torque.stop > layout.torque.start:
         transition[:, RATE, layout.torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
     drive = np.zeros((len(steps), layout.size))
+    if layout.tilt.stop > layout.tilt.start:
+        # the integrated attitude turned with the measured rate, the vehicle with the true one
+        transition[:, RATE, layout.tilt] = to_rate @ moments.by_tilt.step
+        transition[:, layout.tilt, layout.tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
+        transition[:, layout.tilt, RATE] = np.eye(3) * duration[:-1, None, None]
+        drive[:, layout.tilt] = -samples.rate_rad_s[cycles][:-1] * duration[:-1, None]
     drive[:, RATE] = times(solve, steps - times(leaving, rate[:-1]) - times(entering, rate[1:]))
     drive[:, RATE] -= times(transition[:, RATE, PARAMETERS], parameters(reference))
     return transition, drive, to_rate, steps
@@ -197,7 +206,7 @@ def _with_observations(
     motion: Motion,
     moments: _Moments,
 ) -> Linear:
-    plant, layout = plant_of(vehicle), Layout.of(vehicle)
+    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
     duration = samples.executed.duration_s[cycles]
     inverse = np.linalg.inv(reference.inertia)
     arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
@@ -212,6 +221,7 @@ def _with_observations(
         (observation[:, :3], layout.gyro_bias, np.eye(3)),
         (observation[:, 3:], layout.accel_bias, np.eye(3)),
         (observation[:, 3:], layout.torque, euler),
+        (observation[:, 3:], layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ moments.by_tilt.whole / duration[:, None, None]),
     ):
         if columns.stop > columns.start:
             block[:, :, columns] = matrix

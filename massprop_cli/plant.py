@@ -7,7 +7,7 @@ with respect to c and mu, and the specific force at a centre (O, or the bearing)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class Reference:
     """(3,) from O, m."""
     mu: float
     """1/m, 1/kg."""
+    gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) rad/s, body axes; taken off the measured rate."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,14 @@ class FreeBody:
         """(K, B, 3) specific force at the centre and (K, B, 3, 4) its derivative, the centre's own shift with c included."""
         applied = motion.wrench[..., 3:]
         return reference.mu * applied, np.concatenate([-motion.rotation, applied[..., None]], -1)
+
+    def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
+        """(K, B, 3, 3) derivative of the moment with respect to an attitude error: none without gravity."""
+        return np.zeros((*motion.rate.shape, 3))
+
+    def force_by_tilt(self, motion: Motion) -> Array:
+        """(K, B, 3, 3) derivative of the specific force with respect to an attitude error: none without gravity."""
+        return np.zeros((*motion.rate.shape, 3))
 
 
 @dataclass(frozen=True)
@@ -130,6 +140,15 @@ class BearingBody:
         slopes[..., :3] = -share * level @ rotation
         slopes[..., 3] = times(level, motion.wrench[..., 3:])
         return times(level, pull) + self.gravity * motion.up, slopes
+
+    def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3, 3) derivative of the moment with respect to an attitude error φ, which turns the vertical u into ``u + u × φ``."""
+        offset = cross_matrix(reference.cg - self.bearing)
+        return -self.rotating_mass(reference) * offset @ self.force_by_tilt(motion)
+
+    def force_by_tilt(self, motion: Motion) -> Array:
+        """(K, B, 3, 3) derivative of the specific force at the bearing with respect to an attitude error."""
+        return self.gravity * cross_matrix(motion.up)
 
 
 Plant = FreeBody | BearingBody

@@ -1,0 +1,181 @@
+"""A flight computed another way than the program does: RK4 on the equations of motion with pointwise thrust."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli.align import Aligned, align
+from massprop_cli.arrays import Array
+from massprop_cli.compensate import Samples, compensate
+from massprop_cli.telemetry import Log
+from massprop_cli.vehicle import Vehicle
+
+CYCLE, STEP = 0.05, 0.00125
+TRUTH = np.array([0.62, 0.04, -0.07, 2.8, 0.11, 2.5, -0.018, 0.027, 0.012, 22.0])
+ON_BEARING = np.array([0.37, -0.01, -0.05, 2.45, 0.06, 2.15, -0.0005, 0.0002, -0.0006, 25.0])
+POSITION = (0.1, -0.06, 0.12)
+
+
+def jets(scale: float = 1.0, rise_s: float = 0.0) -> list[dict[str, object]]:
+    """Couples about each axis and diverts along each, sizes in proportion to ``scale``."""
+    found = []
+    for axis, arm, lever in (
+        ("x", (0, 0.1475, 0), (0, 0, 1.112)),
+        ("y", (0, 0, 0.2575), (1.112, 0, 0)),
+        ("z", (0.2575, 0, 0), (0, 1.112, 0)),
+    ):
+        for sign in (1, -1):
+            for end in (1, -1):
+                found.append((f"couple_{axis}{'pn'[sign < 0]}{end % 3}", np.array(arm) * end, np.array(lever) * end * sign))
+    for axis, direction in zip("xyz", np.eye(3), strict=True):
+        found += [(f"divert_{axis}{'pn'[sign < 0]}", np.zeros(3), 2.224 * sign * direction) for sign in (1, -1)]
+    return [
+        {"name": name, "position_m": position.tolist(), "force_n": (scale * force).tolist(), "rise_s": rise_s, "fall_s": rise_s}
+        for name, position, force in found
+    ]
+
+
+def vehicle(kind: str = "free", delay: float = 2.0, **sections: dict[str, object]) -> Vehicle:
+    """A testbed vehicle; ``sections`` override tables of its file."""
+    data: dict[str, object] = {
+        "schema": 1,
+        "cycle": {"period_s": CYCLE, "command_delay_cycles": delay},
+        "imu": {"position_m": POSITION, "gyro_noise_rad_s": 1e-4, "accel_noise_m_s2": 0.02} | sections.get("imu", {}),
+        "environment": {"kind": kind, "bearing_mass_kg": 5.0 if kind == "air_bearing" else 0.0} | sections.get("environment", {}),
+        "jets": sections.get("jets", jets()),
+    }
+    data |= {key: value for key, value in sections.items() if key not in data}
+    return Vehicle.model_validate(data)
+
+
+def pulses(cycles: int, seed: int = 1, quiet: int = 0, last: int | None = None) -> Array:
+    """(cycles, 18) on-times: a random couple or divert every few cycles, nothing in the first ``quiet`` and after ``last``."""
+    rng = np.random.default_rng(seed)
+    on = np.zeros((cycles, 18))
+    k = quiet
+    while k < (cycles if last is None else last):
+        length = int(rng.integers(1, 5))
+        pick = int(rng.integers(0, 9))
+        columns = [2 * pick, 2 * pick + 1] if pick < 6 else [12 + 2 * (pick - 6) + int(rng.integers(0, 2))]
+        on[k : k + length, columns] = rng.choice([0.0125, 0.025, 0.05])
+        k += length + int(rng.integers(0, 4))
+    return on
+
+
+def thrust_fraction(on: Array, delay: float, rise_s: float, time: float) -> Array:
+    """(jets,) thrust over full thrust at one moment, from each cycle's own pulse; contiguous pulses overlap their ramps to one."""
+    value = np.zeros(on.shape[1])
+    now = int(np.floor(time / CYCLE - delay + 1e-9))
+    for k in range(max(now - 1, 0), min(now + 1, len(on))):
+        since = time - (k + delay) * CYCLE
+        if rise_s == 0:
+            value += (since >= -1e-12) & (since < on[k] - 1e-12)
+        else:
+            up = np.clip(since / rise_s, 0, 1)
+            value += np.where(on[k] > 0, np.minimum(up, np.clip(1 - (since - on[k]) / rise_s, 0, 1)), 0)
+    return np.minimum(value, 1.0)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Noise-free cycle increments and the commands behind them."""
+
+    used: Vehicle
+    on: Array
+    delta_theta: Array
+    delta_v: Array
+
+    def log(self, rng: np.random.Generator | None = None, gyro: float = 1e-4, accel: float = 0.02) -> Log:
+        theta, velocity = self.delta_theta.copy(), self.delta_v.copy()
+        if rng is not None:
+            theta += gyro * CYCLE * rng.standard_normal(theta.shape)
+            velocity += accel * CYCLE * rng.standard_normal(velocity.shape)
+        time = CYCLE * np.arange(1, len(theta) + 1)
+        return Log(Path("flight.parquet"), "", len(time), 1, time, np.full(len(time), CYCLE), theta, velocity, "jets", self.on, None, ())
+
+    def aligned(self, rng: np.random.Generator | None = None) -> Aligned:
+        return align(self.log(rng), self.used, float(self.used.cycle.command_delay_cycles))
+
+    def samples(self, rng: np.random.Generator | None = None) -> Samples:
+        return compensate(self.aligned(rng), self.used)
+
+
+def fly(
+    used: Vehicle, on: Array, truth: Array, rate: Array | None = None, torque: Callable[[float], Array] | None = None, step_s: float = STEP
+) -> Flight:
+    """Integrate the motion; on a bearing the reaction is solved for, not eliminated as the program does it.
+
+    Unknowns on the bearing: ω̇ (3), the bearing point's acceleration (3, vertical zero), the reaction at the bearing (3).
+    """
+    inertia = np.array([[truth[0], truth[1], truth[2]], [truth[1], truth[3], truth[4]], [truth[2], truth[4], truth[5]]])
+    cg, mass = truth[6:9], truth[9]
+    wrench, position = used.jet_wrench, np.array(used.imu.position_m)
+    bearing, bearing_mass = np.array(used.environment.bearing_position_m), used.environment.bearing_mass_kg
+    rotating, gravity = mass - bearing_mass, np.array([0, 0, -used.environment.gravity_m_s2])
+    rise = used.jets[0].rise_s
+    delay = float(used.cycle.command_delay_cycles)
+
+    def skew(v: Array) -> Array:
+        return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+    def accelerations(w: Array, world: Array, pushed: Array) -> tuple[Array, Array]:
+        """ω̇ and the specific force at the IMU."""
+        moment, force = pushed[:3], pushed[3:]
+        if not used.on_air_bearing:
+            w_dot = np.linalg.solve(inertia, moment - np.cross(cg, force) - np.cross(w, inertia @ w))
+            arm = position - cg
+            return w_dot, force / mass + np.cross(w_dot, arm) + np.cross(w, np.cross(w, arm))
+        s = cg - bearing
+        a = np.zeros((9, 9))
+        b = np.zeros(9)
+        # rotation about the CG: I ω̇ + ω × I ω = τ − c × F − s × N (N acts at the bearing, −s from the CG)
+        a[:3, :3], a[:3, 6:] = inertia, skew(s)
+        b[:3] = moment - np.cross(cg, force) - np.cross(w, inertia @ w)
+        # translation of the rotating mass: m (a_b + ω̇ × s + ω × (ω × s)) = F + N + m g
+        a[3:6, :3], a[3:6, 3:6], a[3:6, 6:] = -rotating * skew(s), rotating * np.eye(3), -np.eye(3)
+        b[3:6] = force + rotating * (world.T @ gravity) - rotating * np.cross(w, np.cross(w, s))
+        # the base: moves level (one equation), and its own horizontal momentum balance −N = m_b a_b (two)
+        up = world.T @ np.array([0, 0, 1.0])
+        level = world.T[:, :2].T
+        a[6, 3:6] = up
+        a[7:9, 3:6], a[7:9, 6:] = bearing_mass * level, level
+        x = np.linalg.solve(a, b)
+        arm = position - bearing
+        felt = x[3:6] - world.T @ gravity + np.cross(x[:3], arm) + np.cross(w, np.cross(w, arm))
+        return x[:3], felt
+
+    def derivative(w: Array, world: Array, pushed: Array) -> tuple[Array, Array, Array]:
+        w_dot, felt = accelerations(w, world, pushed)
+        return w_dot, world @ skew(w), felt
+
+    w = np.zeros(3) if rate is None else rate.astype(float)
+    world = np.eye(3)
+    per_cycle = round(CYCLE / step_s)
+    theta, velocity = np.zeros((len(on), 3)), np.zeros((len(on), 3))
+    for step in range(len(on) * per_cycle):
+        t = step * step_s
+        moments = (t, t + step_s / 2, t + step_s - 1e-9)
+        pushed = [thrust_fraction(on, delay, rise, moment + 1e-10) @ wrench for moment in moments]
+        if torque is not None:
+            pushed = [p + np.concatenate([torque(t), np.zeros(3)]) for p in pushed]
+        k1 = derivative(w, world, pushed[0])
+        k2 = derivative(w + step_s / 2 * k1[0], world + step_s / 2 * k1[1], pushed[1])
+        k3 = derivative(w + step_s / 2 * k2[0], world + step_s / 2 * k2[1], pushed[1])
+        k4 = derivative(w + step_s * k3[0], world + step_s * k3[1], pushed[2])
+        cycle = step // per_cycle
+        theta[cycle] += step_s * (w + step_s / 6 * (k1[0] + k2[0] + k3[0]))
+        velocity[cycle] += step_s / 6 * (k1[2] + 2 * k2[2] + 2 * k3[2] + k4[2])
+        w = w + step_s / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
+        world = world + step_s / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
+    return Flight(used, on, theta, velocity)
+
+
+@cache
+def standard(kind: str = "free", cycles: int = 320) -> Flight:
+    """The one flight that tests share: random pulses over ``cycles``, truth :data:`TRUTH` or :data:`ON_BEARING`."""
+    return fly(vehicle(kind), pulses(cycles), TRUTH if kind == "free" else ON_BEARING)

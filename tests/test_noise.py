@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import noise
+from massprop_cli.analysis import Phase, _estimates
+from tests import flight
+
+CYCLES = [slice(2, 300)]
+PHASES = [(Phase(name="all", start_s=0, end_s=99), CYCLES[0])]
+
+
+def test_absent_noise_levels_are_estimated_from_the_log() -> None:
+    used = flight.vehicle(imu={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
+    flown = flight.fly(used, flight.pulses(300, quiet=40), flight.TRUTH)
+    for seed in range(5):
+        found, notices = noise.with_noise_levels(flown.samples(np.random.default_rng(seed)), CYCLES, used)
+        assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.35)
+        assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.35)
+        assert [n.code for n in notices] == ["noise-estimated"] * 2
+
+
+def test_zero_noise_gets_a_named_floor() -> None:
+    used = flight.vehicle(imu={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0})
+    flown = flight.standard("free")
+    found, notices = noise.with_noise_levels(flown.samples(), [slice(2, 100)], used)
+    assert 0 < (found.imu.gyro_noise_rad_s or 0) < 1e-5
+    assert [n.code for n in notices] == ["noise-floor"] * 2
+
+
+def test_clean_logs_gain_no_disturbance() -> None:
+    used = flight.vehicle()
+    flown = flight.standard("free")
+    for seed in range(10):
+        found, _, notices = _estimates(flown.samples(np.random.default_rng(seed)), PHASES, used, lambda *_: None)
+        assert found.environment == used.environment
+        assert notices == []
+
+
+def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia() -> None:
+    """A torque that wanders by 0.004 N m a cycle: without it the inertia would be many sigmas off; with it sigmas hold."""
+    used = flight.vehicle()
+    z = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        wander = 0.004 * np.cumsum(rng.standard_normal((300, 3)), 0)
+
+        def push(t: float, wander: np.ndarray = wander) -> np.ndarray:
+            return wander[min(int(t / flight.CYCLE + 1e-9), 299)]
+
+        flown = flight.fly(used, flight.pulses(300), flight.TRUTH, torque=push)
+        found, histories, notices = _estimates(flown.samples(rng), PHASES, used, lambda *_: None)
+        assert "disturbance-torque" in [n.code for n in notices]
+        assert found.environment.disturbance_walk_n_m == pytest.approx(0.004, rel=0.6)
+        z.append((histories[0].values[-1] - flight.TRUTH)[[0, 3, 5]] / histories[0].sigmas[-1, [0, 3, 5]])
+    assert np.abs(z).max() < 4.5
+    assert np.sqrt(np.mean(np.square(z))) < 1.7
