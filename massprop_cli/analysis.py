@@ -13,6 +13,7 @@ from massprop_cli import estimate, noise, thesis, vehicle
 from massprop_cli.align import Aligned, align
 from massprop_cli.compensate import Samples, compensate
 from massprop_cli.conclude import Conclusion, conclude
+from massprop_cli.docking import Docked, docked_object
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.tablefile import read_table
@@ -36,6 +37,7 @@ class Analysis:
     delay_cycles: float
     histories: tuple[History, ...]
     conclusions: tuple[Conclusion, ...]
+    docked: Docked | None
     notices: tuple[Notice, ...]
     assignments: tuple[str, ...]
 
@@ -56,7 +58,7 @@ def analyse(
     used, histories, notices = _estimates(samples, phases, source.vehicle, say)
     conclusions = tuple(conclude(history, used) for history in histories)
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions))
-    return Analysis(log, source, used, aligned, delay, histories, conclusions, found, tuple(assignments))
+    return Analysis(log, source, used, aligned, delay, histories, conclusions, docked_object(conclusions, used), found, tuple(assignments))
 
 
 def _delay(source: VehicleSource) -> float:

@@ -24,6 +24,8 @@ FLOOR = 1e-6
 """Where a noise is stated as zero: this part of the signal's root mean square stands in for it."""
 EXCESS = 0.5
 """Mean squared normalised innovation above 1 + this (and above six of its own sigmas) is a misfit."""
+LAGS = (2, 10)
+"""Cycles over which the residual torque is compared with itself to tell a slow torque from a white one."""
 
 
 def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
@@ -101,9 +103,8 @@ def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) ->
 def with_disturbances(samples: Samples, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
     """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
 
-    Rate channels: residual moments e of the differenced rates are taken as a white torque, a random-walk torque and gyro noise; the
-    autocovariances g of their differences give the variances, walk = g0 + 2 g1 + 2 g2, white = −g1 − 4 g2 (pooled over axes). Where
-    that was done before, both are raised by what is still missing.
+    Disturbance torque: as the residual torque shows it (:func:`_torque_levels`); where that was done before, raised by what is still
+    missing. Accelerometer noise: widened per axis by the excess.
     """
     environment: dict[str, float] = {}
     now = vehicle.environment
@@ -155,19 +156,25 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
 
 
 def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
-    """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m."""
-    moments = []
+    """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m, pooled over axes and phases.
+
+    From the structure function of the residual torque e: ``E (e[k+n] − e[k])² = n walk² + 2 (white² + gyro noise)`` for n ≥ 2.
+    """
+    walks, whites = [], []
     for piece in cycles:
         reference = first_reference(samples, piece, vehicle)
-        if reference is not None and piece.stop - piece.start > 10:
-            duration = samples.executed.duration_s[piece][1:, None]
-            torque = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
-            change = np.diff(torque, axis=0)
-            moments.append([float((change[lag:] * change[: len(change) - lag]).mean()) for lag in range(3)])
-    if not moments:
+        if reference is None or piece.stop - piece.start <= 5 * LAGS[1]:
+            continue
+        duration = samples.executed.duration_s[piece][1:, None]
+        e = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
+        near, far = (((e[lag:] - e[:-lag]) ** 2).mean() for lag in LAGS)
+        walk = (far - near) / (LAGS[1] - LAGS[0])
+        gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / float(np.median(duration)) ** 2
+        walks.append(walk)
+        whites.append(near / 2 - LAGS[0] / 2 * walk - gyro)
+    if not walks:
         return 0.0, 0.0
-    g0, g1, g2 = np.mean(moments, 0)
-    return float(np.sqrt(max(-g1 - 4 * max(g2, 0.0), 0.0))), float(np.sqrt(max(g0 + 2 * g1 + 2 * g2, 0.0)))
+    return float(np.sqrt(max(np.mean(whites), 0.0))), float(np.sqrt(max(np.mean(walks), 0.0)))
 
 
 def _residual_growth(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:

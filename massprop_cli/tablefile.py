@@ -109,7 +109,8 @@ class Cells:
             converted = data.cast(pa.float64())
         except (pa.ArrowException, NotImplementedError):
             raise self._no_number(data) from None
-        return np.array(pc.fill_null(converted, float("nan")).to_numpy(zero_copy_only=False), dtype=np.float64)
+        # by DLPack: to_numpy() would import pandas where it is installed
+        return np.array(np.from_dlpack(pc.fill_null(converted, float("nan"))), dtype=np.float64)
 
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(data.to_pylist()):

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +30,8 @@ def jets(scale: float = 1.0, rise_s: float = 0.0) -> list[dict[str, object]]:
         ("y", (0, 0, 0.2575), (1.112, 0, 0)),
         ("z", (0.2575, 0, 0), (0, 1.112, 0)),
     ):
-        for sign in (1, -1):
-            for end in (1, -1):
-                found.append((f"couple_{axis}{'pn'[sign < 0]}{end % 3}", np.array(arm) * end, np.array(lever) * end * sign))
+        signs = [(sign, end) for sign in (1, -1) for end in (1, -1)]
+        found += [(f"couple_{axis}{'pn'[sign < 0]}{end % 3}", np.array(arm) * end, np.array(lever) * end * sign) for sign, end in signs]
     for axis, direction in zip("xyz", np.eye(3), strict=True):
         found += [(f"divert_{axis}{'pn'[sign < 0]}", np.zeros(3), 2.224 * sign * direction) for sign in (1, -1)]
     return [
@@ -40,7 +40,7 @@ def jets(scale: float = 1.0, rise_s: float = 0.0) -> list[dict[str, object]]:
     ]
 
 
-def vehicle(kind: str = "free", delay: float = 2.0, **sections: dict[str, object]) -> Vehicle:
+def vehicle(kind: str = "free", delay: float = 2.0, **sections: Any) -> Vehicle:
     """A testbed vehicle; ``sections`` override tables of its file."""
     data: dict[str, object] = {
         "schema": 1,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import dynamics
+from massprop_cli.arrays import Array
 
 RNG = np.random.default_rng(5)
 INERTIA = np.array([[0.62, 0.04, -0.07], [0.04, 2.8, 0.11], [-0.07, 0.11, 2.5]])
@@ -29,7 +30,7 @@ def test_regressor_agrees_with_finite_differences_of_the_equations_of_motion() -
     rate, rate_dot, force = RNG.standard_normal((3, 3))
     theta = np.concatenate([dynamics.elements(INERTIA), CG])
 
-    def torque(parameters: np.ndarray) -> np.ndarray:
+    def torque(parameters: Array) -> Array:
         inertia, cg = dynamics.tensor(parameters[:6]), parameters[6:]
         # the torque at which angular_acceleration returns rate_dot, found from its own affine dependence on torque
         at_zero = dynamics.angular_acceleration(inertia, cg, rate, np.zeros(3), force)
@@ -46,7 +47,7 @@ def test_torque_free_motion_keeps_momentum_and_energy() -> None:
     momentum, energy = INERTIA @ rate, rate @ INERTIA @ rate
     for _ in range(2000):
 
-        def slope(w: np.ndarray) -> np.ndarray:
+        def slope(w: Array) -> Array:
             return dynamics.angular_acceleration(INERTIA, CG, w, np.zeros(3), np.zeros(3))
 
         k1 = slope(rate)

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from massprop_cli.arrays import Array
 from massprop_cli.dynamics import tensor, times
 from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters
 from massprop_cli.plant import Reference
@@ -13,11 +14,11 @@ from tests import flight
 KINDS = ("free", "air_bearing")
 
 
-def truth(kind: str) -> np.ndarray:
+def truth(kind: str) -> Array:
     return flight.TRUTH if kind == "free" else flight.ON_BEARING
 
 
-def reference(values: np.ndarray) -> Reference:
+def reference(values: Array) -> Reference:
     return Reference(tensor(values[:6]), values[6:9].copy(), 1 / values[9])
 
 

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from massprop_cli import QUANTITIES, __version__
 from massprop_cli.analysis import Analysis, effective_settings, physical_note
 from massprop_cli.arrays import Array
-from massprop_cli.conclude import Conclusion, Verdict
+from massprop_cli.conclude import Conclusion, Estimate, Verdict
+from massprop_cli.docking import Docked
 
 AXES = ("x", "y", "z")
 
@@ -145,7 +146,7 @@ def result(analysis: Analysis) -> Result:
         delay=Delay(cycles=analysis.delay_cycles, source="option" if _delay_overridden(analysis) else "vehicle"),
         conventions=Conventions(),
         phases=[_phase(conclusion) for conclusion in analysis.conclusions],
-        docked_object=None,
+        docked_object=_docked(analysis.docked),
         warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
     )
 
@@ -163,16 +164,26 @@ def _phase(conclusion: Conclusion) -> PhaseItem:
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
-        estimates={
-            name: EstimateItem(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict, final_at_s=e.final_at_s, reason=e.reason)
-            for name, e in conclusion.estimates.items()
-        },
+        estimates=_estimates(conclusion.estimates),
         covariance=_matrix(conclusion.covariance),
         inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=Physical(
             consistent=not note if known else None, principal_moments=[float(m) for m in moments] if known else None, note=note
         ),
     )
+
+
+def _estimates(estimates: dict[str, Estimate]) -> dict[str, EstimateItem]:
+    return {
+        name: EstimateItem(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict, final_at_s=e.final_at_s, reason=e.reason)
+        for name, e in estimates.items()
+    }
+
+
+def _docked(found: Docked | None) -> DockedObject | None:
+    if found is None:
+        return None
+    return DockedObject(before=found.before, after=found.after, estimates=_estimates(found.estimates), covariance=_matrix(found.covariance))
 
 
 def _matrix(values: Array) -> Matrix:
@@ -192,15 +203,25 @@ def write_history(analysis: Analysis, path: Path) -> None:
     histories = analysis.histories
     columns: dict[str, Any] = {
         "phase": pa.array([h.phase.name for h in histories for _ in h.time_s]),
-        "time_s": pa.array(np.concatenate([h.time_s for h in histories])),
+        "time_s": _nullable(np.concatenate([h.time_s for h in histories])),
     }
     names = (*QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES))
     channels = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
     names = (*names, *channels, *(f"{name}_sigma" for name in channels))
     blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma]) for h in histories]
     for name, values in zip(names, np.concatenate(blocks).T, strict=True):
-        columns[name] = pa.array(values, mask=~np.isfinite(values))
+        columns[name] = _nullable(values)
     pq.write_table(pa.table(columns), path, compression="zstd")
+
+
+def _nullable(values: Array) -> Any:
+    """An Arrow column with null for NaN, from buffers: pa.array() would import pandas where it is installed."""
+    import pyarrow as pa
+
+    known = np.isfinite(values)
+    bits = pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
+    data = pa.py_buffer(np.where(known, values, 0.0).astype(np.float64).tobytes())
+    return pa.Array.from_buffers(pa.float64(), len(values), [bits, data])
 
 
 def schema() -> dict[str, Any]:

@@ -8,43 +8,49 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.analysis import Analysis
-from massprop_cli.conclude import Conclusion, Estimate
+from massprop_cli.conclude import Estimate
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "unobservable": "red"}
 
 
 def show(analysis: Analysis, console: Console) -> None:
-    """Print one table per phase, with frame, reference point and sign convention beside it."""
+    """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for conclusion in analysis.conclusions:
-        console.print(_table(analysis, conclusion))
-    body = "rotating body" if analysis.vehicle.on_air_bearing else "vehicle"
-    console.print(
-        f"Inertia of the {body} about its CG, body axes; products are the tensor's own elements, ixy = −Σ m x y (positive-integral"
-    )
-    console.print("convention: opposite sign). CG from O in body axes. ± is one standard deviation.", end="")
-    console.print(" Mass includes the bearing's." if analysis.vehicle.on_air_bearing else "")
-    if analysis.vehicle.thrust.scale_sigma == 0 and not analysis.vehicle.known:
-        console.print("Mass and inertia are proportional to the thrust that the vehicle file states (no uncertainty of it is stated).")
+        phase = conclusion.phase
+        console.print(
+            _table(f"{analysis.log.path.name}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s", conclusion.estimates)
+        )
+    if analysis.docked is not None:
+        docked = analysis.docked
+        console.print(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates))
+    for line in _legend(analysis):
+        console.print(line)
 
 
-def _table(analysis: Analysis, conclusion: Conclusion) -> Table:
-    phase = conclusion.phase
-    title = f"{analysis.vehicle.name}: {analysis.log.path.name}, phase {phase.name}, {phase.start_s:g} to {phase.end_s:g} s"
+def _legend(analysis: Analysis) -> list[str]:
+    bearing = analysis.vehicle.on_air_bearing
+    lines = [
+        f"{analysis.vehicle.name}, --method {analysis.vehicle.estimator.method}. Inertia of the "
+        f"{'rotating body' if bearing else 'body'} about its CG in body axes; products are the tensor's own elements,",
+        "ixy = −Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
+        + (" Mass includes the bearing's." if bearing else ""),
+    ]
+    if analysis.vehicle.estimator.method == "thesis":
+        lines.append("Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors.")
+    elif analysis.vehicle.thrust.scale_sigma == 0 and not analysis.vehicle.known:
+        lines.append("Mass and inertia are proportional to the thrust that the vehicle file states; no uncertainty of it is stated.")
+    return lines
+
+
+def _table(title: str, estimates: dict[str, Estimate]) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold")
-    for name, justify in (
-        ("quantity", "left"),
-        ("value", "right"),
-        ("± sigma", "right"),
-        ("unit", "left"),
-        ("verdict", "left"),
-        ("final at", "right"),
-    ):
-        table.add_column(name, justify=justify)  # type: ignore[arg-type]
-    for name, estimate in conclusion.estimates.items():
+    for name in ("quantity", "value", "± sigma", "unit", "verdict", "final at"):
+        table.add_column(name, justify="right" if name in ("value", "± sigma", "final at") else "left")
+    for name, estimate in estimates.items():
         value, sigma = numbers(estimate)
         final = "" if estimate.final_at_s is None else f"{estimate.final_at_s:.2f} s"
-        style = _STYLE[estimate.verdict]
-        table.add_row(name, value, sigma, estimate.unit.replace("^2", "²"), f"[{style}]{estimate.verdict}[/]", final)
+        verdict = f"[{_STYLE[estimate.verdict]}]{estimate.verdict}[/]"
+        table.add_row(name, value, sigma, estimate.unit.replace("^2", "²"), verdict, final)
     return table
 
 
