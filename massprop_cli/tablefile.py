@@ -56,7 +56,7 @@ def _read_parquet(path: Path, data: bytes) -> tuple[dict[str, Cells], int, int, 
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(pa.BufferReader(data))
+        table = pq.ParquetFile(pa.BufferReader(data)).read()  # read_table() would import pyarrow.dataset and with it pandas
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
@@ -109,8 +109,9 @@ class Cells:
             converted = data.cast(pa.float64())
         except (pa.ArrowException, NotImplementedError):
             raise self._no_number(data) from None
-        # by DLPack: to_numpy() would import pandas where it is installed
-        return np.array(np.from_dlpack(pc.fill_null(converted, float("nan"))), dtype=np.float64)
+        # from buffers: to_numpy() and fill_null() would import pandas where it is installed
+        values = np.frombuffer(converted.buffers()[1], np.float64)[converted.offset : converted.offset + len(converted)]
+        return np.where(np.from_dlpack(pc.is_valid(converted).cast(pa.uint8())) == 1, values, np.nan)
 
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(data.to_pylist()):
