@@ -124,7 +124,7 @@ def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
 
 
 def physical_note(conclusion: Conclusion) -> str:
-    """What no real body could have in this inertia, or an empty text."""
+    """What no real body could have in this inertia, or an empty text; nothing is said of an inertia that is not wholly informed."""
     low, middle, high = (float(moment) for moment in conclusion.principal_moments)
     if np.isnan(low):
         return ""

@@ -113,7 +113,7 @@ def estimate(
     if method is not None:
         assignments.append(f'estimator.method="{method.value}"')
     if delay is not None:
-        assignments.append(f"cycle.command_delay_cycles={delay}")
+        assignments.append(f"cycle.command_delay_cycles={_delay(delay)}")
     found = analysis.analyse(log, vehicle, assignments)
     text = result.to_json(result.result(found))
     store.write(out or Path("massprop-out") / log.stem, found, text)
@@ -134,6 +134,16 @@ def _show(found: Analysis, no_color: bool) -> None:
 
     terminal = sys.stdout.isatty()
     table.show(found, Console(no_color=no_color or None, width=None if terminal else 132, highlight=False))
+
+
+def _delay(text: str) -> str:
+    """The option's value as TOML; :class:`InputError` unless it is a delay."""
+    try:
+        if text != "auto" and not 0 <= float(text) < float("inf"):
+            raise ValueError
+    except ValueError:
+        raise InputError(f"--delay {text!r}: not a delay; give a number of control cycles, 0 or more (may be fractional)") from None
+    return '"auto"' if text == "auto" else repr(float(text))
 
 
 def _required(text: str | None) -> list[str]:

@@ -66,8 +66,9 @@ class Conclusion:
 
     @property
     def principal_moments(self) -> Array:
-        """(3,) ascending, kg m²; NaN where the inertia is not known."""
-        moments: Array = np.linalg.eigvalsh(self.inertia) if np.isfinite(self.inertia).all() else np.full(3, np.nan)
+        """(3,) ascending, kg m²; NaN unless the whole inertia is informed."""
+        told = all(self.estimates[name].verdict in ("converged", "not_converged") for name in INERTIA)
+        moments: Array = np.linalg.eigvalsh(self.inertia) if told and np.isfinite(self.inertia).all() else np.full(3, np.nan)
         return moments
 
 

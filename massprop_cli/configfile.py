@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +15,10 @@ from massprop_cli.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 _HEADER = re.compile(r"^\s*\[(\[?)\s*([^\]]+?)\s*\]")
+_INTERNAL = ("function-", "literal[", "constrained-", "[key]")
+"""Parts of an error's place that pydantic adds to the keys of the file."""
+KEY = "key"
+"""A validator that raises PydanticCustomError names the key at fault under this name of its context."""
 _KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
 
 
@@ -74,37 +78,56 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
             raise InputError(f"{source}: {part!r} is a value, not a table")
     if isinstance(node, list):
         raise InputError(f"{source}: name the key to set inside the list item")
+    if isinstance(node.get(path[-1]), dict) and not isinstance(value, dict):
+        raise InputError(f"{source}: {path[-1]!r} is a table; name the key in it to set")
     node[path[-1]] = value
 
 
-def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "") -> Model:
+def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
     """Check ``data`` against ``model``.
 
-    Raises :class:`InputError` with ``source``, the line in ``text`` where it can be found, the dotted key, the
+    Raises :class:`InputError` with ``source`` and the line in ``text`` (or the ``--set`` assignment at fault), the dotted key, the
     value, and for an unknown key the nearest known one.
     """
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        path = [str(part) for part in first["loc"] if not str(part).startswith("function-")]
+        # a misspelt key shows up as an unknown and a missing one: the unknown one says more
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        path = [str(part) for part in first["loc"] if not str(part).startswith(_INTERNAL)]
+        path += [str(first["ctx"][KEY])] if KEY in first.get("ctx", {}) else []
+        blamed = [a for a in assignments if path[: len(_path(a))] == _path(a) or _path(a)[: len(path)] == path]
         line = _line_of(text, path)
-        where = f"{source}, line {line}" if line else source
+        where = f"--set {blamed[-1]}" if blamed else f"{source}, line {line}" if line else source
         raise InputError(f"{where}: {_explain(model, first, path)}") from None
+
+
+def _path(assignment: str) -> list[str]:
+    return assignment.partition("=")[0].strip().split(".")
 
 
 def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     key = ".".join(path)
     if error["type"] == "extra_forbidden":
-        known = _known_keys(model, path[:-1])
-        near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.0)
-        return f"unknown key {key!r}; the nearest known key is {near[0]!r}" if near else f"unknown key {key!r}"
+        return f"unknown key {key!r}{nearest(path[-1], _known_keys(model, path[:-1]), 'the nearest known key is')}"
     if error["type"] == "missing":
         return f"key {key!r} is missing; add it"
+    if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
+        return f"{key} = {error['input']!r}: must be a table of keys; write [{key}] with its keys below"
+    if error["type"] == "literal_error":
+        choices = re.findall(r"'([^']+)'", error["msg"])
+        hint = nearest(str(error["input"]), choices, "the nearest is")
+        return f"{key} = {error['input']!r}: must be one of {', '.join(map(repr, choices))}{hint}"
     message = error["msg"].removeprefix("Value error, ")
     value = repr(error["input"])
     shown = value if len(value) <= 80 else value[:77] + "..."
     return f"{key} = {shown}: {message}" if key else message
+
+
+def nearest(name: str, known: Iterable[str], words: str) -> str:
+    """``; the nearest … is 'x'`` for a message, empty where nothing is known."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+    return f"; {words} {near[0]!r}" if near else ""
 
 
 def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from massprop_cli import telemetry, vehicle
+from massprop_cli import columns as names
+from massprop_cli import vehicle
 
 NAMES = ("log", "vehicle", "result")
 
@@ -35,13 +36,13 @@ def _log() -> dict[str, Any]:
 
     properties = {
         "time_s": {**number, "description": "end of the record's interval, strictly increasing, s"},
-        **columns(telemetry.DELTA_THETA, number, "gyro angle increment over the record, IMU axes, rad"),
-        **columns(telemetry.DELTA_V, number, "accelerometer increment (specific force) over the record, IMU axes, m/s"),
-        **columns(telemetry.GYRO, number, "mean rate over the record, may stand in for the angle increment, rad/s"),
-        **columns(telemetry.ACCEL, number, "mean specific force over the record, may stand in for the velocity increment, m/s^2"),
-        **columns(telemetry.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
-        **columns(telemetry.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
-        **columns(telemetry.QUATERNION, number, "attitude at time_s, world from body"),
+        **columns(names.DELTA_THETA, number, "gyro angle increment over the record, IMU axes, rad"),
+        **columns(names.DELTA_V, number, "accelerometer increment (specific force) over the record, IMU axes, m/s"),
+        **columns(names.GYRO, number, "mean rate over the record, may stand in for the angle increment, rad/s"),
+        **columns(names.ACCEL, number, "mean specific force over the record, may stand in for the velocity increment, m/s^2"),
+        **columns(names.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
+        **columns(names.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
+        **columns(names.QUATERNION, number, "attitude at time_s, world from body"),
         "event": {"type": ["string", "null"], "description": 'text, e.g. "dock"'},
     }
 
@@ -55,7 +56,7 @@ def _log() -> dict[str, Any]:
         "properties": properties,
         "patternProperties": {"^jet_.+_s$": {**command, "minimum": 0, "description": "commanded on-time in this control cycle, s"}},
         "required": ["time_s"],
-        "allOf": [either(telemetry.DELTA_THETA, telemetry.GYRO), either(telemetry.DELTA_V, telemetry.ACCEL)],
+        "allOf": [either(names.DELTA_THETA, names.GYRO), either(names.DELTA_V, names.ACCEL)],
     }
 
 

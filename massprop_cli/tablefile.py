@@ -56,7 +56,8 @@ def _read_parquet(path: Path, data: bytes) -> tuple[dict[str, Cells], int, int, 
     import pyarrow.parquet as pq
 
     try:
-        table = pq.ParquetFile(pa.BufferReader(data)).read()  # read_table() would import pyarrow.dataset and with it pandas
+        # read_table() would import pyarrow.dataset and with it pandas; threads still at work at exit abort the process
+        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
@@ -70,22 +71,37 @@ def _read_csv(path: Path, data: bytes) -> tuple[dict[str, Cells], int, int, str 
     from pyarrow import csv
 
     try:
-        header = data.split(b"\n", 1)[0].decode("utf-8-sig").strip()
-        names = [name.strip().strip('"') for name in header.split(",")]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError(f"{path}, line 1: column {twice[0]!r} stands twice; rename one")
-        options = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
-        table = csv.read_csv(io.BytesIO(data), convert_options=options)
-    except (pa.ArrowException, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: not a readable CSV file ({reason})") from None
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
+    names = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
+    if not any(names):
+        raise InputError(f"{path}, line 1: no header; the first line names the columns")
+    if not any(line.strip() for line in lines[1:]):
+        raise InputError(f"{path}: has a header but no rows; record the log again")
+    text = pa.string()
+    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, text), strings_can_be_null=True, null_values=[""])
+    try:
+        table = csv.read_csv(
+            io.BytesIO(data), read_options=csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), convert_options=convert
+        )
+    except pa.ArrowException as error:
+        for number, line in enumerate(lines, 1):
+            if line.strip() and line.count(",") != len(names) - 1 and '"' not in line:
+                found = line.count(",") + 1
+                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
+        raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
     return _arrow_columns(path, table, 2), table.num_rows, 2, None
 
 
 def _arrow_columns(path: Path, table: Any, first_line: int) -> dict[str, Cells]:
     """Arrow columns, converted to float arrays on first use."""
-    return {name: Cells(path, name, table.column(index), first_line) for index, name in enumerate(table.column_names)}
+    names = table.column_names
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        header = ", line 1" if first_line else ""
+        raise InputError(f"{path}{header}: column {twice[0]!r} stands twice; rename one or drop it")
+    return {name: Cells(path, name, table.column(index), first_line) for index, name in enumerate(names)}
 
 
 @dataclass(frozen=True)

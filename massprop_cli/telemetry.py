@@ -6,7 +6,6 @@ later stages trust the arrays.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +14,12 @@ from typing import Any, Literal
 import numpy as np
 
 from massprop_cli.arrays import Array, frozen
+from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, WRENCH, jet
+from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
 from massprop_cli.tablefile import Table, place
 from massprop_cli.vehicle import Column, Vehicle
 
-AXES = ("x", "y", "z")
-DELTA_THETA = tuple(f"delta_theta_{a}_rad" for a in AXES)
-DELTA_V = tuple(f"delta_v_{a}_m_s" for a in AXES)
-GYRO = tuple(f"gyro_{a}_rad_s" for a in AXES)
-ACCEL = tuple(f"accel_{a}_m_s2" for a in AXES)
-WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in AXES))
-QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 GAP, LONG = 2.5, 1.5
 
 
@@ -126,9 +120,10 @@ class _Source:
         """The column, scaled, with NaN for null."""
         name = self.name(column)
         if name not in self.table.columns:
-            near = difflib.get_close_matches(name, list(self.table.columns), n=1, cutoff=0.0)
-            hint = f"; the nearest present is {near[0]!r}: rename it, or map it under [columns] of the vehicle file" if near else ""
-            raise InputError(f"{self.table.path}: column {name!r} is missing{hint}")
+            hint = nearest(name, self.table.columns, "the nearest present is")
+            raise InputError(
+                f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
+            )
         numbers: Array = self.table.columns[name].numbers()
         return numbers * (self.columns[column].scale if column in self.columns else 1.0)
 
@@ -195,12 +190,11 @@ def _commands(source: _Source, vehicle: Vehicle, records: int, n: int) -> tuple[
     mapped = {column.from_: name for name, column in vehicle.columns.items()}
     logged = [mapped.get(name, name) for name in source.table.columns]
     jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if name.startswith("jet_") and name.endswith("_s")]
-    known = [jet.name for jet in vehicle.jets]
-    for jet in jets:
-        if jet not in known:
-            near = difflib.get_close_matches(jet, known, n=1, cutoff=0.0)
-            hint = f"the nearest jet is {near[0]!r}" if near else "it has no [[jets]] at all"
-            raise InputError(f"{path}: column 'jet_{jet}_s' names a jet that the vehicle file lacks; {hint}. Add it to the vehicle file")
+    known = [each.name for each in vehicle.jets]
+    for name in jets:
+        if name not in known:
+            hint = nearest(name, known, "the nearest jet is") or "; it has no [[jets]] at all"
+            raise InputError(f"{path}: column {jet(name)!r} names a jet that the vehicle file lacks{hint}. Add it to the vehicle file")
     wrench = any(source.has(name) for name in WRENCH)
     if jets and wrench:
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
@@ -208,7 +202,7 @@ def _commands(source: _Source, vehicle: Vehicle, records: int, n: int) -> tuple[
         return "wrench", np.stack([_per_cycle(source, name, records, n) for name in WRENCH], 1)
     if not known:
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
-    command = np.stack([_per_cycle(source, f"jet_{name}_s", records, n) for name in known], 1)
+    command = np.stack([_per_cycle(source, jet(name), records, n) for name in known], 1)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
     return "jets", command
 
@@ -244,8 +238,8 @@ def _check_on_times(source: _Source, names: Sequence[str], on_s: Array, records:
     for check, problem in checks:
         bad = np.argwhere(check(on_s))
         if bad.size:
-            cycle, jet = (int(i) for i in bad[0])
-            raise source.error(cycle * records, f"jet_{names[jet]}_s", f"{on_s[cycle, jet]:g} s: {problem}")
+            cycle, number = (int(i) for i in bad[0])
+            raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")
 
 
 def _attitude(source: _Source) -> Array | None:

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-from massprop_cli import configfile
+from massprop_cli import columns, configfile
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 
@@ -57,12 +58,13 @@ class Imu(Section):
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None
 
-    @model_validator(mode="after")
-    def _is_rotation(self) -> Imu:
-        matrix = np.array(self.body_from_imu)
+    @field_validator("body_from_imu")
+    @classmethod
+    def _is_rotation(cls, rows: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
+        matrix = np.array(rows)
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
-            raise ValueError("body_from_imu is not a rotation matrix (orthonormal rows, determinant +1)")
-        return self
+            raise ValueError("is not a rotation matrix; give orthonormal rows with determinant +1")
+        return rows
 
 
 class Environment(Section):
@@ -76,11 +78,12 @@ class Environment(Section):
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
     disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
 
-    @model_validator(mode="after")
-    def _has_attitude(self) -> Environment:
-        if abs(np.linalg.norm(self.initial_attitude_wxyz) - 1) > 1e-6:
-            raise ValueError("initial_attitude_wxyz is not a unit quaternion")
-        return self
+    @field_validator("initial_attitude_wxyz")
+    @classmethod
+    def _is_unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        if abs(np.linalg.norm(quaternion) - 1) > 1e-6:
+            raise ValueError("is not a unit quaternion; divide it by its norm")
+        return quaternion
 
 
 class Thrust(Section):
@@ -236,7 +239,7 @@ class Vehicle(Section):
     phases: tuple[Phase, ...] = ()
     docking: Docking | None = None
     drift: Drift = Drift()
-    columns: dict[str, Column] = {}
+    columns: dict[str, Column] = Field({}, description="this log's own name and scale of a contract column")
     estimator: EstimatorSettings = EstimatorSettings()
     convergence: ConvergenceSettings = ConvergenceSettings()
 
@@ -251,6 +254,18 @@ class Vehicle(Section):
                 if phase not in [p.name for p in self.phases]:
                     raise ValueError(f"docking names phase {phase!r}, which [[phases]] does not have")
         return self
+
+    @field_validator("columns")
+    @classmethod
+    def _maps_known_columns(cls, mapping: dict[str, Column], info: ValidationInfo) -> dict[str, Column]:
+        known = (*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())))
+        for name in mapping:
+            if name not in known:
+                hint = configfile.nearest(name, known, "the nearest is")
+                raise PydanticCustomError(
+                    "unknown_column", "{problem}", {configfile.KEY: name, "problem": f"maps unknown column {name!r}{hint}"}
+                )
+        return mapping
 
     @property
     def on_air_bearing(self) -> bool:
@@ -283,7 +298,7 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
     """Check a vehicle file's text, with ``--set`` assignments on top."""
     data = configfile.parse_toml(text, source)
     data = configfile.override(data, assignments)
-    vehicle = configfile.validate(Vehicle, data, source, text)
+    vehicle = configfile.validate(Vehicle, data, source, text, assignments)
     return VehicleSource(vehicle, source, hashlib.sha256(text.encode()).hexdigest())
 
 

@@ -202,7 +202,7 @@ def write_history(analysis: Analysis, path: Path) -> None:
 
     histories = analysis.histories
     columns: dict[str, Any] = {
-        "phase": pa.array([h.phase.name for h in histories for _ in h.time_s]),
+        "phase": _text([h.phase.name for h in histories for _ in h.time_s]),
         "time_s": _nullable(np.concatenate([h.time_s for h in histories])),
     }
     names = (*QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES))
@@ -212,6 +212,15 @@ def write_history(analysis: Analysis, path: Path) -> None:
     for name, values in zip(names, np.concatenate(blocks).T, strict=True):
         columns[name] = _nullable(values)
     pq.write_table(pa.table(columns), path, compression="zstd")
+
+
+def _text(values: list[str]) -> Any:
+    """An Arrow column of text, from buffers for the same reason as :func:`_nullable`."""
+    import pyarrow as pa
+
+    encoded = [value.encode() for value in values]
+    offsets = np.concatenate([[0], np.cumsum([len(value) for value in encoded])]).astype(np.int32)
+    return pa.Array.from_buffers(pa.string(), len(values), [None, pa.py_buffer(offsets.tobytes()), pa.py_buffer(b"".join(encoded))])
 
 
 def _nullable(values: Array) -> Any:

@@ -1,0 +1,19 @@
+"""Names of a telemetry log's columns. Units are in the names; body axes for commands, IMU axes for the rest."""
+
+from __future__ import annotations
+
+AXES = ("x", "y", "z")
+TIME = "time_s"
+DELTA_THETA = tuple(f"delta_theta_{a}_rad" for a in AXES)
+DELTA_V = tuple(f"delta_v_{a}_m_s" for a in AXES)
+GYRO = tuple(f"gyro_{a}_rad_s" for a in AXES)
+ACCEL = tuple(f"accel_{a}_m_s2" for a in AXES)
+WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in AXES))
+QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
+EVENT = "event"
+FIXED = (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVENT)
+
+
+def jet(name: str) -> str:
+    """The column of a jet's on-time."""
+    return f"jet_{name}_s"
