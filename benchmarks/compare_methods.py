@@ -46,7 +46,8 @@ def rows(default: Analysis, thesis: Analysis, truth: dict[str, list[dict[str, fl
             lines.append(f"| {name} [{UNITS[name]}] | {true:.6g} | {' | '.join(cells)} | {truth['bound'][i][name]:.2g} | {z:+.1f} |")
         rms = {method: float(np.sqrt(np.mean(np.square(found)))) for method, found in errors.items()}
         lines.append(
-            f"\nRoot mean square error, relative to trace, √(trace/mass) and mass: thesis {rms['thesis']:.2g}, default {rms['default']:.2g} "
+            "\nRoot mean square error, relative to trace, √(trace/mass) and mass: "
+            f"thesis {rms['thesis']:.2g}, default {rms['default']:.2g} "
             f"({rms['thesis'] / rms['default']:.0f} times smaller)."
         )
     return lines

@@ -69,7 +69,7 @@ def _delay(source: VehicleSource) -> float:
 
 
 def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:
-    start, end = float(aligned.start_s[0]), float(aligned.end_s[-1])
+    start, end = round(float(aligned.start_s[0]), 9) + 0.0, round(float(aligned.end_s[-1]), 9)  # + 0.0: no minus zero
     found = []
     for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
         cycles = phase_cycles(phase, aligned.end_s, aligned.usable)

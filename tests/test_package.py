@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_wheel_alone_estimates_a_sample_log(tmp_path: Path) -> None:
+    """Build the wheel, install it beside this environment's libraries, run it in an empty folder."""
+    build = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", "--no-build-isolation", str(ROOT)]
+    subprocess.run([*build, "-w", str(tmp_path)], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("massprop-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert not [name for name in names if not name.startswith(("massprop_cli/", "massprop-"))]
+    venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
+    python = tmp_path / "env" / "bin" / "python"
+    site = next((tmp_path / "env" / "lib").glob("python3*")) / "site-packages"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    libraries = [path for path in sys.path if path.endswith("site-packages")]
+    (site / "libraries.pth").write_text("\n".join(libraries) + "\n")
+    code = "import massprop_cli, sys; from massprop_cli.cli import main; print(massprop_cli.__file__, file=sys.stderr); main()"
+    arguments = ["estimate", str(ROOT / "sample_logs" / "high-rate" / "log.parquet"), "--json"]
+    run = subprocess.run([str(python), "-c", code, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert str(site) in run.stderr
+    assert json.loads(run.stdout)["phases"][0]["estimates"]["mass"]["verdict"] == "converged"
+    assert (tmp_path / "massprop-out" / "log" / "result.json").exists()
