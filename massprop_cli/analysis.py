@@ -99,8 +99,8 @@ def _estimates(
             used = noise.with_disturbances(samples, pieces, excess, used)
         say("estimating")
         histories = tuple(estimate.replay(samples, cycles, phase, used) for phase, cycles in phases)
-        excess = noise.misfit(histories)
-        if not adapt or np.isnan(excess).all():
+        excess = noise.misfit(histories, used)
+        if not adapt or np.isnan(excess).all() or noise.with_disturbances(samples, pieces, excess, used) == used:
             break
     return used, histories, notices + noise.disturbance_notices(stated, used, excess)
 

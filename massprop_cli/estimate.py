@@ -14,10 +14,9 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import tensor
 from massprop_cli.history import History
 from massprop_cli.kalman import Innovation, State, predict, update
-from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters
+from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters, stepped
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import BearingBody, Reference, plant_of
 from massprop_cli.posterior import quantities
@@ -236,19 +235,10 @@ def _sensible(state: State, reference: Reference) -> Array:
 
 
 def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Reference:
-    """The estimate as a reference; where that is no body, one found from the data anew.
-
-    The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
-    """
-    mean = _sensible(state, reference)
-    inverse = np.linalg.inv(reference.inertia)
-    response = inverse - inverse @ (tensor(mean[INERTIA]) - reference.inertia) @ inverse
-    principal = np.linalg.eigvalsh(response)
-    if principal[0] < 1e-3 * principal[2] or mean[MU] <= 0:
-        return first_reference(samples, seen, vehicle) or reference
+    """The estimate as a reference; where that is no body, one found from the data anew."""
     bias = Layout.of(samples, vehicle).gyro_bias
     gyro_bias = state.mean[bias] if bias.stop > bias.start else np.zeros(3)
-    return Reference(np.linalg.inv(response), mean[CG], float(mean[MU]), gyro_bias)
+    return stepped(reference, _sensible(state, reference), gyro_bias) or first_reference(samples, seen, vehicle) or reference
 
 
 def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: list[Row | None]) -> History:

@@ -25,7 +25,7 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import cross_matrix, elements, inertia_regressor, lever_arm, times
+from massprop_cli.dynamics import cross_matrix, elements, inertia_regressor, lever_arm, tensor, times
 from massprop_cli.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
 
@@ -143,7 +143,9 @@ def _moments(samples: Samples, cycles: slice, reference: Reference, plant: Plant
     bin_s = samples.executed.duration_s[cycles] / motion.rate.shape[1]
     momentum = times(reference.inertia, motion.rate)
     rate_cross = cross_matrix(motion.rate)
-    rest = windows(plant.reaction_moment(reference, motion) - np.cross(motion.rate, momentum), bin_s)
+    # the mean of ω × I ω over a bin in which ω̇ is constant exceeds its middle value by ω̇ × I ω̇ h² / 12
+    within = np.cross(motion.rate_dot, times(reference.inertia, motion.rate_dot)) * (bin_s**2 / 12)[:, None, None]
+    rest = windows(plant.reaction_moment(reference, motion) - np.cross(motion.rate, momentum) - within, bin_s)
     executed = samples.executed
     exact = (times(plant.jet_moment(reference), part[cycles]) for part in (executed.rising, executed.falling, executed.impulse))
     return _Moments(
@@ -236,3 +238,17 @@ def _with_observations(
 def parameters(reference: Reference) -> Array:
     """(10,) the reference as state entries: inertia, c, mu."""
     return np.concatenate([elements(reference.inertia), reference.cg, [reference.mu]])
+
+
+def stepped(reference: Reference, target: Array, gyro_bias: Array | None = None) -> Reference | None:
+    """The reference moved to parameters ``target`` (10,) that a fit linear about it has found; None where that is no body.
+
+    The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
+    """
+    inverse = np.linalg.inv(reference.inertia)
+    response = inverse - inverse @ (tensor(target[INERTIA]) - reference.inertia) @ inverse
+    principal = np.linalg.eigvalsh(response)
+    if principal[0] < 1e-3 * principal[2] or target[MU] <= 0:
+        return None
+    bias = reference.gyro_bias if gyro_bias is None else gyro_bias
+    return Reference(np.linalg.inv(response), target[CG].copy(), float(target[MU]), bias)

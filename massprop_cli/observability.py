@@ -83,7 +83,10 @@ def excitation(samples: Samples, cycles: slice, reference: Reference, vehicle: V
     slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
     steps, left = system.steps, np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps
     steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)
-    residual = left, system.measured[:, 3:] - times(regressors[1], theta)
+    felt = system.measured[:, 3:] - times(regressors[1], theta)
+    if vehicle.imu.accel_bias_sigma_m_s2 > 0:
+        felt = felt - felt.mean(0)
+    residual = left, felt
     explained = np.concatenate([(steps**2).mean(0), (times(regressors[1], commanded) ** 2).mean(0)])
     variance = np.concatenate([(e**2).mean(0) for e in residual])
     lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])

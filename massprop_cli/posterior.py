@@ -13,7 +13,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.arrays import Array
 from massprop_cli.vehicle import Vehicle
 
-UNTOLD = 0.5
+UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m."""
 
 

@@ -18,50 +18,65 @@ from massprop_cli.dynamics import lever_arm
 from massprop_cli.plant import BearingBody, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
 
-SIGNIFICANT = 10.0
-"""The common response of rate to torque must exceed its own sigma this many times before anything is said."""
+SIGNIFICANT = 6.0
+"""An axis' response to its command must exceed its own sigma this many times before anything is said."""
 _SPREAD = 30.0
 """Largest ratio of a reference's principal moments to the common scale."""
 
 
 def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | None:
-    """A reference from ``cycles``, or None while the rates don't yet answer to the torques."""
+    """A reference from ``cycles``, or None while neither the rates answer to torques nor the accelerations to forces."""
     rate, duration = samples.rate_rad_s[cycles], samples.executed.duration_s[cycles]
     growth = np.diff(rate, axis=0)
     impulse = samples.executed.rising[cycles][:-1] + samples.executed.falling[cycles][1:]
-    scale = _response(growth, impulse[:, :3])
-    if scale is None:
-        return None
-    mu = _mu(samples, cycles, vehicle) or _fallback_mu(vehicle, scale)
     plant = plant_of(vehicle)
     torque: Array = impulse[:, :3]
     load: Array = impulse[:, 3:]
-    reach = np.sqrt(3 * mu / scale)
+    products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
     if isinstance(plant, BearingBody):
         torque = torque - np.cross(plant.bearing, load)
-        turning = plant.rotating_mass(Reference(np.eye(3), plant.bearing, mu))
-        load = turning * _mean_step(_force_at(plant.bearing, samples, cycles, vehicle), duration)
-        reach *= 0.01
-    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
-    regressors = np.hstack([torque, load, _mean_step(products, duration), duration[1:, None]])
+        load = _mean_step(_force_at(plant.bearing, samples, cycles, vehicle), duration)
+    scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
+    mu = _mu(samples, cycles, vehicle)
+    if scale is None:
+        return None if mu is None else _unturned(mu, vehicle)
+    mu = mu or _fallback_mu(vehicle, scale)
+    reach = np.sqrt(3 * mu / scale)
+    centre: Array = np.zeros(3)
+    if isinstance(plant, BearingBody):
+        load = plant.rotating_mass(Reference(np.eye(3), plant.bearing, mu)) * load
+        centre, reach = plant.bearing, 0.01 * reach
+    regressors = np.hstack([torque, load, products, duration[1:, None]])
     prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
     fit = _ridge(regressors, growth, prior, scale)
-    response = (fit[:3] + fit[:3].T) / 2
-    values, axes = np.linalg.eigh(response)
+    values, axes = np.linalg.eigh((fit[:3] + fit[:3].T) / 2)
     inertia = (axes / np.clip(values, scale / _SPREAD, scale * _SPREAD)) @ axes.T
     couple = inertia @ fit[3:6].T
     cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
-    return Reference(inertia, cg + (plant.bearing if isinstance(plant, BearingBody) else 0.0), mu)
+    return Reference(inertia, cg + centre, mu)
 
 
-def _response(motion: Array, cause: Array) -> float | None:
-    """Common slope of a motion on its cause (rate growth on torque impulse, acceleration on force) where it is significant."""
-    power = float((cause**2).sum())
-    if power == 0:
+def _response(motion: Array, cause: Array, others: Array | None = None) -> float | None:
+    """Slope of a motion on its cause (rate growth on torque impulse, acceleration on force) where it is significant.
+
+    What ``others`` (gyroscopic terms, loads) explain of both is taken out first. Each axis is judged alone, and the significant ones are
+    pooled, so that an elongated body's unequal slopes don't count as noise.
+    """
+    freedom = len(motion) - 1
+    if others is not None:
+        size = np.sqrt((others**2).sum(0))
+        basis, _ = np.linalg.qr(others[:, size > 0] / size[size > 0])
+        motion, cause = (v - basis @ (basis.T @ v) for v in (motion, cause))
+        freedom -= basis.shape[1]
+    power = (cause**2).sum(0)
+    driven = power > 1e-12 * power.max()
+    if freedom < 3 or not driven.any() or power.max() == 0:
         return None
-    slope = float((motion * cause).sum()) / power
-    sigma = float(np.sqrt(((motion - slope * cause) ** 2).mean() / power))
-    return slope if slope > SIGNIFICANT * sigma else None
+    motion, cause, power = motion[:, driven], cause[:, driven], power[driven]
+    slope = (motion * cause).sum(0) / power
+    sigma = np.sqrt(((motion - slope * cause) ** 2).sum(0) / freedom / power)
+    clear = slope > SIGNIFICANT * sigma
+    return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
 
 
 def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
@@ -74,12 +89,23 @@ def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
     return _response(felt, force)
 
 
+def _unturned(mu: float, vehicle: Vehicle) -> Reference:
+    """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
+    plant = plant_of(vehicle)
+    centre = plant.bearing if isinstance(plant, BearingBody) else np.zeros(3)
+    return Reference(_reach(vehicle) ** 2 / (3 * mu) * np.eye(3), centre, mu)
+
+
+def _reach(vehicle: Vehicle) -> float:
+    """Distance of the farthest jet from O, m; a decimetre where there is none."""
+    return max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
+
+
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
     """1/m where no force has been felt: the known or nominal mass, else a body whose radius of gyration is its jets' reach."""
     known = vehicle.known.get("mass")
     mass = known.value if known else vehicle.nominal.mass
-    reach = max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
-    return 1 / mass if mass else reach**2 * scale / 3
+    return 1 / mass if mass else _reach(vehicle) ** 2 * scale / 3
 
 
 def _force_at(point: Array, samples: Samples, cycles: slice, vehicle: Vehicle) -> Array:
