@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 ROUNDS = 4
 """How often disturbances may be raised until the innovations are explained."""
-Progress = Callable[[str], None]
+Progress = Callable[[str, float], None]
+"""Told the stage and how much of it is done, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,8 @@ def analyse(
     log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None
 ) -> Analysis:
     """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
-    say = progress or (lambda _: None)
-    say("reading")
+    say = progress or (lambda *_: None)
+    say("reading", 0.0)
     table = read_table(log_path)
     source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
     log = read(table, source.vehicle)
@@ -97,8 +99,9 @@ def _estimates(
     for _ in range(ROUNDS):
         if not np.isnan(excess).all():
             used = noise.with_disturbances(samples, pieces, excess, used)
-        say("estimating")
-        histories = tuple(estimate.replay(samples, cycles, phase, used) for phase, cycles in phases)
+        histories = tuple(
+            estimate.replay(samples, cycles, phase, used, partial(say, f"estimating, phase {phase.name}")) for phase, cycles in phases
+        )
         excess = noise.misfit(histories, used)
         if not adapt or np.isnan(excess).all() or noise.with_disturbances(samples, pieces, excess, used) == used:
             break

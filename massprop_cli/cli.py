@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -114,7 +115,8 @@ def estimate(
         assignments.append(f'estimator.method="{method.value}"')
     if delay is not None:
         assignments.append(f"cycle.command_delay_cycles={_delay(delay)}")
-    found = analysis.analyse(log, vehicle, assignments)
+    with _progress(quiet or as_json) as progress:
+        found = analysis.analyse(log, vehicle, assignments, progress)
     text = result.to_json(result.result(found))
     store.write(out or Path("massprop-out") / log.stem, found, text)
     if not quiet:
@@ -125,6 +127,20 @@ def estimate(
     elif not quiet:
         _show(found, no_color)
     _check_required(found, required)
+
+
+@contextmanager
+def _progress(silent: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A bar on stderr while the block runs, on a terminal only; it goes away when done."""
+    if silent or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
 def _show(found: Analysis, no_color: bool) -> None:

@@ -8,6 +8,7 @@ only, no starting value is needed, and the last rows equal a Gauss–Newton (max
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,13 +50,18 @@ class Row:
     innovation: Innovation | None
 
 
-def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle) -> History:
-    """Run the filter through ``cycles`` (non-empty). Noise levels must be set in ``vehicle`` (:mod:`massprop_cli.noise`)."""
+def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None = None) -> History:
+    """Run the filter through ``cycles`` (non-empty). Noise levels must be set in ``vehicle`` (:mod:`massprop_cli.noise`).
+
+    ``progress`` is told the part done, 0 to 1, after every block.
+    """
     rows: list[Row | None] = []
     run: _Run | None = None
     begin = cycles.start
     while begin < cycles.stop:
         end = min(begin + BLOCK, cycles.stop)
+        if progress is not None:
+            progress((begin - cycles.start) / (cycles.stop - cycles.start))
         if run is None:
             rows += [None] * (end - begin)
             reference = first_reference(samples, slice(cycles.start, end), vehicle) if end - cycles.start >= BLOCK else None

@@ -209,3 +209,27 @@ def test_one_estimate_needs_no_pandas(tmp_path: Path) -> None:
     )
     run = subprocess.run([sys.executable, "-c", code, str(log), str(tmp_path / "o")], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
+    """On a pseudo-terminal the bar names the stage; on a pipe stderr stays empty."""
+    import pty
+
+    log = short(tmp_path)
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "--out", str(tmp_path / "o")]
+    run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=follower)
+    os.close(follower)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(leader, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(leader)
+    assert run.wait() == 0
+    assert b"estimating, phase all" in shown
+    assert massprop("estimate", str(log), "--out", str(tmp_path / "o")).stderr == ""
