@@ -118,14 +118,13 @@ def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] 
 
 
 def _informed(history: History, vehicle: Vehicle) -> BoolArray:
-    """(K, 10) whether the sigma is below half the prior's."""
+    """(K, 10) whether the sigma is below half the prior's: the body's own size, and for the thesis's filters their P0 as well."""
+    sizes = np.tile(history.natural_sizes, (len(history.time_s), 1))
+    sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], history.values[:, POSITIVE])
+    prior = PRIOR * sizes
     if vehicle.estimator.method == "thesis":
         settings = vehicle.estimator.thesis
-        prior = np.sqrt(np.array([*settings.p1, settings.p2]))
-    else:
-        sizes = np.tile(history.natural_sizes, (len(history.time_s), 1))
-        sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], history.values[:, POSITIVE])
-        prior = PRIOR * sizes
+        prior = np.minimum(prior, np.sqrt(np.array([*settings.p1, settings.p2])))
     informed: BoolArray = history.sigmas < HALVED * prior
     return informed
 

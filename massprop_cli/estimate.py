@@ -24,8 +24,10 @@ from massprop_cli.posterior import quantities
 from massprop_cli.start import first_reference
 from massprop_cli.vehicle import Phase, Vehicle
 
-BLOCK = 16
+BLOCK = 64
 """Cycles linearised at a time."""
+FIRST = 16
+"""Cycles between attempts to find a first reference."""
 STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 
@@ -59,12 +61,12 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
     run: _Run | None = None
     begin = cycles.start
     while begin < cycles.stop:
-        end = min(begin + BLOCK, cycles.stop)
+        end = min(begin + (FIRST if run is None else BLOCK), cycles.stop)
         if progress is not None:
             progress((begin - cycles.start) / (cycles.stop - cycles.start))
         if run is None:
             rows += [None] * (end - begin)
-            reference = first_reference(samples, slice(cycles.start, end), vehicle) if end - cycles.start >= BLOCK else None
+            reference = first_reference(samples, slice(cycles.start, end), vehicle) if end - cycles.start >= FIRST else None
             if reference is not None:
                 run, rows[-1] = _from_start(samples, slice(cycles.start, end), reference, vehicle)
             begin = end

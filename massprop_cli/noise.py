@@ -84,7 +84,8 @@ def _fit(regressors: Array, target: Array) -> tuple[Array, Array]:
     rows = regressors.reshape(-1, regressors.shape[-1])
     size = np.sqrt((rows**2).sum(0))
     size = np.where(size > 0, size, 1.0)
-    step = np.linalg.lstsq(rows / size, target.ravel(), rcond=1e-9)[0] / size
+    basis, triangle = np.linalg.qr(rows / size)
+    step = np.linalg.lstsq(triangle, basis.T @ target.ravel(), rcond=1e-9)[0] / size
     return step, target - (rows @ step).reshape(target.shape)
 
 

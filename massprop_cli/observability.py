@@ -57,8 +57,8 @@ def _in_row_space(rows: Array) -> BoolArray:
     size = np.sqrt((rows**2).sum(0))
     seen = size > 0
     scaled = rows / np.where(seen, size, 1.0)
-    _, singular, right = np.linalg.svd(scaled, full_matrices=True)
-    null = right[(np.append(singular, np.zeros(10))[:10] < _RANK * max(singular[0], 1e-300))]
+    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+    null = right[singular < _RANK * max(singular[0], 1e-300)]
     within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
     return within
 

@@ -135,6 +135,7 @@ def _ridge(regressors: Array, growth: Array, prior_sigma: Array, scale: float) -
         rows = np.vstack([regressors, np.diag(weight)])
         size = np.sqrt((rows**2).sum(0))
         size[size == 0] = 1.0
-        fit = np.linalg.lstsq(rows / size, np.vstack([growth, weight[:, None] * target]), rcond=None)[0] / size[:, None]
+        basis, triangle = np.linalg.qr(rows / size)
+        fit = np.linalg.solve(triangle, basis.T @ np.vstack([growth, weight[:, None] * target])) / size[:, None]
         residual = growth - regressors @ fit
     return fit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import re
@@ -461,26 +462,120 @@ def test_a_vehicle_file_is_refused_that(bad: BadVehicle, tmp_path: Path) -> None
     refused(tmp_path, log, names=[vehicle, *place, *bad.names])
 
 
+def test_a_vehicle_file_that_renames_a_column_the_log_lacks_is_refused(tmp_path: Path) -> None:
+    save_vehicle(tmp_path, vehicle_text() + '[columns]\ntime_s = { from = "t_ms", scale = 1e-3 }\n')
+    log = save(flight(), tmp_path / "log.parquet")
+    refused(tmp_path, log, names=[log, "'t_ms' is missing", "nearest", "[columns]"])
+
+
+# A log and its vehicle that do not fit
+
+
+@pytest.mark.parametrize(("start_s", "end_s"), [(100, 200), (-20, -10), (3.02, 3.08)], ids=["after the log", "before the log", "too short"])
+def test_a_phase_that_holds_nothing_of_the_log_is_refused(start_s: float, end_s: float, tmp_path: Path) -> None:
+    save_vehicle(tmp_path, vehicle_text() + f'[[phases]]\nname = "cruise"\nstart_s = {start_s}\nend_s = {end_s}\n')
+    log = save(flight(), tmp_path / "log.parquet")
+    refused(tmp_path, log, names=[log, "phase 'cruise'", f"{start_s} to {end_s} s", "from 0 to 5 s", "[[phases]]"])
+
+
+def test_a_log_shorter_than_the_command_delay_is_refused(tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(flight(), tmp_path / "log.parquet")
+    refused(tmp_path, log, "--delay", "200", names=[log, "lasts 5 s", "too short", "delay of 10 s", "cycle.command_delay_cycles"])
+
+
+def test_a_log_without_commands_is_refused(tmp_path: Path) -> None:
+    save_vehicle(tmp_path, vehicle_text().partition("[[jets]]")[0])
+    log = save(flight().select(range(7)), tmp_path / "log.parquet")
+    refused(tmp_path, log, names=[log, "no commands", "jet_*_s", "cmd_torque_*", "[[jets]]"])
+
+
 # Options
 
 
-@pytest.mark.parametrize(
-    ("settings", "names"),
-    [
-        (["--vehicle", "vehicle.toml", "--set", "cycle.perod_s=1"], ["--set", "unknown key 'cycle.perod_s'", "nearest", "'period_s'"]),
-        (["--set", "estimatr.method=thesis"], ["--set", "unknown key 'estimatr'", "nearest", "'estimator'"]),
-        (["--set", "convergence.count"], ["--set convergence.count", "KEY=VALUE", "--set convergence.count=50"]),
-        (["--set", "=5"], ["--set =5", "KEY=VALUE"]),
-        (["--set", "convergence.count=many"], ["--set", "convergence.count", "'many'", "integer"]),
-        (["--set", "convergence.count.x=1", "--set", "convergence.count=5"], ["--set", "convergence.count"]),
-        (["--set", "name.x=1"], ["--set name.x=1", "'name'", "is a value, not a table"]),
-        (["--set", "jets.99.rise_s=0.003"], ["--set jets.99.rise_s=0.003", "'99'", "a list of 18", "count from 0"]),
-        (["--set", "cycle.period_s=nan"], ["--set", "cycle.period_s = nan", "finite"]),
-        (["--delay", "soon"], ["--delay", "'soon'", "number"]),
-        (["--delay", "-1"], ["--delay", "-1", "0"]),
-    ],
-    ids=lambda value: " ".join(value) if value[0].startswith("--") and len(value) < 3 else "",
-)
+BAD_SETTINGS = [
+    (["--vehicle", "vehicle.toml", "--set", "cycle.perod_s=1"], ["--set", "unknown key 'cycle.perod_s'", "nearest", "'period_s'"]),
+    (["--set", "estimatr.method=thesis"], ["--set", "unknown key 'estimatr'", "nearest", "'estimator'"]),
+    (["--set", "convergence.count"], ["--set convergence.count", "KEY=VALUE", "--set convergence.count=50"]),
+    (["--set", "=5"], ["--set =5", "KEY=VALUE"]),
+    (["--set", "convergence.count=many"], ["--set", "convergence.count", "'many'", "integer"]),
+    (["--set", "convergence.count.x=1", "--set", "convergence.count=5"], ["--set", "convergence.count"]),
+    (["--set", "name.x=1"], ["--set name.x=1", "'name'", "is a value, not a table"]),
+    (["--set", "jets.99.rise_s=0.003"], ["--set jets.99.rise_s=0.003", "'99'", "a list of 18", "count from 0"]),
+    (["--set", "cycle.period_s=nan"], ["--set", "cycle.period_s = nan", "finite"]),
+    (["--delay", "soon"], ["--delay", "'soon'", "number"]),
+    (["--delay", "-1"], ["--delay", "-1", "0"]),
+]
+
+
+@pytest.mark.parametrize(("settings", "names"), BAD_SETTINGS, ids=[" ".join(settings) for settings, _ in BAD_SETTINGS])
 def test_a_setting_is_refused_that_can_not_be_used(settings: list[str], names: list[str], tmp_path: Path) -> None:
     save_vehicle(tmp_path)
     refused(tmp_path, save(flight(), tmp_path / "log.parquet"), *settings, names=names)
+
+
+@pytest.mark.parametrize("below", ["", "campaign/one"], ids=["in its place", "in the place of its parent"])
+def test_a_result_folder_with_a_file_in_the_way_is_refused(below: str, tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(flight(), tmp_path / "log.parquet")
+    (tmp_path / "taken").write_text("mine", encoding="utf-8")
+    out = tmp_path / "taken" / below
+    refused(tmp_path, log, "-q", out=out, names=[out, "cannot be written", "choose another folder with --out"])
+
+
+BAD_LINES = [
+    (["estimate", "log.parquet", "--fast"], ["--fast"]),
+    (["estimate", "log.parquet", "--method", "fancy"], ["--method", "fancy", "default", "thesis"]),
+    (["estimate", "log.parquet", "--require"], ["--require"]),
+    (["estimate", "log.parquet", "log.parquet"], ["log.parquet"]),
+    (["estimate"], ["LOG"]),
+    (["estimat", "log.parquet"], ["estimat"]),
+    (["schema", "lgo"], ["lgo", "log"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "names"), BAD_LINES, ids=[" ".join(arguments) for arguments, _ in BAD_LINES])
+def test_a_command_line_that_makes_no_sense_is_a_usage_error(arguments: list[str], names: list[str], tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    save(flight(), tmp_path / "log.parquet")
+    before = contents(tmp_path)
+    done = massprop(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    for name in names:
+        assert name in done.stderr
+    assert contents(tmp_path) == before, "something was written"
+
+
+@pytest.mark.parametrize("required", ["ixx,inertia", "Mass", "mass;ixx"])
+def test_requiring_an_unknown_quantity_is_a_usage_error(required: str, tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(flight(), tmp_path / "log.parquet")
+    before = contents(tmp_path)
+    done = massprop(tmp_path, "estimate", log, "--out", tmp_path / "out", "--require", required)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("massprop: --require ")
+    for name in (required.rpartition(",")[2], "ixx, ixy, ixz", "mass or all"):
+        assert name in done.stderr
+    assert contents(tmp_path) == before, "something was written"
+
+
+@pytest.mark.parametrize("required", ["mass", "all"])
+def test_a_required_quantity_that_is_not_converged_fails_with_its_outputs_written(required: str, tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log, out = save(flight(rows=60), tmp_path / "log.parquet"), tmp_path / "out"
+    done = massprop(tmp_path, "estimate", log, "--out", out, "-q", "--require", required)
+    assert done.returncode == 4
+    assert done.stdout == ""
+    assert sorted(path.name for path in out.iterdir()) == ["history.parquet", "result.json", "run.json"]
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("massprop: required but not converged: ")
+    estimates = json.loads((out / "result.json").read_text(encoding="utf-8"))["phases"][0]["estimates"]
+    missed = [name for name, found in estimates.items() if found["verdict"] != "converged" and required in (name, "all")]
+    assert "mass" in missed
+    for name in missed:
+        assert f"{name} in phase all is {estimates[name]['verdict']} (" in lines[0]

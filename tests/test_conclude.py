@@ -126,3 +126,10 @@ def test_inertia_about_the_origin_is_steiners() -> None:
     found.values[:] = np.concatenate([about_cg[np.triu_indices(3)], c, [16.0]])
     np.testing.assert_allclose(conclude(found, vehicle()).inertia_about_origin, inertia, atol=1e-12)
     assert conclusion.principal_moments[0] > 0
+
+
+def test_a_thesis_filter_that_knows_less_than_the_body_is_large_has_not_converged() -> None:
+    """Its absolute tolerances and P0 were made for 20 kg: on a body of 1e-5 kg m² they would call anything converged."""
+    found = history()
+    tiny = replace(found, values=1e-5 * found.values, natural_sizes=1e-5 * SIZES)
+    assert {e.verdict for e in conclude(tiny, vehicle("thesis")).estimates.values()} == {"not_excited"}
