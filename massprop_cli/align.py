@@ -77,8 +77,8 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
     usable = start >= start[0] + memory_s - 1e-6 * vehicle.cycle.period_s
     if usable.sum() < 2:
         raise InputError(
-            f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s and two cycles; "
-            "record longer, or mend cycle.command_delay_cycles"
+            f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
+            f"{vehicle.thrust.lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     edges = _bin_edges(start, per_cycle, vehicle.estimator.bins_per_cycle)
     integral, moment = _executed(log, vehicle, start + delay_s, edges)

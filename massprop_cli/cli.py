@@ -86,7 +86,7 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 @app.command()
 @_guarded
 def estimate(
-    log: Annotated[Path, typer.Argument(help="Telemetry log, .parquet or .csv.", show_default=False)],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
     out: Annotated[
         Path | None, typer.Option(help="Result folder [massprop-out/LOGSTEM].", envvar="MASSPROP_OUT", show_default=False)
@@ -163,7 +163,9 @@ def _delay(text: str) -> str:
 
 
 def _required(text: str | None) -> list[str]:
-    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is None:
+        return []
+    names = [name.strip() for name in text.split(",")]
     names = list(QUANTITIES) if names == ["all"] else names
     for name in names:
         if name not in QUANTITIES:

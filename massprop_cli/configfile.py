@@ -115,10 +115,12 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
         return f"{key} = {error['input']!r}: must be a table of keys; write [{key}] with its keys below"
     if error["type"] == "literal_error":
-        choices = re.findall(r"'([^']+)'", error["msg"])
-        hint = nearest(str(error["input"]), choices, "the nearest is")
-        return f"{key} = {error['input']!r}: must be one of {', '.join(map(repr, choices))}{hint}"
+        choices = error["ctx"]["expected"]
+        hint = nearest(str(error["input"]), re.findall(r"'([^']+)'", choices), "the nearest is")
+        return f"{key} = {error['input']!r}: must be {choices}{hint}"
     message = error["msg"].removeprefix("Value error, ")
+    if KEY in error.get("ctx", {}):
+        return f"{key}: {message}"
     value = repr(error["input"])
     shown = value if len(value) <= 80 else value[:77] + "..."
     return f"{key} = {shown}: {message}" if key else message

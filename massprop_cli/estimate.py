@@ -27,7 +27,7 @@ from massprop_cli.vehicle import Phase, Vehicle
 BLOCK = 64
 """Cycles linearised at a time."""
 FIRST = 16
-"""Cycles between attempts to find a first reference."""
+"""Least number of cycles between attempts to find a first reference."""
 STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 
@@ -61,7 +61,8 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
     run: _Run | None = None
     begin = cycles.start
     while begin < cycles.stop:
-        end = min(begin + (FIRST if run is None else BLOCK), cycles.stop)
+        wait = max(FIRST, (begin - cycles.start) // 20)  # in proportion, so that a long quiet stretch costs no more than its length
+        end = min(begin + (wait if run is None else BLOCK), cycles.stop)
         if progress is not None:
             progress((begin - cycles.start) / (cycles.stop - cycles.start))
         if run is None:

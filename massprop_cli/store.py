@@ -21,6 +21,9 @@ def write(folder: Path, analysis: Analysis, result_json: str) -> None:
     run |= {"vehicle": analysis.source.source}
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        for name in ("history.parquet", "run.json", "result.json"):
+            if (folder / name).is_dir():
+                raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
         _whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
         _whole(folder / "run.json", lambda path: _text(path, json.dumps(run, indent=1, ensure_ascii=False) + "\n"))
         _whole(folder / "result.json", lambda path: _text(path, result_json))

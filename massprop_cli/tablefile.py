@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,18 @@ from massprop_cli.errors import InputError
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
+_BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
+
+
+@dataclass(frozen=True)
+class Places:
+    """How a person finds a row: by its line in a CSV file, else by its number from 0."""
+
+    lines: Sequence[int] | None
+
+    def of(self, row: int) -> str:
+        """``line 17`` or ``row 15``."""
+        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
 
 
 @dataclass(frozen=True)
@@ -26,7 +39,7 @@ class Table:
     sha256: str
     columns: Mapping[str, Cells]
     rows: int
-    first_line: int
+    places: Places
     embedded_vehicle: str | None
 
 
@@ -45,63 +58,62 @@ def read_table(path: Path) -> Table:
     readers = {".parquet": _read_parquet, ".csv": _read_csv}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv")
-    columns, rows, first_line, embedded = readers[path.suffix.lower()](path, data)
-    if rows == 0:
+    table, places, embedded = readers[path.suffix.lower()](path, data)
+    if table.num_rows == 0:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    return Table(path, hashlib.sha256(data).hexdigest(), columns, rows, first_line, embedded)
+    names = table.column_names
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        header = "" if places.lines is None else ", line 1"
+        raise InputError(f"{path}{header}: column {twice[0]!r} stands twice; rename one or drop it")
+    columns = {name: Cells(path, name, table.column(index), places) for index, name in enumerate(names)}
+    return Table(path, hashlib.sha256(data).hexdigest(), columns, table.num_rows, places, embedded)
 
 
-def _read_parquet(path: Path, data: bytes) -> tuple[dict[str, Cells], int, int, str | None]:
+def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        # read_table() would import pyarrow.dataset and with it pandas; threads still at work at exit abort the process
+        # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
         table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
     metadata = table.schema.metadata or {}
     embedded = metadata[VEHICLE_KEY].decode("utf-8", "replace") if VEHICLE_KEY in metadata else None
-    return _arrow_columns(path, table, 0), table.num_rows, 0, embedded
+    return table, Places(None), embedded
 
 
-def _read_csv(path: Path, data: bytes) -> tuple[dict[str, Cells], int, int, str | None]:
+def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
     import pyarrow as pa
     from pyarrow import csv
 
     try:
-        lines = data.decode("utf-8-sig").splitlines()
+        header, _, rest = data.decode("utf-8-sig").partition("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
-    names = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
+    names = [name.strip().strip('"') for name in header.split(",")]
     if not any(names):
         raise InputError(f"{path}, line 1: no header; the first line names the columns")
-    if not any(line.strip() for line in lines[1:]):
+    if len(names) == 1:
+        raise InputError(f"{path}, line 1: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas")
+    if not rest.strip():
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    text = pa.string()
-    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, text), strings_can_be_null=True, null_values=[""])
+    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
+    options = csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
     try:
-        table = csv.read_csv(
-            io.BytesIO(data), read_options=csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), convert_options=convert
-        )
+        table = csv.read_csv(io.BytesIO(data), read_options=options, convert_options=convert)
     except pa.ArrowException as error:
-        for number, line in enumerate(lines, 1):
-            if line.strip() and line.count(",") != len(names) - 1 and '"' not in line:
-                found = line.count(",") + 1
+        for number, line in enumerate(rest.splitlines(), 2):
+            found = line.count(",") + 1
+            if line.strip() and found != len(names) and '"' not in line:
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
-    return _arrow_columns(path, table, 2), table.num_rows, 2, None
-
-
-def _arrow_columns(path: Path, table: Any, first_line: int) -> dict[str, Cells]:
-    """Arrow columns, converted to float arrays on first use."""
-    names = table.column_names
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        header = ", line 1" if first_line else ""
-        raise InputError(f"{path}{header}: column {twice[0]!r} stands twice; rename one or drop it")
-    return {name: Cells(path, name, table.column(index), first_line) for index, name in enumerate(names)}
+    lines: Sequence[int] = range(2, table.num_rows + 2)
+    if _BLANK_LINE.search(rest):
+        lines = [number for number, line in enumerate(rest.splitlines(), 2) if line.strip()]
+    return table, Places(lines), None
 
 
 @dataclass(frozen=True)
@@ -111,7 +123,7 @@ class Cells:
     path: Path
     name: str
     data: Any
-    first_line: int
+    places: Places
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
@@ -119,6 +131,8 @@ class Cells:
         import pyarrow.compute as pc
 
         data = self.data.combine_chunks()
+        if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
+            raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
         if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
             data = pc.utf8_trim_whitespace(data)
         try:
@@ -132,13 +146,9 @@ class Cells:
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(data.to_pylist()):
             try:
-                float(cell) if cell is not None else None
+                is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):
-                where = place(row, self.first_line)
-                return InputError(f"{self.path}, {where}, column {self.name}: {cell!r} is not a number; mend the cell")
+                is_number = False
+            if not is_number:
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; mend the cell")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")
-
-
-def place(row: int, first_line: int) -> str:
-    """How a person finds row ``row`` (from 0): a line of a CSV file, else the row."""
-    return f"line {row + first_line}" if first_line else f"row {row}"

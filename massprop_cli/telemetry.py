@@ -14,10 +14,10 @@ from typing import Any, Literal
 import numpy as np
 
 from massprop_cli.arrays import Array, frozen
-from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, WRENCH, jet
+from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATERNION, WRENCH, jet
 from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
-from massprop_cli.tablefile import Table, place
+from massprop_cli.tablefile import Table
 from massprop_cli.vehicle import Column, Vehicle
 
 GAP, LONG = 2.5, 1.5
@@ -111,7 +111,7 @@ class _Source:
         return self.name(column) in self.table.columns
 
     def place(self, row: int) -> str:
-        return place(row, self.table.first_line)
+        return self.table.places.of(row)
 
     def error(self, row: int, column: str, problem: str) -> InputError:
         return InputError(f"{self.table.path}, {self.place(row)}, column {self.name(column)}: {problem}")
@@ -120,7 +120,9 @@ class _Source:
         """The column, scaled, with NaN for null."""
         name = self.name(column)
         if name not in self.table.columns:
-            hint = nearest(name, self.table.columns, "the nearest present is")
+            used = {self.name(known) for known in FIXED if self.has(known)} | {n for n in self.table.columns if n.startswith("jet_")}
+            spare = [present for present in self.table.columns if present not in used - {name}] or list(self.table.columns)
+            hint = nearest(name, spare, "the nearest present is")
             raise InputError(
                 f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
             )
@@ -132,7 +134,8 @@ class _Source:
         values = self.optional(column)
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
+            cell = "nan or an empty cell" if np.isnan(values[bad[0]]) else f"{values[bad[0]]}"
+            raise self.error(int(bad[0]), column, f"{cell} is not a finite number; mend or cut the record")
         return values
 
     def increments(self, names: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:

@@ -21,8 +21,8 @@ from massprop_cli import columns, configfile
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+Positive = Annotated[FiniteFloat, Field(gt=1e-30, lt=1e30)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0, lt=1e30)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -191,7 +191,7 @@ class EstimatorSettings(Section):
 
     method: Literal["default", "thesis"] = "default"
     bins_per_cycle: int = Field(20, ge=2, le=200, description="resolution of motion within a control cycle")
-    prior_scale: Positive = Field(100.0, description="prior sigma over the vehicle's natural size; larger pulls less")
+    prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
     accel_noise_scale: tuple[Positive, Positive, Positive] | None = Field(
         None, description="factor on accel_noise per body axis; absent: from a first pass over the log"
     )
@@ -254,6 +254,15 @@ class Vehicle(Section):
                 if phase not in [p.name for p in self.phases]:
                     raise ValueError(f"docking names phase {phase!r}, which [[phases]] does not have")
         return self
+
+    @field_validator("known")
+    @classmethod
+    def _is_positive(cls, known: dict[Quantity, Known]) -> dict[Quantity, Known]:
+        for name, quantity in known.items():
+            if quantity.value <= 0 and name in ("ixx", "iyy", "izz", "mass"):
+                problem = f"value = {quantity.value:g}: must be greater than 0, as the {name} of any body is"
+                raise PydanticCustomError("not_positive", "{problem}", {configfile.KEY: name, "problem": problem})
+        return known
 
     @field_validator("columns")
     @classmethod

@@ -296,6 +296,14 @@ def test_a_csv_line_with_a_cell_too_few_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, log, names=[log, "line 44", "25", "24"])
 
 
+def test_blank_lines_of_a_csv_file_count_in_the_line_that_is_named(tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(cell("delta_theta_y_rad", 42, INF)(flight()), tmp_path / "log.csv")
+    lines = log.read_text(encoding="utf-8").splitlines()
+    log.write_text("\n".join([*lines[:20], "", *lines[20:]]) + "\n", encoding="utf-8")
+    refused(tmp_path, log, names=[log, "line 45", "column delta_theta_y_rad", "inf"])
+
+
 @pytest.mark.parametrize("name", ["log.txt", "log.json", "log"])
 def test_a_log_of_an_unknown_kind_is_refused(name: str, tmp_path: Path) -> None:
     save_vehicle(tmp_path)
@@ -372,7 +380,7 @@ BAD_VEHICLES = {
     "is not TOML": BadVehicle("period_s = 0.05", "period_s = = 0.05", "period_s = = 0.05", ("not valid TOML",)),
     "sets a key twice": BadVehicle("period_s = 0.05", "period_s = 0.05\nperiod_s = 0.1", "period_s = 0.1", ("not valid TOML",)),
     "is empty": BadVehicle(vehicle_text(), "", None, ("'schema' is missing", "add it")),
-    "has another schema": BadVehicle("schema = 1", "schema = 2", "schema = 2", ("schema", "2", "1")),
+    "has another schema": BadVehicle("schema = 1", "schema = 2", "schema = 2", ("schema = 2", "be 1")),
     "has an unknown key": BadVehicle(
         "command_delay_cycles",
         "command_delay_cylces",
@@ -391,6 +399,9 @@ BAD_VEHICLES = {
     ),
     "knows an unknown quantity": BadVehicle(
         END, END + "[known]\nmas = { value = 22.0, sigma = 0.01 }\n", "mas = {", ("known.mas", "nearest", "'mass'")
+    ),
+    "knows a negative mass": BadVehicle(
+        END, END + "[known]\nmass = { value = -22.0, sigma = 0.01 }\n", "mass = {", ("known.mass", "-22.0", "greater than 0")
     ),
     "renames an unknown column": BadVehicle(
         END, END + '[columns]\ntiem_s = { from = "time_s" }\n', "tiem_s = {", ("columns.tiem_s", "nearest", "'time_s'")
