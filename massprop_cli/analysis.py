@@ -59,8 +59,9 @@ def analyse(
     phases = _phases(log, source.vehicle, aligned)
     used, histories, notices = _estimates(samples, phases, source.vehicle, say)
     conclusions = tuple(conclude(history, used) for history in histories)
-    found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions))
-    return Analysis(log, source, used, aligned, delay, histories, conclusions, docked_object(conclusions, used), found, tuple(assignments))
+    docked = docked_object(conclusions, used)
+    found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
+    return Analysis(log, source, used, aligned, delay, histories, conclusions, docked, found, tuple(assignments))
 
 
 def _delay(source: VehicleSource) -> float:
@@ -115,6 +116,14 @@ def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehic
         history, filters = thesis.replay(samples, cycles, phase, used, filters)
         histories.append(history)
     return tuple(histories)
+
+
+def _docking_notices(docked: Docked | None) -> list[Notice]:
+    mass = docked.estimates["mass"].value if docked else None
+    if docked is None or mass is None or mass > 0:
+        return []
+    message = f"the docked object's mass is {mass:.4g} kg: phase {docked.after} weighs less than phase {docked.before}; mend [docking]"
+    return [Notice("docked-mass", message)]
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

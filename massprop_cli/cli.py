@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -59,6 +60,8 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
             _fail(str(error), EXIT_USAGE)
         except (typer.Exit, typer.Abort):
             raise
+        except OSError as error:
+            _fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", EXIT_INPUT)
         except Exception as error:
             if os.environ.get("MASSPROP_DEBUG"):
                 raise
@@ -86,12 +89,13 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 @app.command()
 @_guarded
 def estimate(
+    context: typer.Context,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Result folder [massprop-out/LOGSTEM].", envvar="MASSPROP_OUT", show_default=False)
+        Path | None, typer.Option(help="Result folder (default: massprop-out/LOGSTEM).", envvar="MASSPROP_OUT", show_default=False)
     ] = None,
-    method: Annotated[Method | None, typer.Option(help="Estimator [default].", envvar="MASSPROP_METHOD", show_default=False)] = None,
+    method: Annotated[Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
     require: Annotated[
@@ -107,15 +111,22 @@ def estimate(
     not converged.
     """
     required = _required(require)
+    import numpy as np
+
     from massprop_cli import analysis, store
     from massprop_cli.report import result
 
-    assignments = list(assign or [])
-    if method is not None:
-        assignments.append(f'estimator.method="{method.value}"')
-    if delay is not None:
-        assignments.append(f"cycle.command_delay_cycles={_delay(delay)}")
-    with _progress(quiet or as_json) as progress:
+    if out is not None and not str(out).strip(". "):
+        raise UsageError("--out is empty; name a folder")
+    options = {
+        "method": [f'estimator.method="{method.value}"'] if method else [],
+        "delay": [f"cycle.command_delay_cycles={_delay(delay)}"] if delay is not None else [],
+    }
+    from_environment = [key for key in options if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]
+    assignments = [value for key in from_environment for value in options.pop(key)]
+    assignments += [*(assign or []), *(value for values in options.values() for value in values)]
+    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
+    with _progress(quiet or as_json) as progress, np.errstate(all="ignore"):
         found = analysis.analyse(log, vehicle, assignments, progress)
     text = result.to_json(result.result(found))
     store.write(out or Path("massprop-out") / log.stem, found, text)
@@ -195,4 +206,7 @@ def schema(name: Annotated[SchemaName, typer.Argument(help="Which file.")]) -> N
 
 def main() -> None:
     """Entry point."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks ² or ± still gets its table
     app()

@@ -9,6 +9,7 @@ import numpy as np
 from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array, frozen
 from massprop_cli.dynamics import lever_arm, times
+from massprop_cli.errors import InputError
 from massprop_cli.vehicle import Vehicle
 
 
@@ -73,9 +74,23 @@ def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array) -> Array
     """(K + 1, 4) attitude at cycle edges, from the log where it has one, else integrated from the gyro."""
     turns = rate * aligned.duration_s[:, None]
     if aligned.attitude_wxyz is not None:
+        _check_attitude(aligned.attitude_wxyz, turns)
         first = quaternion_product(aligned.attitude_wxyz[0], quaternion_of(-turns[0]))
         return np.vstack([first, aligned.attitude_wxyz])
     return integrate_attitude(np.array(vehicle.environment.initial_attitude_wxyz), turns)
+
+
+def _check_attitude(attitude_wxyz: Array, turns: Array) -> None:
+    """Refuse a logged attitude that doesn't turn as the gyro does: another order or direction of its quaternions."""
+    back = attitude_wxyz[:-1] * np.array([1, -1, -1, -1])
+    steps = np.stack([quaternion_product(a, b) for a, b in zip(back, attitude_wxyz[1:], strict=True)])
+    logged = 2 * steps[:, 1:] * np.sign(steps[:, :1])
+    apart, turned = (float(np.sqrt((v**2).sum())) for v in (logged - turns[1:], turns[1:]))
+    if apart > 0.5 * turned and apart > 0.01 * np.sqrt(len(turns)):
+        raise InputError(
+            f"columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
+            "quaternions are wxyz, world from body. Mend them, or leave them out"
+        )
 
 
 def integrate_attitude(initial_wxyz: Array, turns: Array) -> Array:

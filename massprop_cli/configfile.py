@@ -69,7 +69,7 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
     node: Any = data
     for part in path[:-1]:
         if isinstance(node, list):
-            if not part.isdigit() or int(part) >= len(node):
+            if not part.isdecimal() or int(part) >= len(node):
                 raise InputError(f"{source}: {part!r} is not an item of a list of {len(node)}; count from 0")
             node = node[int(part)]
         else:

@@ -66,8 +66,8 @@ def _pair(conclusions: tuple[Conclusion, ...], named: Docking | None) -> tuple[C
         return by_name[named.before], by_name[named.after]
     if len(conclusions) != 2:
         return None
-    first, second = conclusions
-    masses = [conclusion.estimates["mass"] for conclusion in conclusions]
+    first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
+    masses = [conclusion.estimates["mass"] for conclusion in (first, second)]
     if any(mass.value is None or mass.sigma is None for mass in masses):
         return None
     spread = np.hypot(masses[0].sigma or 0.0, masses[1].sigma or 0.0)

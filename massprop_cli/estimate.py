@@ -20,14 +20,17 @@ from massprop_cli.kalman import Innovation, State, predict, update
 from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters, stepped
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import BearingBody, Reference, plant_of
-from massprop_cli.posterior import quantities
+from massprop_cli.posterior import discrepancies, quantities
 from massprop_cli.start import first_reference
+from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase, Vehicle
 
 BLOCK = 64
 """Cycles linearised at a time."""
 FIRST = 16
 """Least number of cycles between attempts to find a first reference."""
+MISMATCH = 4.0
+"""A known quantity further than this many sigmas from the log's own estimate is pointed out."""
 STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 
@@ -266,6 +269,7 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
             sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
     values, full = quantities(mean, covariance, vehicle)
     last = rows[-1]
+    apart = discrepancies(mean[-1], covariance[-1], vehicle)
     sizes: Array = np.full(10, np.nan)
     share: Array = np.zeros((10, 6))
     drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
@@ -287,4 +291,13 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         information_share=share,
         drowned=drowned,
         observable=seen,
+        notices=tuple(
+            Notice(
+                "known-mismatch",
+                f"phase {phase.name}: known.{name} = {vehicle.known[name].value:g} lies {abs(z):.3g} sigmas from what the log alone says; "
+                "check it, the thrust, and thrust.scale_sigma",
+            )
+            for name, z in apart.items()
+            if abs(z) > MISMATCH
+        ),
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.arrays import Array
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.vehicle import Quantity, Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m."""
@@ -36,6 +36,16 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full
+
+
+def discrepancies(mean: Array, covariance: Array, vehicle: Vehicle) -> dict[Quantity, float]:
+    """How many sigmas each known quantity lies from what the log alone says of it; ``mean`` (10,), ``covariance`` (10, 10)."""
+    values, full = quantities(mean[None], covariance[None], vehicle.model_copy(update={"known": {}}))
+    found: dict[Quantity, float] = {}
+    for name, known in vehicle.known.items():
+        i = QUANTITIES.index(name)
+        found[name] = float((known.value - values[0, i]) / np.sqrt(full[0, i, i] + known.sigma**2))
+    return {name: z for name, z in found.items() if np.isfinite(z)}
 
 
 def _condition(values: Array, covariance: Array, index: int, value: float, sigma: float) -> tuple[Array, Array]:

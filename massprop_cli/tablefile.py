@@ -6,6 +6,7 @@ import hashlib
 import io
 import re
 from collections.abc import Mapping, Sequence
+from csv import reader as csv_lines
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
         header, _, rest = data.decode("utf-8-sig").partition("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
-    names = [name.strip().strip('"') for name in header.split(",")]
+    names = [name.strip() for name in next(csv_lines([header]), [])]
     if not any(names):
         raise InputError(f"{path}, line 1: no header; the first line names the columns")
     if len(names) == 1:

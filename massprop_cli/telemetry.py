@@ -21,6 +21,8 @@ from massprop_cli.tablefile import Table
 from massprop_cli.vehicle import Column, Vehicle
 
 GAP, LONG = 2.5, 1.5
+ABSURD = 1e6
+"""No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     n = cycles * records
     theta = source.increments(DELTA_THETA, GYRO, interval_s)
     velocity = source.increments(DELTA_V, ACCEL, interval_s)
+    for names, rates, increments in ((DELTA_THETA, GYRO, theta), (DELTA_V, ACCEL, velocity)):
+        _check_magnitude(source, names if source.has(names[0]) else rates, increments / interval_s[:, None])
     kind, command = _commands(source, vehicle, records, n)
     attitude = _attitude(source)
     notices += _saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
@@ -102,6 +106,10 @@ class _Source:
 
     def __init__(self, table: Table, columns: Mapping[str, Column]) -> None:
         self.table, self.columns = table, columns
+        for known, column in columns.items():
+            if column.from_ not in table.columns:
+                hint = nearest(column.from_, table.columns, "the nearest present is")
+                raise InputError(f"{table.path}: column {column.from_!r} is missing, which [columns] maps to {known}{hint}")
 
     def name(self, column: str) -> str:
         mapped = self.columns.get(column)
@@ -175,6 +183,14 @@ def _intervals(source: _Source, time_s: Array) -> tuple[Array, list[Notice]]:
             )
         )
     return np.concatenate([[median], steps]), notices
+
+
+def _check_magnitude(source: _Source, names: Sequence[str], rates: Array) -> None:
+    bad = np.argwhere(np.abs(rates) > ABSURD)
+    if bad.size:
+        row, axis = (int(i) for i in bad[0])
+        value = f"{rates[row, axis]:.3g} per second"
+        raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
 
 
 def _records_per_cycle(source: _Source, interval_s: Array, period_s: float) -> int:

@@ -119,6 +119,12 @@ class Nominal(Section):
     cg_z: FiniteFloat | None = None
     mass: Positive | None = None
 
+    def value(self, name: str) -> float | None:
+        """The nominal value of a quantity, products as the tensor's own elements."""
+        stated: float | None = getattr(self, name)
+        flip = stated is not None and name in PRODUCTS and self.poi_convention == "positive_integral"
+        return -stated if flip and stated is not None else stated
+
     @model_validator(mode="after")
     def _states_convention(self) -> Nominal:
         if self.poi_convention is None and any(getattr(self, name) is not None for name in PRODUCTS):
@@ -250,6 +256,8 @@ class Vehicle(Section):
             if twice:
                 raise ValueError(f"{kind} name {twice[0]!r} is used twice; give each its own")
         if self.docking is not None:
+            if self.docking.before == self.docking.after:
+                raise ValueError(f"docking.before and docking.after are both {self.docking.after!r}; name two phases")
             for phase in (self.docking.before, self.docking.after):
                 if phase not in [p.name for p in self.phases]:
                     raise ValueError(f"docking names phase {phase!r}, which [[phases]] does not have")
@@ -260,7 +268,7 @@ class Vehicle(Section):
     def _is_positive(cls, known: dict[Quantity, Known]) -> dict[Quantity, Known]:
         for name, quantity in known.items():
             if quantity.value <= 0 and name in ("ixx", "iyy", "izz", "mass"):
-                problem = f"value = {quantity.value:g}: must be greater than 0, as the {name} of any body is"
+                problem = f"value = {quantity.value}: must be greater than 0, as the {name} of any body is"
                 raise PydanticCustomError("not_positive", "{problem}", {configfile.KEY: name, "problem": problem})
         return known
 

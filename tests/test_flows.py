@@ -157,6 +157,8 @@ def test_set_overrides_the_vehicle_file_and_flags_override_the_environment(tmp_p
     found = json.loads(run.stdout)
     assert found["provenance"]["settings"]["convergence.count"] == 30
     assert found["provenance"]["settings"]["estimator.method"] == "thesis"
+    run = massprop("estimate", log, "--json", "--set", "estimator.method=default", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
+    assert json.loads(run.stdout)["provenance"]["settings"]["estimator.method"] == "default"
     run = massprop("estimate", log, "--json", "--method", "default", "--delay", "2", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
     found = json.loads(run.stdout)
     assert found["provenance"]["settings"]["estimator.method"] == "default"
@@ -233,3 +235,49 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
     assert run.wait() == 0
     assert b"estimating, phase all" in shown
     assert massprop("estimate", str(log), "--out", str(tmp_path / "o")).stderr == ""
+
+
+def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    plain = analyse(log)
+    cad = 'nominal={poi_convention="positive_integral", ixx=5.0, ixy=-3.0}'
+    shown = analyse(log, assignments=(cad,))
+    np.testing.assert_array_equal(shown.histories[0].values, plain.histories[0].values)
+    estimates = result.result(shown).phases[0].estimates
+    assert (estimates["ixx"].nominal, estimates["ixy"].nominal, estimates["izz"].nominal) == (5.0, 3.0, None)
+    run = massprop("estimate", str(log), "--set", cad, "--out", str(tmp_path / "o"))
+    assert "nominal" in run.stdout
+
+
+def test_a_known_value_that_the_log_contradicts_is_pointed_out(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    codes = [n.code for n in analyse(log, assignments=("known.ixx={value=0.7, sigma=1e-4}",)).notices]
+    assert codes == ["known-mismatch"]
+    assert analyse(log, assignments=("known.ixx={value=0.62, sigma=1e-3}",)).notices == ()
+
+
+def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path) -> None:
+    """The air-bearing log with its integrated attitude as columns: accepted as it is, refused when conjugated."""
+    import pyarrow as pa
+
+    from massprop_cli.compensate import integrate_attitude
+    from massprop_cli.errors import InputError
+
+    log = short(tmp_path, rows=400, name="air-bearing")
+    table = pq.read_table(log)
+    turns = np.stack([np.asarray(table[f"delta_theta_{axis}_rad"]) for axis in "xyz"], 1)
+    attitude = integrate_attitude(np.array([1.0, 0, 0, 0]), turns)[1:]
+    plain = analyse(log)
+    for sign in (1, -1):
+        names = ("quat_w", "quat_x", "quat_y", "quat_z")
+        columns = {name: pa.array(attitude[:, i] * (sign if i else 1)) for i, name in enumerate(names)}
+        extended = table
+        for name, column in columns.items():
+            extended = extended.append_column(name, column)
+        pq.write_table(extended, log)
+        if sign == 1:
+            z = (analyse(log).histories[0].values[-1] - plain.histories[0].values[-1]) / plain.histories[0].sigmas[-1]
+            assert np.abs(z).max() < 3
+        else:
+            with pytest.raises(InputError, match="wxyz"):
+                analyse(log)

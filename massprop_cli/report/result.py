@@ -15,6 +15,7 @@ from massprop_cli.analysis import Analysis, effective_settings, physical_note
 from massprop_cli.arrays import Array
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
+from massprop_cli.vehicle import Nominal
 
 AXES = ("x", "y", "z")
 
@@ -70,6 +71,7 @@ class EstimateItem(Item):
     verdict: Verdict
     final_at_s: float | None = Field(description="start of the last sustained stretch")
     reason: str
+    nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
 
 
 class Physical(Item):
@@ -145,7 +147,7 @@ def result(analysis: Analysis) -> Result:
         ),
         delay=Delay(cycles=analysis.delay_cycles, source="option" if _delay_overridden(analysis) else "vehicle"),
         conventions=Conventions(),
-        phases=[_phase(conclusion) for conclusion in analysis.conclusions],
+        phases=[_phase(conclusion, analysis.vehicle.nominal) for conclusion in analysis.conclusions],
         docked_object=_docked(analysis.docked),
         warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
     )
@@ -155,7 +157,7 @@ def _delay_overridden(analysis: Analysis) -> bool:
     return any(assignment.startswith("cycle.command_delay_cycles=") for assignment in analysis.assignments)
 
 
-def _phase(conclusion: Conclusion) -> PhaseItem:
+def _phase(conclusion: Conclusion, nominal: Nominal) -> PhaseItem:
     about_origin = conclusion.inertia_about_origin
     moments = conclusion.principal_moments
     note = physical_note(conclusion)
@@ -164,7 +166,7 @@ def _phase(conclusion: Conclusion) -> PhaseItem:
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
-        estimates=_estimates(conclusion.estimates),
+        estimates=_estimates(conclusion.estimates, nominal),
         covariance=_matrix(conclusion.covariance),
         inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=Physical(
@@ -173,9 +175,17 @@ def _phase(conclusion: Conclusion) -> PhaseItem:
     )
 
 
-def _estimates(estimates: dict[str, Estimate]) -> dict[str, EstimateItem]:
+def _estimates(estimates: dict[str, Estimate], nominal: Nominal | None = None) -> dict[str, EstimateItem]:
     return {
-        name: EstimateItem(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict, final_at_s=e.final_at_s, reason=e.reason)
+        name: EstimateItem(
+            value=e.value,
+            sigma=e.sigma,
+            unit=e.unit,
+            verdict=e.verdict,
+            final_at_s=e.final_at_s,
+            reason=e.reason,
+            nominal=nominal.value(name) if nominal else None,
+        )
         for name, e in estimates.items()
     }
 

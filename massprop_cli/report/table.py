@@ -9,6 +9,7 @@ from rich.table import Table
 
 from massprop_cli.analysis import Analysis
 from massprop_cli.conclude import Estimate
+from massprop_cli.vehicle import Nominal
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "unobservable": "red"}
 
@@ -17,9 +18,8 @@ def show(analysis: Analysis, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for conclusion in analysis.conclusions:
         phase = conclusion.phase
-        console.print(
-            _table(f"{analysis.log.path.name}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s", conclusion.estimates)
-        )
+        title = f"{analysis.log.path.name}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
+        console.print(_table(title, conclusion.estimates, analysis.vehicle.nominal))
     if analysis.docked is not None:
         docked = analysis.docked
         console.print(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates))
@@ -42,15 +42,19 @@ def _legend(analysis: Analysis) -> list[str]:
     return lines
 
 
-def _table(title: str, estimates: dict[str, Estimate]) -> Table:
+def _table(title: str, estimates: dict[str, Estimate], nominal: Nominal | None = None) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold")
     for name in ("quantity", "value", "± sigma", "unit", "verdict", "final at"):
         table.add_column(name, justify="right" if name in ("value", "± sigma", "final at") else "left")
+    stated = {name: nominal.value(name) if nominal else None for name in estimates}
+    if any(value is not None for value in stated.values()):
+        table.add_column("nominal", justify="right")
     for name, estimate in estimates.items():
         value, sigma = numbers(estimate)
         final = "" if estimate.final_at_s is None else f"{estimate.final_at_s:.2f} s"
         verdict = f"[{_STYLE[estimate.verdict]}]{estimate.verdict}[/]"
-        table.add_row(name, value, sigma, estimate.unit.replace("^2", "²"), verdict, final)
+        cells = [] if len(table.columns) == 6 else ["" if stated[name] is None else f"{stated[name]:g}"]
+        table.add_row(name, value, sigma, estimate.unit.replace("^2", "²"), verdict, final, *cells)
     return table
 
 
