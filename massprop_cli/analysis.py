@@ -21,7 +21,7 @@ from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
-ROUNDS = 4
+ROUNDS = 6
 """How often disturbances may be raised until the innovations are explained."""
 Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""

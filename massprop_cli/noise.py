@@ -24,6 +24,8 @@ FLOOR = 1e-6
 """Where a noise is stated as zero: this part of the signal's root mean square stands in for it."""
 EXCESS = 0.2
 """Mean squared normalised innovation above 1 + this (and above six of its own sigmas) is a misfit."""
+CLIP = 4.0
+"""Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance."""
 LAGS = (2, 10)
 """Cycles over which the residual torque is compared with itself to tell a slow torque from a white one."""
 
@@ -94,7 +96,7 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
 
     The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
     """
-    rows = [(h.innovation / h.innovation_sigma)[np.isfinite(h.innovation).all(1)] for h in histories]
+    rows = [np.clip((h.innovation / h.innovation_sigma)[np.isfinite(h.innovation).all(1)], -CLIP, CLIP) for h in histories]
     rows = [z for z in rows if len(z) >= 20]
     if not rows:
         return np.full(6, np.nan)
@@ -106,6 +108,8 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
     least, sigmas = (EXCESS / 4, 3) if adapted else (EXCESS, 6)  # a size that was guessed is held to more than one that was stated
     over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
     over_long = np.where(long_run > 1 + max(0.5, 6 * np.sqrt(4 * lags / 3 / count)), long_run, 0.0)
+    if adapted:
+        over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
     return np.where(excess > 0, excess, np.nan)
 
