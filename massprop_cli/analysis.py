@@ -98,14 +98,14 @@ def _estimates(
     excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
     histories: tuple[History, ...] = ()
     for _ in range(ROUNDS):
-        if not np.isnan(excess).all():
-            used = noise.with_disturbances(samples, pieces, excess, used)
+        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
+        if histories and sized == used:
+            break
+        used = sized
         histories = tuple(
             estimate.replay(samples, cycles, phase, used, partial(say, f"estimating, phase {phase.name}")) for phase, cycles in phases
         )
         excess = noise.misfit(histories, used)
-        if not adapt or np.isnan(excess).all() or noise.with_disturbances(samples, pieces, excess, used) == used:
-            break
     return used, histories, notices + noise.disturbance_notices(stated, used, excess)
 
 

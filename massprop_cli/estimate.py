@@ -64,13 +64,15 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
     run: _Run | None = None
     begin = cycles.start
     while begin < cycles.stop:
-        wait = max(FIRST, (begin - cycles.start) // 20)  # in proportion, so that a long quiet stretch costs no more than its length
-        end = min(begin + (wait if run is None else BLOCK), cycles.stop)
+        wait = max(FIRST, (begin - cycles.start) // 200)  # in proportion, so that a long quiet stretch doesn't cost its square
+        due = begin + (wait if run is None else BLOCK)
+        end = min(due, cycles.stop)
         if progress is not None:
             progress((begin - cycles.start) / (cycles.stop - cycles.start))
         if run is None:
             rows += [None] * (end - begin)
-            reference = first_reference(samples, slice(cycles.start, end), vehicle) if end - cycles.start >= FIRST else None
+            # at due times only: an attempt at the log's end would give its last row what a longer log has not yet
+            reference = first_reference(samples, slice(cycles.start, end), vehicle) if end == due else None
             if reference is not None:
                 run, rows[-1] = _from_start(samples, slice(cycles.start, end), reference, vehicle)
             begin = end

@@ -21,9 +21,10 @@ from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Vehicle
 
 FLOOR = 1e-6
-"""Where a noise is stated as zero: this part of the signal's root mean square stands in for it."""
+"""A noise level found in the log is not below this part of its signal's root mean square."""
 EXCESS = 0.2
-"""Mean squared normalised innovation above 1 + this (and above six of its own sigmas) is a misfit."""
+"""Mean squared normalised innovation above 1 + this (and above six of its own sigmas) is a misfit of the stated noise; a quarter of it
+(and three sigmas) of a disturbance that was sized here."""
 CLIP = 4.0
 """Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance."""
 LAGS = (2, 10)
@@ -34,13 +35,16 @@ def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicl
     """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
     notices = []
     levels: dict[str, float] = {}
+    if vehicle.imu.gyro_noise_rad_s and vehicle.imu.accel_noise_m_s2:
+        return vehicle, []
+    unexplained = _unexplained(samples, cycles, vehicle)
     signals = {"gyro_noise_rad_s": samples.rate_rad_s, "accel_noise_m_s2": acceleration(samples, vehicle)}
     for key, signal in signals.items():
         stated = getattr(vehicle.imu, key)
         if stated:
             continue
         floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-        found = min(_white_level(signal, cycles), _unexplained(samples, cycles, vehicle)[key == "accel_noise_m_s2"])
+        found = min(_white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
         levels[key] = max(found, floor)
         if stated is None:
             notices.append(Notice("noise-estimated", f"imu.{key} is not stated; {levels[key]:.3g} was estimated from the log"))
