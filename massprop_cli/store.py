@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-import tempfile
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
+from massprop_cli import files
 from massprop_cli.analysis import Analysis
 from massprop_cli.errors import InputError
 from massprop_cli.report import result
@@ -24,24 +22,8 @@ def write(folder: Path, analysis: Analysis, result_json: str) -> None:
         for name in ("history.parquet", "run.json", "result.json"):
             if (folder / name).is_dir():
                 raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-        _whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
-        _whole(folder / "run.json", lambda path: _text(path, json.dumps(run, indent=1, ensure_ascii=False) + "\n"))
-        _whole(folder / "result.json", lambda path: _text(path, result_json))
+        files.whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
+        files.text(folder / "run.json", json.dumps(run, indent=1, ensure_ascii=False) + "\n")
+        files.text(folder / "result.json", result_json)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
-
-
-def _text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _whole(path: Path, save: Callable[[Path], None]) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        save(temporary)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

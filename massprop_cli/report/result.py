@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from massprop_cli import QUANTITIES, __version__
+from massprop_cli import QUANTITIES, __version__, arrow
 from massprop_cli.analysis import Analysis, effective_settings, physical_note
 from massprop_cli.arrays import Array
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
@@ -212,35 +212,16 @@ def write_history(analysis: Analysis, path: Path) -> None:
 
     histories = analysis.histories
     columns: dict[str, Any] = {
-        "phase": _text([h.phase.name for h in histories for _ in h.time_s]),
-        "time_s": _nullable(np.concatenate([h.time_s for h in histories])),
+        "phase": arrow.text([h.phase.name for h in histories for _ in h.time_s]),
+        "time_s": arrow.numbers(np.concatenate([h.time_s for h in histories])),
     }
     names = (*QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES))
     channels = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
     names = (*names, *channels, *(f"{name}_sigma" for name in channels))
     blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma]) for h in histories]
     for name, values in zip(names, np.concatenate(blocks).T, strict=True):
-        columns[name] = _nullable(values)
+        columns[name] = arrow.numbers(values)
     pq.write_table(pa.table(columns), path, compression="zstd")
-
-
-def _text(values: list[str]) -> Any:
-    """An Arrow column of text, from buffers for the same reason as :func:`_nullable`."""
-    import pyarrow as pa
-
-    encoded = [value.encode() for value in values]
-    offsets = np.concatenate([[0], np.cumsum([len(value) for value in encoded])]).astype(np.int32)
-    return pa.Array.from_buffers(pa.string(), len(values), [None, pa.py_buffer(offsets.tobytes()), pa.py_buffer(b"".join(encoded))])
-
-
-def _nullable(values: Array) -> Any:
-    """An Arrow column with null for NaN, from buffers: pa.array() would import pandas where it is installed."""
-    import pyarrow as pa
-
-    known = np.isfinite(values)
-    bits = pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
-    data = pa.py_buffer(np.where(known, values, 0.0).astype(np.float64).tobytes())
-    return pa.Array.from_buffers(pa.float64(), len(values), [bits, data])
 
 
 def schema() -> dict[str, Any]:
