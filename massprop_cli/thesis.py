@@ -92,9 +92,10 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
 
 def _start(settings: ThesisSettings, before: Filters | None) -> Filters:
     initial = np.array(settings.initial)
-    rotation = initial[:9] if before is None else before.rotation.mean
-    mass = initial[9:] if before is None else before.mass.mean
-    return Filters(State(rotation, np.diag(np.sqrt(settings.p1))), State(mass, np.sqrt([[settings.p2]])))
+    if before is None:
+        return Filters(State(initial[:9], np.diag(np.sqrt(settings.p1))), State(initial[9:], np.sqrt([[settings.p2]])))
+    p1, p2 = settings.p1_again or settings.p1, settings.p2_again or settings.p2
+    return Filters(State(before.rotation.mean, np.diag(np.sqrt(p1))), State(before.mass.mean, np.sqrt([[p2]])))
 
 
 def _joint(filters: Filters) -> Array:

@@ -182,13 +182,16 @@ class ThesisSettings(Section):
     p2: Positive = 50.0
     q2: NonNegative = 1e-5
     r2: Positive = 5e-2
+    p1_again: tuple[Positive, ...] | None = Field(None, description="p1 of every phase but the first; absent: p1")
+    p2_again: Positive | None = Field(None, description="p2 of every phase but the first; absent: p2")
     initial: tuple[FiniteFloat, ...] = Field((0.0,) * 10, description="the ten quantities at the start")
 
     @model_validator(mode="after")
     def _has_sizes(self) -> ThesisSettings:
-        for key, size in (("p1", 9), ("q1", 9), ("initial", 10)):
-            if len(getattr(self, key)) != size:
-                raise ValueError(f"{key} has {len(getattr(self, key))} values; give {size}")
+        for key, size in (("p1", 9), ("q1", 9), ("p1_again", 9), ("initial", 10)):
+            values = getattr(self, key)
+            if values is not None and len(values) != size:
+                raise ValueError(f"{key} has {len(values)} values; give {size}")
         return self
 
 
