@@ -10,13 +10,17 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "result")
+NAMES = ("log", "vehicle", "scenario", "result")
 
 
 def schema(name: str) -> dict[str, Any]:
     """The schema called ``name``."""
     if name == "vehicle":
         found = vehicle.schema()
+    elif name == "scenario":
+        from massprop_cli.testbed import scenario
+
+        found = scenario.schema()
     elif name == "log":
         found = _log()
     else:

@@ -1,0 +1,175 @@
+"""Commands to executed wrench, one control cycle at a time: delay, ticks, least pulse, rise and fall, lag, failures, fuel.
+
+The thrust of a jet is a sum of ramps: each pulse climbs linearly from its start and falls after its on-time from the thrust reached.
+A ramp's integral and second integral are polynomials, so the impulse of every bin is exact however the pulses lie in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.testbed.scenario import Scenario
+
+TOUCHING = 1e-3
+"""Pulses closer than this part of a cycle are one."""
+
+
+@dataclass
+class Actuators:
+    """The channels (jets, or the six components of a wrench) of all members, as they execute what was issued."""
+
+    scenario: Scenario
+    wrench: Array
+    """(C, 6) torque about O [N m] and force [N] of each channel at full command."""
+    strength: Array
+    """(S, K, C) true thrust of the pulse that each cycle issues, over the vehicle file's."""
+    edges_s: Array
+    """(B + 1,) of the bins, from the start of a cycle."""
+
+    def __post_init__(self) -> None:
+        members, cycles, channels = self.strength.shape
+        self.period_s = self.scenario.vehicle.cycle.period_s
+        self.on_jets = bool(self.scenario.vehicle.jets)
+        jets = self.scenario.vehicle.jets
+        self.rise_s = np.array([jet.rise_s for jet in jets]) if jets else np.zeros(6)
+        self.fall_s = np.array([jet.fall_s for jet in jets]) if jets else np.zeros(6)
+        lag = self.scenario.actuators.lag_s
+        self.lag_s = self.scenario.vehicle.thrust.lag_s if lag is None else lag
+        self.issued = np.zeros((members, cycles, channels))
+        """on-times in s, or values of a wrench command."""
+        self._lagged = np.zeros((members, channels))
+
+    def issue(self, cycle: int, share: Array) -> None:
+        """Take (S, C) commands as parts of full: rounded to ticks, too short pulses dropped."""
+        if not self.on_jets:
+            limits = self.scenario.actuators
+            self.issued[:, cycle] = share * np.concatenate([limits.max_torque_n_m or (0.0,) * 3, limits.max_force_n or (0.0,) * 3])
+            return
+        on = np.clip(share, 0.0, 1.0) * self.period_s
+        tick = self.scenario.tick_s
+        if tick is not None:
+            on = np.minimum(np.round(on / tick) * tick, self.period_s)
+        self.issued[:, cycle] = np.where(on < self.scenario.actuators.minimum_pulse_s - 1e-12, 0.0, on)
+
+    def execute(self, cycle: int) -> tuple[Array, Array, Array]:
+        """What is executed during ``cycle``.
+
+        Mean wrench of each bin, (6, S, B), and mean over each bin of the impulse gathered since the bin's start, (6, S, B); impulse of
+        each channel over its full thrust, (S, C) s.
+        """
+        members, _, channels = self.issued.shape
+        bins = len(self.edges_s) - 1
+        shape = (members, channels, bins + 1)
+        thrust = _Thrust(np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]))
+        delay = self.scenario.delay_cycles
+        for source in range(int(np.floor(cycle - delay - 2)), int(np.floor(cycle - delay)) + 2):
+            if 0 <= source <= cycle and source - cycle + delay < 1:
+                self._add_pulse(source, (source - cycle + delay) * self.period_s, thrust)
+        if self.lag_s > 0:
+            self._lag(thrust)
+        width = np.diff(self.edges_s)
+        gathered = (np.diff(thrust.second, axis=-1) - width * thrust.first[..., :-1]) / width
+        return self._wrench(np.diff(thrust.first, axis=-1) / width), self._wrench(gathered), thrust.first[..., -1]
+
+    def _wrench(self, channels: Array) -> Array:
+        total: Array = np.einsum("scb,cw->wsb", channels, self.wrench)
+        return total
+
+    def _add_pulse(self, source: int, start_s: float, thrust: _Thrust) -> None:
+        """Add what cycle ``source`` issued, which begins ``start_s`` after the start of this cycle."""
+        command = self.issued[:, source]
+        member, channel = np.nonzero(command)
+        if not len(member):
+            return
+        strength = self.strength[member, source, channel]
+        if self.on_jets:
+            on = command[member, channel]
+            full = self.period_s * (1 - TOUCHING)
+            before = np.zeros_like(on) if source == 0 else self.issued[member, source - 1, channel]
+            after = self.issued[member, source + 1, channel] if source + 1 < self.issued.shape[1] else np.zeros_like(on)
+            joined, joins = before >= full, (on >= full) & (after > 0)
+        else:
+            strength = strength * command[member, channel]
+            on = np.full(len(member), self.period_s)
+            joined = joins = np.ones(len(member), dtype=bool)
+        rise = np.where(joined, 0.0, np.minimum(self.rise_s[channel], on))
+        reached = np.where(joined | (self.rise_s[channel] == 0), 1.0, rise / np.where(self.rise_s[channel] > 0, self.rise_s[channel], 1.0))
+        fall = np.where(joins, 0.0, reached * self.fall_s[channel])
+        on = np.where(joins, self.period_s, on)
+        begin, end = np.full(len(on), start_s), start_s + on
+        height = strength * reached
+        for ramp in (Ramp(begin, begin + rise, height), Ramp(end, end + fall, -height)):
+            first, second = ramp.integrals(self.edges_s)
+            thrust.first[member, channel] += first
+            thrust.second[member, channel] += second
+            if self.lag_s > 0:
+                thrust.initial[member, channel] += ramp.value_at_zero()
+                thrust.lagged[member, channel] += ramp.lagged(self.edges_s, self.lag_s)
+
+    def _lag(self, thrust: _Thrust) -> None:
+        """Turn thrust u into y, ``lag y' + y = u``: its integrals are ``∫y = ∫u − lag (y − y₀)`` and that once more integrated."""
+        decay = np.exp(-self.edges_s / self.lag_s)
+        y0 = self._lagged[..., None].copy()
+        y = y0 * decay + thrust.initial[..., None] * (1 - decay) + thrust.lagged
+        thrust.first -= self.lag_s * (y - y0)
+        thrust.second -= self.lag_s * (thrust.first - y0 * self.edges_s)
+        self._lagged = y[..., -1]
+
+
+@dataclass
+class _Thrust:
+    """Thrust over full of each channel within a cycle, at the bins' edges."""
+
+    first: Array
+    """(S, C, B + 1) its integral from the start of the cycle, s."""
+    second: Array
+    """(S, C, B + 1) its second integral, s²."""
+    lagged: Array
+    """(S, C, B + 1) what a lagging actuator answers to its changes within the cycle."""
+    initial: Array
+    """(S, C) its value at the start of the cycle."""
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A change of thrust by ``height`` from ``start`` to ``end``, linear; (n,) each; a step where they are the same."""
+
+    start: Array
+    end: Array
+    height: Array
+
+    def integrals(self, time: Array) -> tuple[Array, Array]:
+        """First and second integral from 0 to ``time`` (≥ 0), both (n, len(time))."""
+        at_zero, slope_at_zero = self._primitive(np.zeros(1))
+        value, area = self._primitive(time)
+        return value - at_zero, area - slope_at_zero - at_zero * time
+
+    def _primitive(self, time: Array) -> tuple[Array, Array]:
+        """First and second integral from before the ramp."""
+        width = (self.end - self.start)[:, None]
+        x = np.clip(time - self.start[:, None], 0.0, width)
+        after = np.maximum(time - self.end[:, None], 0.0)
+        part = x * (x / np.where(width > 0, width, 1.0)) / 2
+        first = part + after
+        second = x * part / 3 + after * width / 2 + after * after / 2
+        return self.height[:, None] * first, self.height[:, None] * second
+
+    def value_at_zero(self) -> Array:
+        """(n,) what the ramp adds at time 0."""
+        width = self.end - self.start
+        inside = np.clip(-self.start / np.where(width > 0, width, 1.0), 0.0, 1.0)
+        value: Array = self.height * np.where(width > 0, inside, self.start <= 0)
+        return value
+
+    def lagged(self, time: Array, lag_s: float) -> Array:
+        """(n, len(time)) answer of ``lag y' + y = u`` to the part of the ramp after time 0."""
+        start = np.maximum(self.start, 0.0)
+        rest, width = self.height - self.value_at_zero(), np.maximum(self.end - start, 0.0)
+        since, after = np.maximum(time - start[:, None], 0.0), np.maximum(time - self.end[:, None], 0.0)
+        settled, settled_after = -np.expm1(-since / lag_s), -np.expm1(-after / lag_s)
+        linear = (since - lag_s * settled - after + lag_s * settled_after) / np.where(width > 0, width, 1.0)[:, None]
+        answer: Array = rest[:, None] * np.where(width[:, None] > 0, linear, settled)
+        return answer

@@ -1,0 +1,86 @@
+"""The IMU as it really is: mounting, bias, white noise, range, quantised increments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.testbed.motion import apply
+from massprop_cli.testbed.scenario import Scenario
+
+
+@dataclass
+class Sensor:
+    """A gyro or an accelerometer of all members: mean rates in body axes to increments in IMU axes."""
+
+    imu_from_body: Array
+    """(3, 3)"""
+    noise: Array
+    """(3, S, K, N) of a record's mean, IMU axes."""
+    bias: Array
+    """(3,) IMU axes."""
+    limit: float | None
+    """Range, per second."""
+    quantum: float
+    """Smallest increment."""
+    record_s: float
+    increments: Array = field(init=False)
+    """(3, S, K, N) what is logged, IMU axes."""
+
+    def __post_init__(self) -> None:
+        self.increments = np.zeros_like(self.noise)
+        self._left = np.zeros(self.noise.shape[:2])
+
+    def sense(self, cycle: int, mean: Array, jump: Array | float = 0.0) -> Array:
+        """Log one cycle from (3, S, N) means of its records and return the sum of its increments, (3, S).
+
+        ``jump`` (3, S) comes on top of the first increment.
+        """
+        seen = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None] + self.noise[:, :, cycle]
+        if np.ndim(jump):
+            seen[..., 0] += apply(self.imu_from_body[..., None], np.asarray(jump)) / self.record_s
+        if self.limit is not None:
+            seen = np.clip(seen, -self.limit, self.limit)
+        step = seen * self.record_s
+        if self.quantum > 0:
+            # what a count does not hold is carried over, as integrating sensors do
+            whole = np.round((self._left[..., None] + np.cumsum(step, -1)) / self.quantum) * self.quantum
+            exact = self._left + step.sum(-1)
+            step = np.diff(whole, axis=-1, prepend=0.0)
+            self._left = exact - whole[..., -1]
+        self.increments[:, :, cycle] = step
+        total: Array = step.sum(-1)
+        return total
+
+
+def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
+    """The scenario's gyro, rad."""
+    stated, real = scenario.vehicle.imu, scenario.sensors
+    sigma = stated.gyro_noise_rad_s if real.gyro_noise_rad_s is None else real.gyro_noise_rad_s
+    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, stated.gyro_range_rad_s, real.gyro_quantum_rad)
+
+
+def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
+    """The scenario's accelerometer, m/s."""
+    stated, real = scenario.vehicle.imu, scenario.sensors
+    sigma = stated.accel_noise_m_s2 if real.accel_noise_m_s2 is None else real.accel_noise_m_s2
+    return _sensor(scenario, rngs, sigma or 0.0, real.accel_bias_m_s2, stated.accel_range_m_s2, real.accel_quantum_m_s)
+
+
+def _sensor(
+    scenario: Scenario, rngs: list[np.random.Generator], sigma: float, bias: tuple[float, ...], limit: float | None, quantum: float
+) -> Sensor:
+    records = scenario.sensors.records_per_cycle
+    shape = (scenario.cycles, records, 3)
+    # sigma is that of a cycle's mean: a record's is larger by the root of their number
+    noise = np.stack([rng.standard_normal(shape) * (sigma * np.sqrt(records)) for rng in rngs])
+    return Sensor(
+        imu_from_body=np.array(scenario.vehicle.imu.body_from_imu).T,
+        noise=np.ascontiguousarray(np.moveaxis(noise, -1, 0)),
+        bias=np.array(bias),
+        limit=limit,
+        quantum=quantum,
+        record_s=scenario.vehicle.cycle.period_s / records,
+    )

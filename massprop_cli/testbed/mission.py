@@ -1,0 +1,135 @@
+"""The mission plan: what is demanded about and along each axis in each cycle, and the on-times that serve it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.errors import InputError
+from massprop_cli.testbed.scenario import AXES, TURNS, Scenario, ScenarioSource, Segment
+
+SERVED = 1e-9
+"""An axis is served if the jets make its unit wrench to this relative accuracy."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Open-loop demand and where the attitude is held. Axes in the order roll pitch yaw x y z."""
+
+    demand: Array
+    """(S, K, 6) mean torque [N m] and force [N] that the pulses of the plan ask for in each cycle."""
+    held: BoolArray
+    """(K, 3) where the attitude controller adds its torque."""
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """How demanded torque and force become commands."""
+
+    on_time_share: Array
+    """(6, 2, C) part of full thrust of each command channel for one unit about an axis, + and −; NaN where an axis can't be served."""
+    full: Array
+    """(6, 2) largest torque [N m] or force [N] in each direction."""
+
+    def commands(self, demand: Array) -> Array:
+        """(S, C) part of the cycle that each channel is on, or of its full value, from (S, 6) demand; limited to 1."""
+        used = np.nan_to_num(self.on_time_share)
+        positive, negative = np.maximum(demand, 0.0), np.maximum(-demand, 0.0)
+        share = np.einsum("sa,ac->sc", positive, used[:, 0]) + np.einsum("sa,ac->sc", negative, used[:, 1])
+        limited: Array = np.clip(share, -1.0, 1.0)
+        return limited
+
+
+def allocation(source: ScenarioSource) -> Allocation:
+    """Least-effort jets for each axis and direction, or one channel per axis for a vehicle without jets.
+
+    :class:`InputError` where the plan drives an axis that the jets can't serve without disturbing the others.
+    """
+    scenario = source.scenario
+    share = np.full((6, 2, max(len(scenario.vehicle.jets), 6 if not scenario.vehicle.jets else 0)), np.nan)
+    if scenario.vehicle.jets:
+        for axis in range(6):
+            for side in range(2):
+                share[axis, side] = _jets_for(scenario.vehicle.jet_wrench, axis, 1.0 - 2 * side)
+    else:
+        limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
+        with np.errstate(divide="ignore"):
+            unit = np.diag(np.where(limits > 0, 1 / limits, np.nan))
+        share = np.where(np.isnan(np.diag(unit))[:, None, None], np.nan, np.stack([np.nan_to_num(unit), -np.nan_to_num(unit)], 1))
+    peak = np.abs(share).max(-1)
+    full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
+    _check_served(source, full)
+    return Allocation(share, full)
+
+
+def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
+    """(J,) thrust parts, all ≥ 0 and of least sum of squares, whose wrench is one unit about ``axis``; NaN if there are none."""
+    from scipy.optimize import nnls
+
+    size = np.maximum(np.abs(wrench).max(0), 1e-300)
+    target = np.zeros(6)
+    target[axis] = sign / size[axis]
+    scaled = (wrench / size).T
+    effort = 1e-4
+    part, _ = nnls(np.vstack([scaled, effort * np.eye(len(wrench))]), np.concatenate([target, np.zeros(len(wrench))]))
+    chosen = part > 1e-9 * max(part.max(), 1e-300)
+    exact = np.zeros(len(wrench))
+    exact[chosen] = np.linalg.lstsq(scaled[:, chosen], target, rcond=None)[0]
+    exact = np.where(np.abs(exact) < SERVED * max(np.abs(exact).max(), 1e-300), 0.0, exact)
+    served = np.abs(scaled @ exact - target).max() <= SERVED * abs(target[axis]) and exact.min() >= 0 and exact.max() > 0
+    return exact if served else np.full(len(wrench), np.nan)
+
+
+def _check_served(source: ScenarioSource, full: Array) -> None:
+    for number, segment in enumerate(source.scenario.plan, 1):
+        if segment.motion == "coast":
+            continue
+        for name in segment.driven:
+            if (full[AXES.index(name)] == 0).any():
+                raise InputError(
+                    f"{source.source}, plan segment {number}: the vehicle can't drive {name} both ways without disturbing other axes; "
+                    "drop the axis from the plan, or add jets"
+                )
+
+
+def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generator]) -> Plan:
+    """The plan's demand for every seed; ``rngs`` one generator per seed."""
+    period, cycles = scenario.vehicle.cycle.period_s, scenario.cycles
+    demand = np.zeros((len(rngs), cycles, 6))
+    held = np.zeros((cycles, 3), dtype=bool)
+    for segment in scenario.plan:
+        start, end = segment.cycles(period)
+        end = min(end, cycles)
+        if segment.motion == "hold" or segment.closed_loop:
+            held[start:end] |= np.isin(TURNS, segment.driven)
+        if segment.motion in ("hold", "coast"):
+            continue
+        for axis in [AXES.index(name) for name in segment.driven]:
+            positive, negative = (_strength(segment, float(full)) for full in allocated.full[axis])
+            for member, rng in enumerate(rngs):
+                pattern = _pattern(segment, end - start, rng)
+                demand[member, start:end, axis] = np.where(pattern > 0, positive, negative) * pattern
+    return Plan(demand, held)
+
+
+def _strength(segment: Segment, full: float) -> float:
+    """Torque or force of a segment's pulses in one direction, N m or N, with the sign of its level."""
+    stated = segment.torque_n_m or segment.force_n
+    return stated if stated is not None else segment.level * full
+
+
+def _pattern(segment: Segment, cycles: int, rng: np.random.Generator) -> Array:
+    """(cycles,) −1, 0 or +1."""
+    if segment.motion == "steady":
+        return np.ones(cycles)
+    cycle = np.arange(cycles)
+    turn = cycle // segment.every_cycles
+    if segment.motion == "alternating":
+        return 1.0 - 2.0 * (turn % 2)
+    draws = int(turn[-1]) + 1
+    sign = 2.0 * rng.integers(0, 2, draws) - 1
+    length = rng.integers(1, segment.max_cycles + 1, draws)
+    pulse: Array = np.where(cycle % segment.every_cycles < length[turn], sign[turn], 0.0)
+    return pulse

@@ -1,0 +1,378 @@
+"""Scenario files: a vehicle, its true mass properties, its sensors and actuators as they really are, and a mission plan.
+
+The models below are the schema (``massprop schema scenario``). Unknown keys are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+
+from massprop_cli import QUANTITIES, configfile, vehicle
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError
+from massprop_cli.vehicle import PRODUCTS, ZERO, NonNegative, Positive, Section, Vector, Vehicle
+
+TURNS = ("roll", "pitch", "yaw")
+AXES = (*TURNS, "x", "y", "z")
+Axis = Literal["roll", "pitch", "yaw", "x", "y", "z"]
+WHOLE = 1e-6
+"""A time counts as a whole number of cycles within this many cycles."""
+
+
+class Body(Section):
+    """True mass properties of a body: inertia about its CG, CG from O, body axes."""
+
+    ixx: Positive
+    ixy: FiniteFloat = 0.0
+    ixz: FiniteFloat = 0.0
+    iyy: Positive
+    iyz: FiniteFloat = 0.0
+    izz: Positive
+    poi_convention: Literal["tensor", "positive_integral"] = Field(
+        "tensor", description="sign of the products: ixy = -Σ m x y, or +Σ m x y"
+    )
+    cg_x: FiniteFloat = 0.0
+    cg_y: FiniteFloat = 0.0
+    cg_z: FiniteFloat = 0.0
+    mass: Positive = Field(description="on an air bearing with the bearing's")
+
+    @model_validator(mode="after")
+    def _is_body(self) -> Body:
+        moments = np.linalg.eigvalsh(self.inertia)
+        if moments[0] <= 1e-9 * moments[-1]:
+            raise ValueError(f"the inertia is singular or not positive definite (least principal moment {moments[0]:.4g} kg m^2)")
+        return self
+
+    @property
+    def values(self) -> Array:
+        """(10,) in the order of :data:`massprop_cli.QUANTITIES`, products as the tensor's own elements."""
+        flip = -1.0 if self.poi_convention == "positive_integral" else 1.0
+        return np.array([getattr(self, name) * (flip if name in PRODUCTS else 1.0) for name in QUANTITIES])
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the CG, kg m²."""
+        ixx, ixy, ixz, iyy, iyz, izz = self.values[:6]
+        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+    @property
+    def breaks_triangle(self) -> bool:
+        """Whether no real body has these principal moments."""
+        low, middle, high = np.linalg.eigvalsh(self.inertia)
+        return bool(low + middle < high * (1 - 1e-9))
+
+
+class Sensors(Section):
+    """The IMU as it really is; noise is one sigma of a cycle's mean, absent: as the vehicle file states (none there: none)."""
+
+    records_per_cycle: int = Field(1, ge=1, le=200, description="IMU records logged in each control cycle")
+    gyro_noise_rad_s: NonNegative | None = None
+    accel_noise_m_s2: NonNegative | None = None
+    gyro_bias_rad_s: Vector = Field(ZERO, description="IMU axes")
+    accel_bias_m_s2: Vector = Field(ZERO, description="IMU axes")
+    gyro_quantum_rad: NonNegative = Field(0.0, description="smallest angle increment; what is left over goes into the next record")
+    accel_quantum_m_s: NonNegative = Field(0.0, description="smallest velocity increment")
+    log_attitude: bool = Field(False, description="write quat_w … quat_z")
+
+
+class Failure(Section):
+    """A jet that does not do what the vehicle file says."""
+
+    jet: str
+    thrust: FiniteFloat = Field(0.0, description="factor on its thrust: 0 dead, 0.8 weak, -1 mounted the wrong way")
+    start_s: NonNegative = 0.0
+    end_s: Positive | None = None
+
+
+class Actuators(Section):
+    """Jets or wrench as they really are; absent: as the vehicle file states."""
+
+    pwm_tick_s: Positive | None = Field(None, description="on-times are rounded to this; absent: cycle.pwm_tick_s, or not rounded")
+    minimum_pulse_s: NonNegative = Field(0.0, description="shorter pulses are not fired")
+    delay_cycles: NonNegative | None = Field(None, description="true delay, may be fractional")
+    lag_s: NonNegative | None = Field(None, description="true first-order lag")
+    scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
+    pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
+    max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
+    max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
+    failures: tuple[Failure, ...] = ()
+
+
+class Disturbance(Section):
+    """A torque that nobody commanded."""
+
+    torque_n_m: NonNegative | None = Field(None, description="one sigma per cycle, white, each axis; absent: as the vehicle file states")
+    walk_n_m: NonNegative | None = Field(
+        None, description="one sigma of a slow torque's change per cycle; absent: as the vehicle file states"
+    )
+    constant_n_m: Vector = ZERO
+
+
+class Fuel(Section):
+    """Fuel burnt by the jets: mass falls with the impulse given, CG and inertia too where the tank's place is known."""
+
+    specific_impulse_s: Positive
+    tank_position_m: Vector | None = Field(None, description="from O; the fuel counts as a point there")
+
+
+class Control(Section):
+    """Attitude hold: ``τ = ω × Î ω − D ω − K q_vec`` per axis, from the gyro's rates and the attitude integrated from them."""
+
+    inertia_kg_m2: Vector = Field(ZERO, description="diagonal of the controller's own inertia Î")
+    rate_gain_n_m_s: Vector
+    attitude_gain_n_m: Vector
+
+
+class Timed(Section):
+    """Something with a place in time, in cycles or in seconds."""
+
+    @staticmethod
+    def _cycles(cycle: int | None, seconds: float | None, period_s: float, what: str) -> int:
+        if cycle is not None:
+            return cycle
+        assert seconds is not None
+        found = seconds / period_s
+        if abs(found - round(found)) > WHOLE * max(1.0, found):
+            raise ValueError(f"{what} at {seconds:g} s is no whole number of cycles of {period_s:g} s")
+        return round(found)
+
+
+class Segment(Timed):
+    """A stretch of the mission plan. Axes that no segment drives are left alone."""
+
+    motion: Literal["hold", "alternating", "random", "steady", "coast"]
+    axes: tuple[Axis, ...] = Field((), description="roll, pitch, yaw turn, x, y, z push; absent: hold all turns, coast all six")
+    start_cycle: Annotated[int, Field(ge=0)] | None = None
+    end_cycle: Annotated[int, Field(gt=0)] | None = None
+    start_s: NonNegative | None = None
+    end_s: Positive | None = None
+    every_cycles: int = Field(5, ge=1, description="alternating: the sign changes this often; random: a new pulse is drawn this often")
+    max_cycles: int = Field(4, ge=1, description="random: pulses last 1 to this many cycles, all lengths alike")
+    level: FiniteFloat = Field(1.0, ge=-1, le=1, description="part of the full torque or force; its sign comes first")
+    torque_n_m: Positive | None = Field(None, description="instead of level")
+    force_n: Positive | None = Field(None, description="instead of level")
+    closed_loop: bool = Field(False, description="hold the attitude beneath the pulses about roll, pitch and yaw")
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Segment:
+        for edge in ("start", "end"):
+            if (getattr(self, f"{edge}_cycle") is None) == (getattr(self, f"{edge}_s") is None):
+                raise ValueError(f"give either {edge}_cycle or {edge}_s")
+        pulsed = self.motion in ("alternating", "random", "steady")
+        if pulsed and not self.axes:
+            raise ValueError(f'motion "{self.motion}" needs axes, for instance axes = ["roll"]')
+        if len(set(self.axes)) < len(self.axes):
+            raise ValueError("an axis is named twice")
+        if self.motion == "hold" and not set(self.axes) <= set(TURNS):
+            raise ValueError("hold turns about roll, pitch and yaw only; it can't hold a position")
+        if pulsed and self.level == 0:
+            raise ValueError('level is zero; write motion = "coast"')
+        if self.motion == "random" and self.max_cycles > self.every_cycles:
+            raise ValueError(f"pulses of up to {self.max_cycles} cycles don't fit a redraw every {self.every_cycles} cycles")
+        for key, allowed in (("torque_n_m", set(TURNS)), ("force_n", set(AXES) - set(TURNS))):
+            if getattr(self, key) is not None and not set(self.axes) <= allowed:
+                raise ValueError(f"{key} does not fit axes {', '.join(self.axes)}; write a segment of their own for them")
+        return self
+
+    @property
+    def driven(self) -> tuple[Axis, ...]:
+        """The axes that this segment claims."""
+        return self.axes or (AXES if self.motion == "coast" else TURNS)  # type: ignore[return-value]
+
+    def cycles(self, period_s: float) -> tuple[int, int]:
+        """First cycle and the one after the last."""
+        start = self._cycles(self.start_cycle, self.start_s, period_s, "start")
+        end = self._cycles(self.end_cycle, self.end_s, period_s, "end")
+        if end <= start:
+            raise ValueError(f"ends at cycle {end}, not after its start at cycle {start}")
+        return start, end
+
+
+class Event(Timed):
+    """What happens to the vehicle or to the estimator at the start of a cycle."""
+
+    kind: Literal["dock", "reset"] = Field(description="dock: [docked] is joined; reset: a new phase, its covariance afresh")
+    cycle: Annotated[int, Field(gt=0)] | None = None
+    at_s: Positive | None = None
+    motion: Literal["momentum_conserved", "rates_kept"] = Field(
+        "momentum_conserved", description="rates_kept: body rates and the velocity of O stay, as the thesis has it"
+    )
+    docked_rate_rad_s: Vector = Field(ZERO, description="of the object before docking, body axes")
+    docked_velocity_m_s: Vector = Field(ZERO, description="of the object's CG before docking, relative to the vehicle's CG, body axes")
+    phase: str | None = Field(None, description="name of the phase that begins here")
+
+    @model_validator(mode="after")
+    def _has_time(self) -> Event:
+        if (self.cycle is None) == (self.at_s is None):
+            raise ValueError("give either cycle or at_s")
+        return self
+
+    def at(self, period_s: float) -> int:
+        """The cycle at whose start it happens."""
+        return self._cycles(self.cycle, self.at_s, period_s, "event")
+
+
+class Initial(Section):
+    """Motion at the start of the log; the attitude is the vehicle file's."""
+
+    rate_rad_s: Vector = ZERO
+
+
+class Scenario(Timed):
+    """A whole scenario file, checked."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: str = Field("scenario", pattern=r"^[\w.\-]+$")
+    description: str = ""
+    duration_cycles: Annotated[int, Field(gt=0, le=10_000_000)] | None = None
+    duration_s: Positive | None = None
+    seed: int = Field(1, ge=0, description="--seed overrides it")
+    vehicle: Vehicle = Field(description="the vehicle file's content, or in a scenario file its path")
+    truth: Body
+    docked: Body | None = Field(None, description="the object that docks, its CG from O once docked")
+    initial: Initial = Initial()
+    sensors: Sensors = Sensors()
+    actuators: Actuators = Actuators()
+    disturbance: Disturbance = Disturbance()
+    fuel: Fuel | None = None
+    control: Control | None = None
+    plan: tuple[Segment, ...] = ()
+    events: tuple[Event, ...] = ()
+
+    @field_validator("plan")
+    @classmethod
+    def _does_not_overlap(cls, plan: tuple[Segment, ...], info: ValidationInfo) -> tuple[Segment, ...]:
+        if "vehicle" not in info.data:
+            return plan
+        period = info.data["vehicle"].cycle.period_s
+        claims: dict[str, list[tuple[int, int, int]]] = {}
+        for number, segment in enumerate(plan, 1):
+            try:
+                start, end = segment.cycles(period)
+            except ValueError as error:
+                raise ValueError(f"segment {number} {error}") from None
+            for axis in segment.driven:
+                for other_start, other_end, other in claims.setdefault(axis, []):
+                    if start < other_end and other_start < end:
+                        raise ValueError(
+                            f"segments {other} (cycles {other_start} to {other_end}) and {number} ({start} to {end}) overlap on {axis}"
+                        )
+                claims[axis].append((start, end, number))
+        return plan
+
+    @model_validator(mode="after")
+    def _is_coherent(self) -> Scenario:
+        jets = [jet.name for jet in self.vehicle.jets]
+        for failure in self.actuators.failures:
+            if failure.jet not in jets:
+                raise ValueError(
+                    f"actuators.failures names unknown jet {failure.jet!r}{configfile.nearest(failure.jet, jets, 'the nearest is')}"
+                )
+        self._check_times()
+        self._check_plan()
+        bearing = self.vehicle.environment.bearing_mass_kg if self.vehicle.on_air_bearing else 0.0
+        if self.truth.mass <= bearing:
+            raise ValueError(f"truth.mass = {self.truth.mass:g} kg includes the bearing's {bearing:g} kg: it must be larger")
+        return self
+
+    def _check_times(self) -> None:
+        period, tick = self.vehicle.cycle.period_s, self.tick_s
+        if (self.duration_cycles is None) == (self.duration_s is None):
+            raise ValueError("give either duration_cycles or duration_s")
+        if tick is not None and tick > period * (1 + 1e-9):
+            raise ValueError(f"pwm_tick_s = {tick:g} s is longer than the control cycle of {period:g} s")
+        for jet in self.vehicle.jets:
+            if max(jet.rise_s, jet.fall_s) > period:
+                raise ValueError(f"jet {jet.name!r}: a rise or fall longer than the control cycle of {period:g} s can't be simulated")
+        if self.vehicle.cycle.command_delay_cycles == "auto" and self.actuators.delay_cycles is None:
+            raise ValueError('cycle.command_delay_cycles is "auto": give the true delay as actuators.delay_cycles')
+        for event in self.events:
+            if event.at(period) >= self.cycles:
+                raise ValueError(f"event {event.kind!r} at cycle {event.at(period)} comes after the end at cycle {self.cycles}")
+        for segment in self.plan:
+            if segment.cycles(period)[0] >= self.cycles:
+                raise ValueError(f"a segment starts at cycle {segment.cycles(period)[0]}, after the end at cycle {self.cycles}")
+        docks = sum(event.kind == "dock" for event in self.events)
+        if docks > 1 or (docks == 1) != (self.docked is not None):
+            raise ValueError('an object docks once: [docked] and one event of kind "dock" go together')
+        if len({event.at(period) for event in self.events}) < len(self.events):
+            raise ValueError("two events in one cycle; a dock may name the phase that begins with it")
+
+    def _check_plan(self) -> None:
+        if self.fuel is not None and not self.vehicle.jets:
+            raise ValueError("[fuel] needs jets that burn it")
+        if self.vehicle.on_air_bearing and any(e.kind == "dock" and e.motion == "momentum_conserved" for e in self.events):
+            raise ValueError('docking on an air bearing is simulated with motion = "rates_kept" only')
+        if self.control is None and any(s.motion == "hold" or s.closed_loop for s in self.plan):
+            raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
+        if not self.vehicle.jets:
+            needs = {axis for s in self.plan if s.motion != "coast" for axis in s.driven}
+            torque, force = self.actuators.max_torque_n_m, self.actuators.max_force_n
+            if (torque is None and needs & set(TURNS)) or (force is None and needs - set(TURNS)):
+                raise ValueError("the vehicle has no jets: give actuators.max_torque_n_m and max_force_n for the axes that the plan drives")
+
+    @property
+    def cycles(self) -> int:
+        """Length in control cycles."""
+        return self._cycles(self.duration_cycles, self.duration_s, self.vehicle.cycle.period_s, "the end")
+
+    @property
+    def tick_s(self) -> float | None:
+        """What on-times are rounded to."""
+        return self.actuators.pwm_tick_s or self.vehicle.cycle.pwm_tick_s
+
+    @property
+    def delay_cycles(self) -> float:
+        """True delay from the start of the cycle that issues a command to the start of its execution."""
+        stated = self.vehicle.cycle.command_delay_cycles
+        return self.actuators.delay_cycles if self.actuators.delay_cycles is not None else float(stated)
+
+
+@dataclass(frozen=True)
+class ScenarioSource:
+    """A scenario with where it came from."""
+
+    scenario: Scenario
+    source: str
+
+
+def packaged() -> list[str]:
+    """Names of the scenarios that come with the program."""
+    folder = resources.files("massprop_cli.testbed") / "scenarios"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load(name: str, assignments: Sequence[str] = ()) -> ScenarioSource:
+    """Read a scenario file, or a packaged scenario by its name; :class:`InputError` names file, line and key."""
+    path = Path(name)
+    if path.suffix == ".toml" or path.exists():
+        return parse(configfile.read_text(path, "scenario file"), str(path), assignments, path.parent)
+    if name not in packaged():
+        hint = configfile.nearest(name, packaged(), "the nearest packaged scenario is")
+        raise InputError(f"{name}: neither a scenario file nor a packaged scenario{hint}; massprop simulate --list names them")
+    text = (resources.files("massprop_cli.testbed") / "scenarios" / f"{name}.toml").read_text("utf-8")
+    return parse(text, f"scenario {name}", assignments)
+
+
+def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path | None = None) -> ScenarioSource:
+    """Check a scenario's text, with ``--set`` assignments on top. ``vehicle`` may name a vehicle file, seen from ``folder``."""
+    data = configfile.parse_toml(text, source)
+    if isinstance(data.get("vehicle"), str):
+        path = (folder or Path()) / data["vehicle"]
+        vehicle_text = configfile.read_text(path, "vehicle file")
+        vehicle.parse(vehicle_text, str(path))
+        data["vehicle"] = configfile.parse_toml(vehicle_text, str(path))
+    data = configfile.override(data, assignments)
+    return ScenarioSource(configfile.validate(Scenario, data, source, text, assignments), source)
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the scenario file."""
+    return Scenario.model_json_schema(by_alias=True)
