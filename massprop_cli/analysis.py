@@ -48,11 +48,16 @@ def analyse(
     log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None
 ) -> Analysis:
     """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
-    say = progress or (lambda *_: None)
-    say("reading", 0.0)
+    if progress is not None:
+        progress("reading", 0.0)
     table = read_table(log_path)
     source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
-    log = read(table, source.vehicle)
+    return examine(read(table, source.vehicle), source, assignments, progress)
+
+
+def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
+    """The same from a log at hand."""
+    say = progress or (lambda *_: None)
     delay = _delay(source)
     aligned = align(log, source.vehicle, delay)
     samples = compensate(aligned, source.vehicle)
@@ -169,4 +174,4 @@ def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}
 
 
-__all__ = ["Analysis", "analyse", "effective_settings", "physical_note"]
+__all__ = ["Analysis", "analyse", "effective_settings", "examine", "physical_note"]

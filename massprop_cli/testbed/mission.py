@@ -11,7 +11,7 @@ from massprop_cli.errors import InputError
 from massprop_cli.testbed.scenario import AXES, TURNS, Scenario, ScenarioSource, Segment
 
 SERVED = 1e-9
-"""An axis is served if the jets make its unit wrench to this relative accuracy."""
+"""Jets with less than this part of the largest on-time are left out."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Allocation:
 
 
 def allocation(source: ScenarioSource) -> Allocation:
-    """Least-effort jets for each axis and direction, or one channel per axis for a vehicle without jets.
+    """Jets of least on-time for each axis and direction, or one channel per axis for a vehicle without jets.
 
     :class:`InputError` where the plan drives an axis that the jets can't serve without disturbing the others.
     """
@@ -65,21 +65,20 @@ def allocation(source: ScenarioSource) -> Allocation:
 
 
 def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
-    """(J,) thrust parts, all ≥ 0 and of least sum of squares, whose wrench is one unit about ``axis``; NaN if there are none."""
-    from scipy.optimize import nnls
+    """(J,) on-time parts, all ≥ 0 and of least sum, whose wrench is one unit about ``axis``; NaN if there are none."""
+    from scipy.optimize import linprog
 
     size = np.maximum(np.abs(wrench).max(0), 1e-300)
     target = np.zeros(6)
-    target[axis] = sign / size[axis]
-    scaled = (wrench / size).T
-    effort = 1e-4
-    part, _ = nnls(np.vstack([scaled, effort * np.eye(len(wrench))]), np.concatenate([target, np.zeros(len(wrench))]))
-    chosen = part > 1e-9 * max(part.max(), 1e-300)
+    target[axis] = sign
+    found = linprog(np.ones(len(wrench)), A_eq=(wrench / size).T, b_eq=target, method="highs-ds")
+    if not found.success:
+        return np.full(len(wrench), np.nan)
+    on_time = np.asarray(found.x)
+    chosen = on_time > SERVED * on_time.max()
     exact = np.zeros(len(wrench))
-    exact[chosen] = np.linalg.lstsq(scaled[:, chosen], target, rcond=None)[0]
-    exact = np.where(np.abs(exact) < SERVED * max(np.abs(exact).max(), 1e-300), 0.0, exact)
-    served = np.abs(scaled @ exact - target).max() <= SERVED * abs(target[axis]) and exact.min() >= 0 and exact.max() > 0
-    return exact if served else np.full(len(wrench), np.nan)
+    exact[chosen] = np.linalg.lstsq((wrench / size).T[:, chosen], target, rcond=None)[0] / size[axis]
+    return exact
 
 
 def _check_served(source: ScenarioSource, full: Array) -> None:

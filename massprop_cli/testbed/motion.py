@@ -171,6 +171,8 @@ class Dynamics:
         if self.bearing is not None:
             ups, push = self._on_bearing(up, mean, state, wrench, h)
             rest = self._with_bearing(rest + driven, ups, push, inverse) - driven
+            swing = cross(self.arm[..., None], cross(ups, mean))
+            rest_slope = rest_slope - apply(inverse, (self.rotating_mass * self.bearing.gravity)[:, None] * swing)
         dot = driven + rest
         return _State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, rest, ups, rest_slope)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from massprop_cli.arrays import Array, frozen
 from massprop_cli.errors import InputError
+from massprop_cli.telemetry import Log
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.motion import (
@@ -42,6 +44,7 @@ class Flight:
     vehicle: Vehicle
     """As the log's users get it, with the phases that events make."""
     seeds: tuple[int, ...]
+    logs_attitude: bool
     time_s: Array
     """(K N,) end of each record."""
     delta_theta_rad: Array
@@ -60,6 +63,24 @@ class Flight:
     """(S, phases, 10) at the end of each phase."""
     docked: Array | None
     """(10,) true object that docked."""
+
+    def log(self, member: int) -> Log:
+        """One member's log, as reading its file gives it."""
+        records = len(self.time_s) // self.issued.shape[1]
+        return Log(
+            path=Path(f"seed-{self.seeds[member]}"),
+            sha256="",
+            rows=len(self.time_s),
+            records_per_cycle=records,
+            time_s=self.time_s,
+            interval_s=frozen(np.diff(self.time_s, prepend=0.0)),
+            delta_theta_imu_rad=self.delta_theta_rad[member],
+            delta_v_imu_m_s=self.delta_v_m_s[member],
+            command_kind="jets" if self.vehicle.jets else "wrench",
+            command=self.issued[member],
+            attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
+            notices=(),
+        )
 
 
 def fly(
@@ -136,6 +157,7 @@ def fly(
     return Flight(
         vehicle=scenario.vehicle.model_copy(update={"phases": phases if events else scenario.vehicle.phases}),
         seeds=tuple(seeds),
+        logs_attitude=scenario.sensors.log_attitude,
         time_s=frozen(_record_ends(scenario)),
         delta_theta_rad=frozen(_flat(gyro.increments)),
         delta_v_m_s=frozen(_flat(accelerometer.increments)),
