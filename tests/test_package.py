@@ -31,3 +31,6 @@ def test_the_wheel_alone_estimates_a_sample_log(tmp_path: Path) -> None:
     assert str(site) in run.stderr
     assert json.loads(run.stdout)["phases"][0]["estimates"]["mass"]["verdict"] == "converged"
     assert (tmp_path / "massprop-out" / "log" / "result.json").exists()
+    run = subprocess.run([str(python), "-c", code, "simulate", "refined", "-q"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "massprop-out" / "refined-seed-1" / "log.parquet").exists()

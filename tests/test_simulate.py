@@ -259,6 +259,18 @@ def test_a_packaged_scenario_comes_back_out_of_the_estimator(name: str, tmp_path
             assert abs((estimate.value or 0.0) - recorded["docked"][quantity]) < 4.5 * (estimate.sigma or 0.0)
 
 
+@pytest.mark.parametrize("name", ["preliminary", "refined", "docking", "testbed", "free-flyer"])
+def test_sample_logs_are_what_their_command_makes(name: str, tmp_path: Path) -> None:
+    assert CliRunner().invoke(app, ["simulate", name, "--seed", "1", "--out", str(tmp_path)]).exit_code == 0
+    kept = SAMPLES / "scenarios" / name
+    assert (tmp_path / "vehicle.toml").read_text() == (kept / "vehicle.toml").read_text()
+    assert json.loads((tmp_path / "truth.json").read_text()) == json.loads((kept / "truth.json").read_text())
+    made, stored = (pq.ParquetFile(folder / "log.parquet").read(use_threads=False) for folder in (tmp_path, kept))
+    assert made.schema.equals(stored.schema)
+    for column in (*columns.DELTA_THETA, *columns.DELTA_V):  # to the last digits, which another numpy may round otherwise
+        assert np.allclose(made.column(column).to_numpy(), stored.column(column).to_numpy(), rtol=0, atol=1e-12)
+
+
 def test_a_campaign_folder_holds_the_same_bytes_as_single_runs(tmp_path: Path) -> None:
     runner = CliRunner()
     assert runner.invoke(app, ["simulate", "refined", "--seeds", "3", "--seed", "8", "--out", str(tmp_path / "all")]).exit_code == 0

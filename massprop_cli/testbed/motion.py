@@ -20,14 +20,15 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 
-TOLERANCE = 1e-13
+TOLERANCE = 1e-11
 """Iteration ends for a member when its rates change by less than this times (1 rad/s + their size)."""
 ITERATIONS = 60
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors whose components come first."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    (a0, a1, a2), (b0, b1, b2) = a, b
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -250,8 +251,15 @@ def quaternions(rotation: Array) -> Array:
 
 def compose(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (4, …): first ``a``, then ``b`` in the turned axes."""
-    vector = a[0] * b[1:] + b[0] * a[1:] + cross(a[1:], b[1:])
-    return np.concatenate([(a[0] * b[0] - dot(a[1:], b[1:]))[None], vector])
+    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
+    return np.array(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + bw * ax + ay * bz - az * by,
+            aw * by + bw * ay + az * bx - ax * bz,
+            aw * bz + bw * az + ax * by - ay * bx,
+        ]
+    )
 
 
 def compose_all(turns: Array) -> Array:

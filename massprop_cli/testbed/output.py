@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,8 @@ from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
 from massprop_cli.vehicle import Vehicle
 
+_LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
+"""A list of numbers over several lines, which a person reads better on one."""
 Kind = Literal["parquet", "csv"]
 MEMORY = 4_000_000
 """Numbers logged at once: a campaign is flown in batches that hold about so many."""
@@ -82,7 +85,8 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
 
 def vehicle_toml(vehicle: Vehicle) -> str:
     """The vehicle file's text: what the scenario sets, defaults left out."""
-    return tomli_w.dumps(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True))
+    text = tomli_w.dumps(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True))
+    return _LIST.sub(lambda found: "[" + ", ".join(found.group(1).replace(",", " ").split()) + "]", text)
 
 
 def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:

@@ -155,7 +155,7 @@ def fly(
         if progress is not None and k % 16 == 0:
             progress((k + 1) / cycles)
     return Flight(
-        vehicle=scenario.vehicle.model_copy(update={"phases": phases if events else scenario.vehicle.phases}),
+        vehicle=scenario.vehicle.model_copy(update={"phases": phases}) if events else scenario.vehicle,
         seeds=tuple(seeds),
         logs_attitude=scenario.sensors.log_attitude,
         time_s=frozen(_record_ends(scenario)),
