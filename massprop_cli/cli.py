@@ -72,7 +72,7 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _fail(message: str, code: int) -> None:
-    typer.echo(f"massprop: {message}", err=True)
+    typer.echo(f"massprop: {' '.join(message.split())}", err=True)
     raise typer.Exit(code)
 
 
@@ -118,7 +118,7 @@ def estimate(
     from massprop_cli.report import result
 
     if out is not None and not str(out).strip(". "):
-        raise UsageError("--out is empty; name a folder")
+        raise UsageError(f"--out {str(out)!r}: name a folder of its own")
     options = {
         "method": [f'estimator.method="{method.value}"'] if method else [],
         "delay": [f"cycle.command_delay_cycles={_delay(delay)}"] if delay is not None else [],
@@ -219,6 +219,8 @@ def simulate(
 
     Writes log.parquet (the vehicle embedded), vehicle.toml and truth.json; with --seeds a folder of such folders. Same seed, same bytes.
     """
+    import numpy as np
+
     from massprop_cli.testbed import output
     from massprop_cli.testbed import scenario as scenarios
 
@@ -229,15 +231,16 @@ def simulate(
     if scenario is None:
         raise UsageError("name a scenario file or a packaged scenario; massprop simulate --list names those")
     if out is not None and not str(out).strip(". "):
-        raise UsageError("--out is empty; name a folder")
+        raise UsageError(f"--out {str(out)!r}: name a folder of its own")
     source = scenarios.load(scenario, assign or [])
     first = source.scenario.seed if seed is None else seed
-    for warning in output.warnings(source):
-        if not quiet:
-            typer.echo(f"massprop: warning: {warning.message} [{warning.code}]", err=True)
+    with np.errstate(all="ignore"):
+        notices = output.warnings(source)
+    for warning in [] if quiet else notices:
+        typer.echo(f"massprop: warning: {warning.message} [{warning.code}]", err=True)
     name = source.scenario.name
     folder = out or Path("massprop-out") / (f"{name}-seed-{first}" if seeds is None else name)
-    with _progress(quiet) as progress:
+    with _progress(quiet) as progress, np.errstate(all="ignore"):
         written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", progress)
     if not quiet:
         typer.echo(f"massprop: {written} written to {folder}", err=True)

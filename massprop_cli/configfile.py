@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,22 +27,23 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """Parse TOML; :class:`InputError` names the file and the line of a syntax error."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: not valid TOML: {error}") from None
 
 
 def read_text(path: Path, what: str) -> str:
     """The file's text; :class:`InputError` if it is missing, a folder, or not UTF-8."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name the {what} itself")
     try:
-        return path.read_text(encoding="utf-8")
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name the {what} itself")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}; check the path") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 TOML") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        shown = str(path) if len(str(path)) <= 200 else f"{str(path)[:200]}..."
+        raise InputError(f"{shown!r}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
@@ -61,7 +63,7 @@ def literal(text: str) -> object:
     """A TOML literal's value, or the text itself where it is none."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 
@@ -90,7 +92,8 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str
     value, and for an unknown key the nearest known one.
     """
     try:
-        return model.model_validate(data)
+        # as JSON, because only there does pydantic take lists for tuples while refusing true, "10" and the like for numbers
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         # a misspelt key shows up as an unknown and a missing one: the unknown one says more
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")

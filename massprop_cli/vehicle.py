@@ -97,7 +97,7 @@ class Thrust(Section):
 class Jet(Section):
     """One on/off jet: where it acts and the force on the vehicle at full thrust."""
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")
     position_m: Vector
     force_n: Vector
     rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")

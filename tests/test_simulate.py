@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from massprop_cli import QUANTITIES, analysis, columns, vehicle
 from massprop_cli.arrays import Array
 from massprop_cli.cli import app
+from massprop_cli.errors import InputError
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import read
 from massprop_cli.testbed import output, scenario, simulate, truth
@@ -145,7 +146,7 @@ def test_momentum_is_conserved_when_an_object_docks() -> None:
         source(
             sensors=quiet(),
             plan=[],
-            duration_cycles=1,
+            duration_cycles=4,
             initial={"rate_rad_s": after.tolist()},
             truth=dict(zip(QUANTITIES, values[1], strict=True)),
         ),
@@ -159,12 +160,12 @@ def test_an_object_that_moves_along_docks_without_a_jolt() -> None:
     rate, cg = (0.2, 0.1, -0.3), np.array([0.6, 0.1, -0.2])
     still = np.array([0.0, 0.0, 0.0])
     along = np.cross(rate, cg - still)
-    event = Event(kind="dock", cycle=1, docked_rate_rad_s=rate, docked_velocity_m_s=tuple(along))
+    event = Event(kind="dock", cycle=4, docked_rate_rad_s=rate, docked_velocity_m_s=tuple(along))
     body = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 22.0}
     data = {"ixx": 0.3, "iyy": 0.5, "izz": 0.4, "cg_x": 0.6, "cg_y": 0.1, "cg_z": -0.2, "mass": 9.0}
     changes = {"truth": body, "docked": data, "events": [event], "plan": [], "initial": {"rate_rad_s": rate}}
     flown = simulate.fly(source(sensors=quiet(), **changes), [1])
-    assert np.allclose(flown.rate_rad_s[0, 1], rate, rtol=0, atol=1e-14)
+    assert np.allclose(flown.rate_rad_s[0, 4], rate, rtol=0, atol=1e-14)
 
 
 def test_fuel_burnt_takes_a_point_mass_from_the_tank() -> None:
@@ -186,9 +187,23 @@ def test_fuel_burnt_takes_a_point_mass_from_the_tank() -> None:
     assert np.allclose(about_origin(end, end[9], end[6:9]), about_origin(start, 22.0, start[6:9]) - gone, rtol=0, atol=1e-11)
 
 
+def test_fuel_that_would_leave_no_body_is_refused() -> None:
+    for fuel in ({"specific_impulse_s": 0.01}, {"specific_impulse_s": 0.5, "tank_position_m": [3.0, 0.0, 0.0]}):
+        with pytest.raises(InputError, match=r"small, seed 2: at .* the fuel burnt leaves no body"):
+            simulate.fly(source(fuel=fuel), [2])
+
+
+def test_a_jet_that_pushes_backward_burns_fuel_all_the_same() -> None:
+    failures = [{"jet": jet.name, "thrust": -1.0} for jet in flight.vehicle().jets]
+    fuel = {"specific_impulse_s": 5.0}
+    forward, backward = (simulate.fly(source(fuel=fuel, actuators={"failures": f}), [2]).truth[0, 0, 9] for f in ([], failures))
+    assert forward < 22.0 - 0.01
+    assert backward == pytest.approx(forward, rel=1e-12)
+
+
 def test_a_failed_jet_pushes_as_its_factor_says() -> None:
     plan = [{"motion": "steady", "axes": ["x"], "start_cycle": 0, "end_cycle": 40}]
-    failure = {"jet": "divert_xp", "thrust": -0.5, "start_s": 1.0, "end_s": 1.5}
+    failure = {"jet": "divert_xp", "thrust": -0.5, "start_s": 1.1, "end_s": 1.6}
     body = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 20.0}
     changes = {"truth": body, "plan": plan, "duration_cycles": 40, "actuators": {"failures": [failure], "scale": 1.1}}
     felt = simulate.fly(source(sensors=quiet(), **changes), [1]).delta_v_m_s[0, :, 0] / flight.CYCLE
@@ -275,9 +290,15 @@ def test_a_campaign_folder_holds_the_same_bytes_as_single_runs(tmp_path: Path) -
     runner = CliRunner()
     assert runner.invoke(app, ["simulate", "refined", "--seeds", "3", "--seed", "8", "--out", str(tmp_path / "all")]).exit_code == 0
     assert runner.invoke(app, ["simulate", "refined", "--seed", "9", "--out", str(tmp_path / "one")]).exit_code == 0
-    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == ["seed-08", "seed-09", "seed-10"]
+    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == ["seed-0008", "seed-0009", "seed-0010"]
+    again = runner.invoke(app, ["simulate", "refined", "--seeds", "2", "--seed", "8", "--out", str(tmp_path / "all")])
+    assert again.exit_code == 3
+    assert "already holds 'seed-0010'" in again.output
+    beside = runner.invoke(app, ["simulate", "refined", "--csv", "--out", str(tmp_path / "one")])
+    assert beside.exit_code == 3
+    assert "another log is in the way" in beside.output
     for name in ("log.parquet", "vehicle.toml", "truth.json"):
-        assert (tmp_path / "all" / "seed-09" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+        assert (tmp_path / "all" / "seed-0009" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
 
 
 def test_csv_and_parquet_hold_the_same_log(tmp_path: Path) -> None:

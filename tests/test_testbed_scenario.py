@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from massprop_cli.cli import app
 from massprop_cli.errors import InputError
-from massprop_cli.testbed import mission, scenario, simulate
+from massprop_cli.testbed import mission, output, scenario, simulate
 from tests import flight
 
 BASE = """schema = 1
@@ -77,6 +77,17 @@ def refusal(text: str, assignments: tuple[str, ...] = ()) -> str:
         (BASE + JETS, "initial.rate_rad_s=[30.0, 0.0, 0.0]", ["turns faster than one radian per cycle"]),
         (BASE + JETS + HOLD.replace('"hold"', '"random"\naxes=["x"]\nmax_cycles=9'), "", ["don't fit a redraw every 5"]),
         (BASE + JETS + HOLD.replace('"hold"', '"steady"\naxes=["x"]\ntorque_n_m=9'), "", ["torque_n_m does not fit axes x"]),
+        (BASE + JETS + HOLD.replace('"hold"', '"coast"\nclosed_loop=true'), "", ["takes no pulses"]),
+        (BASE + JETS, "truth.mass=true", ["truth.mass", "number"]),
+        (BASE + JETS, "duration_s=1e30", ["--set duration_s"]),
+        (BASE.replace("duration_cycles = 100", "duration_s = 1e12") + JETS, "", ["more than 1e+07 cycles"]),
+        (BASE.replace("duration_cycles = 100", "duration_s = 1e-9") + JETS, "", ["no whole number of cycles"]),
+        (BASE + JETS, "vehicle.cycle.period_s=1e-13", ["too short to simulate"]),
+        (BASE + JETS, 'vehicle.phases=[{name="p", start_s=-5.0, end_s=0.04}]', ["phase 'p'", "fewer than two cycles"]),
+        (BASE + JETS + '[[events]]\nkind="reset"\ncycle=9\nphase="phase-1"', "", ["phase name 'phase-1' is used twice"]),
+        (BASE + JETS, "vehicle.thrust.lag_s=1e8", ["more than 1000 cycles"]),
+        (BASE + JETS, "sensors.accel_bias_m_s2=[1e200, 0.0, 0.0]", ["accelerometer would log more than"]),
+        (BASE + JETS + '[[actuators.failures]]\njet="divert_xp"\nstart_s=2.0\nend_s=1.0', "", ["never happens"]),
     ],
 )
 def test_a_bad_scenario_is_refused_in_one_line_that_says_what_and_where(text: str, assignment: str, words: list[str]) -> None:
@@ -101,6 +112,20 @@ def test_an_inertia_that_breaks_the_triangle_inequality_is_a_warning(tmp_path: P
     assert "triangle" not in plain.output
     assert "triangle" in flat.output
     assert (tmp_path / "b" / "truth.json").exists()
+
+
+def test_what_is_unlikely_to_be_meant_is_a_warning() -> None:
+    strong = BASE + JETS + '[[plan]]\nmotion = "steady"\naxes = ["x"]\nforce_n = 9.0\nstart_cycle = 0\nend_cycle = 5\n'
+    assert [notice.code for notice in output.warnings(scenario.parse(strong, "t"))] == ["plan-saturates"]
+    docked = "[docked]\nixx = 1.0\niyy = 1.0\nizz = 1.0\nmass = 5.0\n" + '[[events]]\nkind = "dock"\ncycle = 20\n'
+    over = scenario.parse(BASE + JETS + docked, "t", ['vehicle.phases=[{name="p", start_s=0.0, end_s=4.0}]'])
+    assert [notice.code for notice in output.warnings(over)] == ["phase-over-docking"]
+    assert output.warnings(scenario.parse(BASE + JETS + HOLD + docked, "t")) == []
+
+
+def test_the_vehicle_written_has_no_column_names_of_its_own() -> None:
+    named = scenario.parse(BASE + JETS, "t", ['vehicle.columns={time_s={from="t", scale=0.001}}']).scenario.vehicle
+    assert "columns" not in output.vehicle_toml(named)
 
 
 def test_refusals_leave_no_folder_and_unknown_scenarios_name_the_nearest(tmp_path: Path) -> None:
@@ -189,7 +214,7 @@ def test_events_make_the_phases_that_the_estimator_takes() -> None:
     reset = '[[events]]\nkind = "reset"\ncycle = 30\n'
 
     def names(text: str) -> list[tuple[str, float, float]]:
-        return [(p.name, p.start_s, p.end_s) for p in simulate.phases_of(scenario.parse(text, "t").scenario)]
+        return [(p.name, p.start_s, p.end_s) for p in scenario.parse(text, "t").scenario.phases]
 
     assert names(BASE + JETS) == [("all", 0.0, 5.0)]
     assert names(BASE + JETS + docked + dock) == [("single", 0.0, 1.0), ("combined", 1.0, 5.0)]

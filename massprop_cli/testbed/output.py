@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +17,8 @@ import tomli_w
 from massprop_cli import QUANTITIES, arrow, columns, files
 from massprop_cli.errors import InputError
 from massprop_cli.telemetry import Notice
-from massprop_cli.testbed.scenario import Scenario, ScenarioSource
+from massprop_cli.testbed import mission
+from massprop_cli.testbed.scenario import AXES, Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
 from massprop_cli.vehicle import Vehicle
 
@@ -36,33 +40,79 @@ def simulate(
     """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written."""
     try:
         if seeds is None:
-            flight = fly(source, [first_seed], progress=progress and (lambda done: progress("simulating", done)))
+            flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0))
             write(flight, 0, source.scenario, folder, kind)
             return f"log.{kind}, vehicle.toml and truth.json"
-        batch = max(1, min(200, MEMORY // (source.scenario.cycles * (6 * source.scenario.sensors.records_per_cycle + 20))))
-        digits = len(str(first_seed + seeds - 1))
-        for start in range(0, seeds, batch):
-            chosen = range(first_seed + start, first_seed + min(start + batch, seeds))
-            flight = fly(
-                source, chosen, progress=progress and (lambda done, start=start: progress("simulating", (start + done * batch) / seeds))
-            )
-            for member, seed in enumerate(chosen):
-                write(flight, member, source.scenario, folder / f"seed-{seed:0{digits}d}", kind)
+        return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
-    return f"{seeds} folders, seed-{first_seed:0{digits}d} to seed-{first_seed + seeds - 1}"
+
+
+def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, progress: Callable[[str, float], None] | None) -> str:
+    """All seeds or none: they are written aside and moved into place when the last has been flown."""
+    names = [f"seed-{seed:0{max(4, len(str(seeds[-1])))}d}" for seed in seeds]
+    strangers = sorted({path.name for path in folder.iterdir()} - set(names)) if folder.is_dir() else []
+    if strangers:
+        raise InputError(f"{folder}: already holds {strangers[0]!r}, which is no part of this campaign; choose another folder with --out")
+    batch = max(1, min(200, MEMORY // (source.scenario.cycles * (6 * source.scenario.sensors.records_per_cycle + 20))))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as aside:
+        for start in range(0, len(seeds), batch):
+            chosen = seeds[start : start + batch]
+            share = len(chosen) / len(seeds)
+            before = start / len(seeds)
+            flight = fly(source, chosen, progress=partial(_tell, progress, before, share))
+            for member in range(len(chosen)):
+                write(flight, member, source.scenario, Path(aside) / names[start + member], kind)
+        folder.mkdir(exist_ok=True)
+        for name in names:
+            if (folder / name).exists():
+                shutil.rmtree(folder / name)
+            (Path(aside) / name).replace(folder / name)
+    return f"{len(names)} folders, {names[0]} to {names[-1]},"
+
+
+def _tell(progress: Callable[[str, float], None] | None, before: float, share: float, done: float) -> None:
+    if progress is not None:
+        progress("simulating", before + share * done)
 
 
 def warnings(source: ScenarioSource) -> list[Notice]:
-    """What can be flown but is no real body."""
-    bodies = {"truth": source.scenario.truth, "docked": source.scenario.docked}
-    return [
+    """What can be flown but is unlikely to be meant."""
+    scenario = source.scenario
+    bodies = {"truth": scenario.truth, "docked": scenario.docked}
+    found = [
         Notice(
             "unphysical-inertia", f"{source.source}: [{name}] breaks the triangle inequality of principal moments, which no real body does"
         )
         for name, body in bodies.items()
         if body is not None and body.breaks_triangle
     ]
+    docks = [
+        event.at(scenario.vehicle.cycle.period_s) * scenario.vehicle.cycle.period_s for event in scenario.events if event.kind == "dock"
+    ]
+    found += [
+        Notice(
+            "phase-over-docking",
+            f"{source.source}: phase {phase.name!r} goes on over the docking at {at:g} s; its truth is that of its end",
+        )
+        for phase in scenario.phases
+        for at in docks
+        if phase.start_s < at < phase.end_s
+    ]
+    full = mission.allocation(source).full
+    for number, segment in enumerate(scenario.plan, 1):
+        asked = segment.torque_n_m or segment.force_n or 0.0
+        least = min((float(full[AXES.index(axis)].min()) for axis in segment.driven), default=asked)
+        if asked > least * (1 + 1e-9):
+            unit = "N m" if segment.torque_n_m else "N"
+            found.append(
+                Notice(
+                    "plan-saturates",
+                    f"{source.source}, plan segment {number}: asks for {asked:g} {unit}, the vehicle gives {least:.4g} at most",
+                )
+            )
+    return found
 
 
 def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: Kind = "parquet") -> None:
@@ -70,6 +120,9 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
     import pyarrow.csv
     import pyarrow.parquet as pq
 
+    other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
+    if other.exists():
+        raise InputError(f"{other}: another log is in the way; move it, or choose another folder with --out")
     folder.mkdir(parents=True, exist_ok=True)
     vehicle = vehicle_toml(flight.vehicle)
     table = log_table(flight, member, scenario)
@@ -84,8 +137,8 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
 
 
 def vehicle_toml(vehicle: Vehicle) -> str:
-    """The vehicle file's text: what the scenario sets, defaults left out."""
-    text = tomli_w.dumps(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True))
+    """The vehicle file's text: what the scenario sets, defaults left out, and [columns], as the log has the contract's own names."""
+    text = tomli_w.dumps(vehicle.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True, exclude={"columns"}))
     return _LIST.sub(lambda found: "[" + ", ".join(found.group(1).replace(",", " ").split()) + "]", text)
 
 

@@ -17,11 +17,18 @@ from pydantic import Field, FiniteFloat, ValidationInfo, field_validator, model_
 from massprop_cli import QUANTITIES, configfile, vehicle
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
-from massprop_cli.vehicle import PRODUCTS, ZERO, NonNegative, Positive, Section, Vector, Vehicle
+from massprop_cli.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
 
 TURNS = ("roll", "pitch", "yaw")
 AXES = (*TURNS, "x", "y", "z")
 Axis = Literal["roll", "pitch", "yaw", "x", "y", "z"]
+LONGEST = 10_000_000
+"""Cycles in a scenario."""
+MOST_NUMBERS = 400_000_000
+"""Numbers that one log may hold while it is flown."""
+SHORTEST_RECORD_S = 1e-6
+SLOWEST_LAG = 1000.0
+"""Longest lag in cycles."""
 WHOLE = 1e-6
 """A time counts as a whole number of cycles within this many cycles."""
 
@@ -139,7 +146,9 @@ class Timed(Section):
             return cycle
         assert seconds is not None
         found = seconds / period_s
-        if abs(found - round(found)) > WHOLE * max(1.0, found):
+        if found > LONGEST:
+            raise ValueError(f"{what} at {seconds:g} s is more than {LONGEST:g} cycles of {period_s:g} s away; is it in seconds?")
+        if abs(found - round(found)) > WHOLE * max(1.0, found) or (seconds > 0 and round(found) == 0):
             raise ValueError(f"{what} at {seconds:g} s is no whole number of cycles of {period_s:g} s")
         return round(found)
 
@@ -153,8 +162,10 @@ class Segment(Timed):
     end_cycle: Annotated[int, Field(gt=0)] | None = None
     start_s: NonNegative | None = None
     end_s: Positive | None = None
-    every_cycles: int = Field(5, ge=1, description="alternating: the sign changes this often; random: a new pulse is drawn this often")
-    max_cycles: int = Field(4, ge=1, description="random: pulses last 1 to this many cycles, all lengths alike")
+    every_cycles: int = Field(
+        5, ge=1, le=LONGEST, description="alternating: the sign changes this often; random: a new pulse is drawn this often"
+    )
+    max_cycles: int = Field(4, ge=1, le=LONGEST, description="random: pulses last 1 to this many cycles, all lengths alike")
     level: FiniteFloat = Field(1.0, ge=-1, le=1, description="part of the full torque or force; its sign comes first")
     torque_n_m: Positive | None = Field(None, description="instead of level")
     force_n: Positive | None = Field(None, description="instead of level")
@@ -172,6 +183,15 @@ class Segment(Timed):
             raise ValueError("an axis is named twice")
         if self.motion == "hold" and not set(self.axes) <= set(TURNS):
             raise ValueError("hold turns about roll, pitch and yaw only; it can't hold a position")
+        given = self.model_fields_set
+        if not pulsed and (self.closed_loop or given & {"level", "torque_n_m", "force_n", "every_cycles", "max_cycles"}):
+            raise ValueError(
+                f'motion "{self.motion}" takes no pulses: drop closed_loop, level, torque_n_m, force_n, every_cycles, max_cycles'
+            )
+        if self.closed_loop and not set(self.axes) & set(TURNS):
+            raise ValueError("closed_loop holds the axes of its own segment: name roll, pitch or yaw, or write a segment that holds them")
+        if "level" in given and (self.torque_n_m or self.force_n):
+            raise ValueError("give either level, or torque_n_m or force_n")
         if pulsed and self.level == 0:
             raise ValueError('level is zero; write motion = "coast"')
         if self.motion == "random" and self.max_cycles > self.every_cycles:
@@ -212,6 +232,9 @@ class Event(Timed):
     def _has_time(self) -> Event:
         if (self.cycle is None) == (self.at_s is None):
             raise ValueError("give either cycle or at_s")
+        given = self.model_fields_set & {"motion", "docked_rate_rad_s", "docked_velocity_m_s"}
+        if given and (self.kind == "reset" or (self.motion == "rates_kept" and given != {"motion"})):
+            raise ValueError(f"{', '.join(sorted(given))} has no meaning here; drop it")
         return self
 
     def at(self, period_s: float) -> int:
@@ -229,9 +252,9 @@ class Scenario(Timed):
     """A whole scenario file, checked."""
 
     schema_: Literal[1] = Field(alias="schema")
-    name: str = Field("scenario", pattern=r"^[\w.\-]+$")
+    name: str = Field("scenario", pattern=r"^[\w\-][\w.\-]*$")
     description: str = ""
-    duration_cycles: Annotated[int, Field(gt=0, le=10_000_000)] | None = None
+    duration_cycles: Annotated[int, Field(gt=0, le=LONGEST)] | None = None
     duration_s: Positive | None = None
     seed: int = Field(1, ge=0, description="--seed overrides it")
     vehicle: Vehicle = Field(description="the vehicle file's content, or in a scenario file its path")
@@ -275,17 +298,52 @@ class Scenario(Timed):
                 raise ValueError(
                     f"actuators.failures names unknown jet {failure.jet!r}{configfile.nearest(failure.jet, jets, 'the nearest is')}"
                 )
+        self._check_sizes()
         self._check_times()
+        self._check_phases()
         self._check_plan()
         bearing = self.vehicle.environment.bearing_mass_kg if self.vehicle.on_air_bearing else 0.0
         if self.truth.mass <= bearing:
             raise ValueError(f"truth.mass = {self.truth.mass:g} kg includes the bearing's {bearing:g} kg: it must be larger")
         return self
 
-    def _check_times(self) -> None:
-        period, tick = self.vehicle.cycle.period_s, self.tick_s
+    def _check_sizes(self) -> None:
+        period, records = self.vehicle.cycle.period_s, self.sensors.records_per_cycle
         if (self.duration_cycles is None) == (self.duration_s is None):
             raise ValueError("give either duration_cycles or duration_s")
+        if period / records < SHORTEST_RECORD_S:
+            raise ValueError(f"a record of {period / records:.3g} s is too short to simulate; is cycle.period_s in seconds?")
+        if self.cycles * (10 * records + 4 * max(len(self.vehicle.jets), 6)) > MOST_NUMBERS:
+            raise ValueError(f"{self.cycles} cycles of {records} records are too long for one log; shorten it")
+        for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
+            if lag is not None and lag > SLOWEST_LAG * period:
+                raise ValueError(f"{name} = {lag:g} s is more than {SLOWEST_LAG:g} cycles; is it in seconds?")
+        for failure in self.actuators.failures:
+            if failure.start_s >= self.cycles * period or (failure.end_s is not None and failure.end_s <= failure.start_s):
+                raise ValueError(f"the failure of jet {failure.jet!r} from {failure.start_s:g} s never happens; mend start_s and end_s")
+        if self.vehicle.jets and (self.actuators.max_torque_n_m or self.actuators.max_force_n):
+            raise ValueError("actuators.max_torque_n_m and max_force_n are for vehicles without jets; drop them")
+        if not self.vehicle.jets and (self.actuators.pwm_tick_s or self.actuators.minimum_pulse_s):
+            raise ValueError("actuators.pwm_tick_s and minimum_pulse_s need jets; drop them")
+
+    def _check_phases(self) -> None:
+        period = self.vehicle.cycle.period_s
+        if self.vehicle.phases and any(event.phase for event in self.events):
+            raise ValueError("the vehicle states its own phases: drop phase from [[events]], or [[vehicle.phases]]")
+        names = [phase.name for phase in self.phases]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"phase name {twice[0]!r} is used twice; give each event another phase")
+        for phase in self.phases:
+            whole = min(self.cycles, phase.end_s / period) - max(self.delay_cycles, phase.start_s / period)
+            if whole < 2 - WHOLE:
+                raise ValueError(
+                    f"phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds fewer than two cycles whose commands are known; "
+                    f"the log runs from 0 to {self.cycles * period:g} s, commands come {self.delay_cycles:g} cycles late"
+                )
+
+    def _check_times(self) -> None:
+        period, tick = self.vehicle.cycle.period_s, self.tick_s
         if tick is not None and tick > period * (1 + 1e-9):
             raise ValueError(f"pwm_tick_s = {tick:g} s is longer than the control cycle of {period:g} s")
         for jet in self.vehicle.jets:
@@ -324,6 +382,34 @@ class Scenario(Timed):
         return self._cycles(self.duration_cycles, self.duration_s, self.vehicle.cycle.period_s, "the end")
 
     @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The vehicle file's phases, or those that events make.
+
+        An event ends the phase before it. A reset begins one; a dock does so if it names one or if no reset follows. Without events:
+        one phase, "all".
+        """
+        if self.vehicle.phases:
+            return self.vehicle.phases
+        period = self.vehicle.cycle.period_s
+        events = sorted(self.events, key=lambda event: event.at(period))
+        docks = any(event.kind == "dock" for event in events)
+        found: list[Phase] = []
+        name: str | None = ("single" if docks else "phase-1") if events else "all"
+        start, docked = 0.0, False
+        for i, event in enumerate(events):
+            at = round(event.at(period) * period, 9)
+            if name is not None:
+                found.append(Phase(name=name, start_s=start, end_s=at))
+            docked |= event.kind == "dock"
+            taken = {phase.name for phase in found}
+            fallback = "combined" if docked and "combined" not in taken else f"phase-{len(found) + 1}"
+            begins = event.kind == "reset" or event.phase or not any(later.kind == "reset" for later in events[i + 1 :])
+            name, start = (event.phase or fallback) if begins else None, at
+        if name is not None:
+            found.append(Phase(name=name, start_s=start, end_s=round(self.cycles * period, 9)))
+        return tuple(found)
+
+    @property
     def tick_s(self) -> float | None:
         """What on-times are rounded to."""
         return self.actuators.pwm_tick_s or self.vehicle.cycle.pwm_tick_s
@@ -352,7 +438,7 @@ def packaged() -> list[str]:
 def load(name: str, assignments: Sequence[str] = ()) -> ScenarioSource:
     """Read a scenario file, or a packaged scenario by its name; :class:`InputError` names file, line and key."""
     path = Path(name)
-    if path.suffix == ".toml" or path.exists():
+    if path.suffix == ".toml" or _is_file(path):
         return parse(configfile.read_text(path, "scenario file"), str(path), assignments, path.parent)
     if name not in packaged():
         hint = configfile.nearest(name, packaged(), "the nearest packaged scenario is")
@@ -361,15 +447,23 @@ def load(name: str, assignments: Sequence[str] = ()) -> ScenarioSource:
     return parse(text, f"scenario {name}", assignments)
 
 
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path | None = None) -> ScenarioSource:
     """Check a scenario's text, with ``--set`` assignments on top. ``vehicle`` may name a vehicle file, seen from ``folder``."""
-    data = configfile.parse_toml(text, source)
+    named = [assignment for assignment in assignments if assignment.partition("=")[0].strip() == "vehicle"]
+    data = configfile.override(configfile.parse_toml(text, source), named)
     if isinstance(data.get("vehicle"), str):
         path = (folder or Path()) / data["vehicle"]
         vehicle_text = configfile.read_text(path, "vehicle file")
         vehicle.parse(vehicle_text, str(path))
         data["vehicle"] = configfile.parse_toml(vehicle_text, str(path))
-    data = configfile.override(data, assignments)
+    data = configfile.override(data, [assignment for assignment in assignments if assignment not in named])
     return ScenarioSource(configfile.validate(Scenario, data, source, text, assignments), source)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ from massprop_cli.vehicle import Phase, Vehicle
 
 BINS = 20
 """At least this many bins in a cycle."""
+ABSURD = 1e6
+"""No IMU logs more than this, per second."""
 STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance")
 """Each has random numbers of its own, so that switching one off leaves the others as they were."""
 Progress = Callable[[float], None]
@@ -83,17 +85,27 @@ class Flight:
         )
 
 
+@dataclass(frozen=True)
+class Change:
+    """Members made different from the scenario, to see what difference it makes."""
+
+    bodies: Bodies
+    """One per member, in place of what the scenario has."""
+    rate: Array
+    """(3, S) added to the body rate, rad/s."""
+
+
 def fly(
     source: ScenarioSource,
     seeds: Sequence[int],
     issued: Array | None = None,
-    bodies: Bodies | None = None,
+    changes: Mapping[int, Change] | None = None,
     progress: Progress | None = None,
 ) -> Flight:
     """Fly one member per seed.
 
-    ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan. ``bodies`` replaces the scenario's truth, one per
-    member. :class:`InputError` where the plan can't be flown or the motion runs away.
+    ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
+    :class:`InputError` where the plan can't be flown or the motion runs away.
     """
     scenario = source.scenario
     rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
@@ -106,9 +118,9 @@ def fly(
     gyro, accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
     torque = _disturbance(scenario, rngs["disturbance"])
     bearing = _bearing(scenario.vehicle)
-    body = bodies or truth.bodies(scenario.truth, members)
+    body = truth.bodies(scenario.truth, members)
     events = {event.at(period): event for event in scenario.events}
-    phases = phases_of(scenario)
+    phases = scenario.phases
     ends = [_end_cycle(phase, period, cycles) for phase in phases]
     found = np.zeros((members, len(phases), 10))
 
@@ -123,6 +135,9 @@ def fly(
         if k in events:
             body, after, jump = _happen(events[k], scenario, body, rate[:, k].T, position)
             rate[:, k] = after.T
+        if changes is not None and k in changes:
+            body = changes[k].bodies
+            rate[:, k] += changes[k].rate.T
         if plan is not None:
             demand = plan.demand[:, k]
             if plan.held[k].any():
@@ -142,18 +157,20 @@ def fly(
         accelerometer.sense(k, felt.reshape(per_record).mean(-1), jump)
         onboard.sense(angle, np.array(scenario.vehicle.imu.body_from_imu), period)
         if scenario.fuel is not None:
-            impulse = burn_s @ np.linalg.norm(actuators.wrench[:, 3:], axis=1)
+            impulse = np.abs(burn_s) @ np.linalg.norm(actuators.wrench[:, 3:], axis=1)
             body = truth.burnt(body, scenario.fuel, impulse, bearing.mass if bearing else 0.0)
+            _check_body(source, body, bearing, seeds, period * (k + 1))
         for i, end in enumerate(ends):
             if end == k + 1:
                 found[:, i] = truth.values(body)
-        if not np.isfinite(rate[:, k + 1]).all() or np.abs(rate[:, k + 1]).max() > 1 / period:
-            raise InputError(
-                f"{source.source}: the vehicle turns faster than one radian per cycle at {period * (k + 1):g} s; "
-                "check gains, delay, torques and inertia"
-            )
+        _check_motion(source, rate[:, k + 1], seeds, period, period * (k + 1))
         if progress is not None and k % 16 == 0:
             progress((k + 1) / cycles)
+    for name, sensor in (("gyro", gyro), ("accelerometer", accelerometer)):
+        if not np.abs(sensor.increments).max() / sensor.record_s < ABSURD:
+            raise InputError(
+                f"{source.source}: the {name} would log more than {ABSURD:g} per second; check noise, bias, IMU position, forces"
+            )
     return Flight(
         vehicle=scenario.vehicle.model_copy(update={"phases": phases}) if events else scenario.vehicle,
         seeds=tuple(seeds),
@@ -202,36 +219,25 @@ class _Onboard:
         return torque.T
 
 
-def phases_of(scenario: Scenario) -> tuple[Phase, ...]:
-    """The vehicle file's phases, or those that events make.
-
-    An event ends the phase before it. A reset begins one; a dock does so if it names one or if no reset follows. Without events: one
-    phase, "all".
-    """
-    period = scenario.vehicle.cycle.period_s
-    if scenario.vehicle.phases:
-        return scenario.vehicle.phases
-    end = scenario.cycles * period
-    events = sorted(scenario.events, key=lambda event: event.at(period))
-    docks = any(event.kind == "dock" for event in events)
-    found: list[Phase] = []
-    name, start = ("single" if docks else "phase-1") if events else "all", 0.0
-    opened = True
-    for i, event in enumerate(events):
-        at = event.at(period) * period
-        if opened:
-            found.append(Phase(name=name, start_s=_tidy(start), end_s=_tidy(at)))
-        opened = event.kind == "reset" or event.phase is not None or not any(later.kind == "reset" for later in events[i + 1 :])
-        taken = [phase.name for phase in found]
-        fallback = "combined" if any(e.kind == "dock" for e in events[: i + 1]) and "combined" not in taken else f"phase-{len(found) + 1}"
-        name, start = event.phase or fallback, at
-    if opened:
-        found.append(Phase(name=name, start_s=_tidy(start), end_s=_tidy(end)))
-    return tuple(found)
+def _check_motion(source: ScenarioSource, rate: Array, seeds: Sequence[int], period_s: float, time_s: float) -> None:
+    wild = ~(np.abs(rate).max(1) <= 1 / period_s)
+    if wild.any():
+        raise InputError(
+            f"{source.source}, seed {seeds[int(np.argmax(wild))]}: the vehicle turns faster than one radian per cycle at {time_s:g} s; "
+            "check gains, delay, torques, disturbance and inertia"
+        )
 
 
-def _tidy(seconds: float) -> float:
-    return round(seconds, 9)
+def _check_body(source: ScenarioSource, body: Bodies, bearing: Bearing | None, seeds: Sequence[int], time_s: float) -> None:
+    left = body.mass - (bearing.mass if bearing else 0.0)
+    least = np.linalg.eigvalsh(np.moveaxis(body.inertia, -1, 0))[:, 0]
+    gone = ~((left > 0) & (least > 0))
+    if gone.any():
+        member = int(np.argmax(gone))
+        raise InputError(
+            f"{source.source}, seed {seeds[member]}: at {time_s:g} s the fuel burnt leaves no body (mass {left[member]:.4g} kg, least "
+            f"moment of inertia {least[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or mend fuel.tank_position_m"
+        )
 
 
 def _end_cycle(phase: Phase, period_s: float, cycles: int) -> int:
@@ -252,7 +258,7 @@ def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Arr
     shape = (scenario.cycles, len(wrench))
     sigma = vehicle.thrust.pulse_sigma if real.pulse_sigma is None else real.pulse_sigma
     strength = real.scale * np.stack([1 + sigma * rng.standard_normal(shape) if sigma else np.ones(shape) for rng in rngs])
-    start = vehicle.cycle.period_s * np.arange(scenario.cycles)
+    start = vehicle.cycle.period_s * (np.arange(scenario.cycles) + scenario.delay_cycles)  # of execution
     for failure in real.failures:
         failed = (start >= failure.start_s - 1e-9) & (start < (np.inf if failure.end_s is None else failure.end_s) - 1e-9)
         strength[:, failed, [jet.name for jet in vehicle.jets].index(failure.jet)] *= failure.thrust
