@@ -110,7 +110,8 @@ def _estimates(
         histories = tuple(
             estimate.replay(samples, cycles, phase, used, partial(say, f"estimating, phase {phase.name}")) for phase, cycles in phases
         )
-        excess = noise.misfit(histories, used)
+        settled = [estimate.settle(samples, phase, history, used) for (phase, _), history in zip(phases, histories, strict=True)]
+        excess = noise.misfit(settled, used)
     return used, histories, notices + noise.disturbance_notices(stated, used, excess)
 
 

@@ -35,6 +35,10 @@ STALE = 0.02
 """Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 
 
+SETTLINGS = 8
+"""Most passes of the off-line fit."""
+
+
 @dataclass(frozen=True)
 class _Run:
     """The filter after some cycle of a phase."""
@@ -74,11 +78,28 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
             # at due times only: an attempt at the log's end would give its last row what a longer log has not yet
             reference = first_reference(samples, slice(cycles.start, end), vehicle) if end == due else None
             if reference is not None:
-                run, rows[-1] = _from_start(samples, slice(cycles.start, end), reference, vehicle)
+                run, again = _from_start(samples, slice(cycles.start, end), reference, vehicle)
+                rows[-1] = again[-1]
             begin = end
             continue
         found, run, begin = _advance(samples, slice(cycles.start, end), begin, run, vehicle)
         rows += found
+    return _history(samples, cycles, phase, vehicle, rows)
+
+
+def settle(samples: Samples, phase: Phase, history: History, vehicle: Vehicle) -> History:
+    """The off-line fit: the filter about its own last estimate, with the whole phase at hand.
+
+    Repeated until the reference stands still, that is Gauss–Newton on the likelihood of all data; its rows are not causal.
+    """
+    cycles, reference = history.cycles, history.reference
+    if reference is None:
+        return history
+    for _ in range(SETTLINGS):
+        run, rows = _from_start(samples, cycles, reference, vehicle)
+        if not _stale(run.state, reference, samples, cycles, vehicle):
+            break
+        reference = _renewed(run.state, reference, samples, cycles, vehicle)
     return _history(samples, cycles, phase, vehicle, rows)
 
 
@@ -96,21 +117,23 @@ def _advance(samples: Samples, seen: slice, begin: int, run: _Run, vehicle: Vehi
             state, run.reference, samples, slice(seen.start, cycle), vehicle
         ):
             reference = _renewed(state, run.reference, samples, slice(seen.start, cycle), vehicle)
-            run, rows[-1] = _from_start(samples, slice(seen.start, cycle), reference, vehicle)
+            run, again = _from_start(samples, slice(seen.start, cycle), reference, vehicle)
+            rows[-1] = again[-1]
             return rows, run, cycle
     return rows, replace(run, state=state), seen.stop
 
 
-def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Run, Row]:
-    """The filter after ``seen``, from a fresh covariance, about ``reference``."""
+def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Run, list[Row | None]]:
+    """The filter through ``seen``, from a fresh covariance, about ``reference``."""
     system = linearise(samples, seen, reference, vehicle)
     noise = _Noise.of(samples, seen, reference, vehicle, system)
     state = _initial(samples, seen, reference, vehicle)
     state, _ = update(state, system.measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
-    row = Row(reference, state.mean, state.covariance, None)
+    rows: list[Row | None] = [Row(reference, state.mean, state.covariance, None)]
     for k in range(1, seen.stop - seen.start):
         state, row = _cycle(state, system, noise, k, reference)
-    return _Run(reference, state, seen.stop), row
+        rows.append(row)
+    return _Run(reference, state, seen.stop), rows
 
 
 def _cycle(state: State, system: Linear, noise: _Noise, k: int, reference: Reference) -> tuple[State, Row]:
@@ -258,7 +281,7 @@ def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, 
 def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: list[Row | None]) -> History:
     count = len(rows)
     mean, covariance = np.full((count, 10), np.nan), np.full((count, 10, 10), np.nan)
-    innovation, sigma = np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    innovation, sigma, normalised = (np.full((count, 6), np.nan) for _ in range(3))
     duration = samples.executed.duration_s[cycles]
     for k, row in enumerate(rows):
         if row is None:
@@ -267,6 +290,7 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         if row.innovation is not None:
             scale = np.zeros((6, 6))
             scale[:3, :3], scale[3:, 3:] = row.reference.inertia / duration[k], np.eye(3) / row.reference.mu
+            normalised[k] = row.innovation.normalised
             innovation[k] = scale @ row.innovation.value
             sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
     values, full = quantities(mean, covariance, vehicle)
@@ -289,10 +313,12 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         covariance=full[-1],
         innovation=innovation,
         innovation_sigma=sigma,
+        normalised=normalised,
         natural_sizes=sizes,
         information_share=share,
         drowned=drowned,
         observable=seen,
+        reference=None if last is None else last.reference,
         notices=tuple(
             Notice(
                 "known-mismatch",

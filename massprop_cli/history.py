@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.plant import Reference
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase
 
@@ -30,6 +31,8 @@ class History:
     """(K, 6) torque [N m] and force [N], measured less predicted."""
     innovation_sigma: Array
     """(K, 6) what the filter expected of them."""
+    normalised: Array
+    """(K, 6) innovations in rate and specific force, whitened: independent standard normal if the model holds."""
     natural_sizes: Array
     """(10,) the size that each quantity has by nature: trace (inertia), sqrt(trace/mass) (CG), mass."""
     information_share: Array
@@ -38,11 +41,13 @@ class History:
     """(6,) channels in which disturbances outweigh what the commands explain."""
     observable: BoolArray
     """(10,) whether some motion of this vehicle could inform the quantity by this method."""
+    reference: Reference | None = None
+    """About which the last row was linearised, where it was."""
     notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         rows = len(self.time_s)
-        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma)):
+        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma, self.normalised)):
             raise ValueError("history arrays differ in length")
 
 

@@ -32,6 +32,12 @@ class Innovation(NamedTuple):
     value: Array
     root: Array
 
+    @property
+    def normalised(self) -> Array:
+        """Whitened, shape (m,): independent standard normal if the model holds."""
+        white: Array = np.linalg.solve(self.root, self.value)
+        return white
+
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
     """X ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q)."""

@@ -100,7 +100,7 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
 
     The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
     """
-    rows = [np.clip((h.innovation / h.innovation_sigma)[np.isfinite(h.innovation).all(1)], -CLIP, CLIP) for h in histories]
+    rows = [np.clip(h.normalised[np.isfinite(h.normalised).all(1)], -CLIP, CLIP) for h in histories]
     rows = [z for z in rows if len(z) >= 20]
     if not rows:
         return np.full(6, np.nan)

@@ -124,10 +124,13 @@ class BearingBody:
     def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
         """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
         offset = reference.cg - self.bearing
-        force = self._cg_force(reference, motion)
-        slopes = np.empty((*motion.rate.shape, 4))
-        slopes[..., :3] = self.rotating_mass(reference) * (cross_matrix(force) - cross_matrix(offset) @ motion.rotation)
-        slopes[..., 3] = np.cross(offset, force) / reference.mu**2
+        centre, by_centre = self.force(reference, motion)
+        force = centre + lever_arm(motion.rate, motion.rate_dot, offset)
+        by_force = by_centre.copy()
+        by_force[..., :3] += motion.rotation
+        slopes: Array = -self.rotating_mass(reference) * cross_matrix(offset) @ by_force
+        slopes[..., :3] += self.rotating_mass(reference) * cross_matrix(force)
+        slopes[..., 3] += np.cross(offset, force) / reference.mu**2
         return slopes
 
     def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
@@ -138,7 +141,8 @@ class BearingBody:
         pull = reference.mu * motion.wrench[..., 3:] - share * times(rotation, reference.cg - self.bearing)
         slopes = np.empty((*motion.rate.shape, 4))
         slopes[..., :3] = -share * level @ rotation
-        slopes[..., 3] = times(level, motion.wrench[..., 3:])
+        base = self.bearing_mass * times(rotation, reference.cg - self.bearing)
+        slopes[..., 3] = times(level, motion.wrench[..., 3:] + base)
         return times(level, pull) + self.gravity * motion.up, slopes
 
     def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:

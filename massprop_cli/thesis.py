@@ -58,7 +58,7 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
 
     count = cycles.stop - cycles.start
     values, sigmas = np.full((count, 10), np.nan), np.full((count, 10), np.nan)
-    innovation, innovation_sigma = np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    innovation, innovation_sigma, normalised = (np.full((count, 6), np.nan) for _ in range(3))
     worst = 0.0
     for row, k in enumerate(range(cycles.start, cycles.stop)):
         if k > 0:
@@ -68,6 +68,7 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
             mass, force_left, force_worst = step(filters.mass, wrench[k, 3:], felt[k][:, None], q_roots[1], settings.r2)
             filters = Filters(rotation, mass)
             worst = max(worst, torque_worst, force_worst)
+            normalised[row] = np.concatenate([torque_left.normalised, force_left.normalised])
             innovation[row] = np.concatenate([torque_left.value, force_left.value])
             innovation_sigma[row] = np.concatenate([np.sqrt((i.root**2).sum(1)) for i in (torque_left, force_left)])
         values[row] = np.concatenate([filters.rotation.mean, filters.mass.mean])
@@ -81,6 +82,7 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
         covariance=_joint(filters),
         innovation=innovation,
         innovation_sigma=innovation_sigma,
+        normalised=normalised,
         natural_sizes=_natural(values[-1]),
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),

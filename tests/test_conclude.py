@@ -24,6 +24,7 @@ def history(rows: int = 300) -> History:
         covariance=np.diag((1e-3 * SIZES) ** 2),
         innovation=np.zeros((rows, 6)),
         innovation_sigma=np.ones((rows, 6)),
+        normalised=np.zeros((rows, 6)),
         natural_sizes=SIZES,
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),
