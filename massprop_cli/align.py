@@ -80,13 +80,8 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
             f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
             f"{vehicle.thrust.lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
-    edges = _bin_edges(start, per_cycle, vehicle.estimator.bins_per_cycle)
-    integral, moment = _executed(log, vehicle, start + delay_s, edges)
-    bins = vehicle.estimator.bins_per_cycle
-    integral, moment = (x.reshape(len(start), bins, -1) for x in (integral, moment))
-    offset = per_cycle[:, None] * (np.arange(bins) / bins)
-    rising = (moment + offset[..., None] * integral).sum(1) / per_cycle[:, None]
-    wrench = vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
+    integral, rising = _channels(log, vehicle, start, per_cycle, delay_s)
+    wrench = channel_wrench(log, vehicle)
     return Aligned(
         start_s=frozen(start),
         duration_s=frozen(per_cycle),
@@ -100,6 +95,26 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
         capability=wrench if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)],
         usable=usable,
     )
+
+
+def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
+    """(C, 6) torque about O and force of each command channel at full: jets, or the components of a wrench."""
+    return vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
+
+
+def channel_impulses(log: Log, vehicle: Vehicle, aligned: Aligned, delay_cycles: float) -> tuple[Array, Array]:
+    """Impulse of each channel over its full thrust, (K, C) s each: under the rising half of the window, and plain."""
+    integral, rising = _channels(log, vehicle, aligned.start_s, aligned.duration_s, delay_cycles * vehicle.cycle.period_s)
+    return rising, integral.sum(1)
+
+
+def _channels(log: Log, vehicle: Vehicle, start_s: Array, duration_s: Array, delay_s: float) -> tuple[Array, Array]:
+    """(K, B, C) integral of each channel's command in each bin, and (K, C) that weighted with the rising half of the window."""
+    bins = vehicle.estimator.bins_per_cycle
+    edges = _bin_edges(start_s, duration_s, bins)
+    integral, moment = (x.reshape(len(start_s), bins, -1) for x in _executed(log, vehicle, start_s + delay_s, edges))
+    offset = duration_s[:, None] * (np.arange(bins) / bins)
+    return integral, (moment + offset[..., None] * integral).sum(1) / duration_s[:, None]
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli import estimate, noise, thesis, vehicle
+from massprop_cli import delay, diagnose, estimate, noise, thesis, vehicle
 from massprop_cli.align import Aligned, align
+from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples, compensate
 from massprop_cli.conclude import Conclusion, conclude
+from massprop_cli.delay import Delay
 from massprop_cli.docking import Docked, docked_object
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
@@ -37,7 +39,11 @@ class Analysis:
     """As used: with the noise levels and disturbances that a first pass set."""
     aligned: Aligned
     delay_cycles: float
+    detected_delay: Delay | None
+    """What the log says of it."""
     histories: tuple[History, ...]
+    settled: tuple[History, ...]
+    """The same about their final estimates: their innovations say whether the model holds."""
     conclusions: tuple[Conclusion, ...]
     docked: Docked | None
     notices: tuple[Notice, ...]
@@ -58,22 +64,60 @@ def analyse(
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
     """The same from a log at hand."""
     say = progress or (lambda *_: None)
-    delay = _delay(source)
-    aligned = align(log, source.vehicle, delay)
+    stated = source.vehicle.cycle.command_delay_cycles
+    detected = _found_delay(log, source, say) if stated == "auto" else None
+    used_delay = detected.cycles if detected is not None else float(stated)
+    aligned = align(log, source.vehicle, used_delay)
     samples = compensate(aligned, source.vehicle)
     phases = _phases(log, source.vehicle, aligned)
-    used, histories, notices = _estimates(samples, phases, source.vehicle, say)
+    used, histories, settled, notices = _estimates(samples, phases, source.vehicle, say)
+    if source.vehicle.estimator.refine and settled:
+        histories = tuple(settled)
     conclusions = tuple(conclude(history, used) for history in histories)
     docked = docked_object(conclusions, used)
+    if detected is None and settled:
+        say("checking the delay", 1.0)
+        detected = _checked_delay(log, _undisturbed(used, source.vehicle), settled, used_delay)
+        notices = delay.mismatch(used_delay, detected) + notices
+    explained = {"delay-mismatch", "gyro-saturated", "accelerometer-saturated"} & {notice.code for notice in (*notices, *log.notices)}
+    if notices and not explained and source.vehicle.estimator.method == "default":
+        say("looking for the cause", 1.0)
+        notices = diagnose.diagnose(log, _undisturbed(used, source.vehicle), used_delay, [cycles for _, cycles in phases]) + notices
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
-    return Analysis(log, source, used, aligned, delay, histories, conclusions, docked, found, tuple(assignments))
+    judged = tuple(settled) or histories
+    return Analysis(log, source, used, aligned, used_delay, detected, histories, judged, conclusions, docked, found, tuple(assignments))
 
 
-def _delay(source: VehicleSource) -> float:
-    delay = source.vehicle.cycle.command_delay_cycles
-    if delay == "auto":
-        raise InputError(f"{source.source}: cycle.command_delay_cycles = 'auto' is not available; state the delay in cycles (--delay 2.0)")
-    return delay
+def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:
+    """The vehicle with its noise levels, but without the disturbances that were added to explain a misfit."""
+    return used.model_copy(update={"environment": stated.environment, "estimator": stated.estimator})
+
+
+def _found_delay(log: Log, source: VehicleSource, say: Progress) -> Delay:
+    """The delay of a log whose vehicle file says "auto"."""
+    say("finding the delay", 0.0)
+    coarse = delay.search(log, source.vehicle)
+    found = None
+    if coarse is not None:
+        aligned = align(log, source.vehicle, coarse)
+        samples = compensate(aligned, source.vehicle)
+        pieces = [cycles for _, cycles in _phases(log, source.vehicle, aligned)]
+        used, _ = noise.with_noise_levels(samples, pieces, source.vehicle)
+        found = delay.detect(log, used, pieces, coarse)
+    if found is None:
+        raise InputError(
+            f"{log.path}: the command delay can't be told from this log; its commands explain too little of its motion. "
+            "State it in cycles (--delay 2.0, or cycle.command_delay_cycles)"
+        )
+    return found
+
+
+def _checked_delay(log: Log, used: Vehicle, settled: Sequence[History], stated: float) -> Delay | None:
+    """What the log says of a stated delay; None where nothing is known of the vehicle to tell it by."""
+    known = [(history.cycles, history.reference) for history in settled if history.reference is not None]
+    if not known:
+        return None
+    return delay.detect(log, used, [cycles for cycles, _ in known], stated, [reference for _, reference in known])
 
 
 def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:
@@ -93,15 +137,19 @@ def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slic
 
 def _estimates(
     samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, say: Progress
-) -> tuple[Vehicle, tuple[History, ...], list[Notice]]:
-    """Noise levels, then the estimator through every phase; disturbances are sized where the stated noise can't explain the log."""
+) -> tuple[Vehicle, tuple[History, ...], list[History], list[Notice]]:
+    """Estimates, and the off-line fits of each phase that they are judged by.
+
+    Noise levels first, then the estimator through every phase; disturbances are sized where the stated noise can't explain the log.
+    """
     pieces = [cycles for _, cycles in phases]
     if stated.estimator.method == "thesis":
-        return stated, _thesis(samples, phases, stated), []
+        return stated, _thesis(samples, phases, stated), [], []
     used, notices = noise.with_noise_levels(samples, pieces, stated)
     adapt = used.estimator.adapt_noise
     excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
     histories: tuple[History, ...] = ()
+    settled: list[History] = []
     for _ in range(ROUNDS):
         sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
         if histories and sized == used:
@@ -112,7 +160,7 @@ def _estimates(
         )
         settled = [estimate.settle(samples, phase, history, used) for (phase, _), history in zip(phases, histories, strict=True)]
         excess = noise.misfit(settled, used)
-    return used, histories, notices + noise.disturbance_notices(stated, used, excess)
+    return used, histories, settled, notices + noise.disturbance_notices(stated, used, excess)
 
 
 def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
@@ -153,6 +201,16 @@ def physical_note(conclusion: Conclusion) -> str:
     return ""
 
 
+def nearest_consistent(inertia: Array) -> Array:
+    """The inertia (3, 3) nearest in the sum of squares that a body could have: positive, no principal moment above the others' sum."""
+    moments, axes = np.linalg.eigh(inertia)
+    excess = max(moments[2] - moments[0] - moments[1], 0.0) / 3
+    moments = np.maximum(moments + excess * np.array([1.0, 1.0, -1.0]), 0.0)
+    moments[2] = min(moments[2], moments[0] + moments[1])
+    nearest: Array = (axes * moments) @ axes.T
+    return nearest
+
+
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
     """Dotted keys and values which, given back with ``--set``, reproduce the result."""
     used = analysis.vehicle
@@ -175,4 +233,4 @@ def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}
 
 
-__all__ = ["Analysis", "analyse", "effective_settings", "examine", "physical_note"]
+__all__ = ["Analysis", "analyse", "effective_settings", "examine", "nearest_consistent", "physical_note"]

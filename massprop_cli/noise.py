@@ -44,7 +44,7 @@ def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicl
         if stated:
             continue
         floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-        found = min(_white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
+        found = min(white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
         levels[key] = max(found, floor)
         if stated is None:
             notices.append(Notice("noise-estimated", f"imu.{key} is not stated; {levels[key]:.3g} was estimated from the log"))
@@ -54,7 +54,7 @@ def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicl
     return _changed(vehicle, imu=levels), notices
 
 
-def _white_level(signal: Array, cycles: Sequence[slice]) -> float:
+def white_level(signal: Array, cycles: Sequence[slice]) -> float:
     """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else."""
     found = []
     for piece in cycles:

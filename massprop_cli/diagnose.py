@@ -1,0 +1,242 @@
+"""What could be wrong with the vehicle file or the log, where the two don't fit: suppositions tried one after another.
+
+Each supposition changes what is taken for granted (the gyro's unit, the IMU's mounting, what each jet really does) and the log is fitted
+again without any disturbance (:mod:`massprop_cli.fit`). One that explains nearly all of the misfit is
+named, with the cure; none is acted on.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.align import align, channel_impulses, channel_wrench
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.columns import WRENCH
+from massprop_cli.compensate import Samples, compensate
+from massprop_cli.errors import InputError
+from massprop_cli.fit import PASSES, Extra, Fit, fit
+from massprop_cli.linearise import linearise
+from massprop_cli.plant import Reference, plant_of
+from massprop_cli.start import first_reference
+from massprop_cli.telemetry import Log, Notice
+from massprop_cli.vehicle import Vehicle
+
+LONGEST = 3000
+"""Cycles that a supposition is tried on."""
+MISFIT = 1.3
+"""Mean squared residual over noise below which nothing is looked for."""
+EXPLAINED = 0.1
+"""A supposition is named if it leaves at most this part of the misfit."""
+ROUGH_PASSES, ROUGH_BINS, FINALISTS = 3, 4, 3
+NOISE_RATIO = 2.0
+"""Another unit leaves a variance within this factor of the stated noise's."""
+FACTOR_PRIOR = 1.0
+FACTOR_STEPS = 8
+LARGEST = 3.0
+"""Factors beyond are not tried."""
+OFF = (0.03, 0.3)
+"""A channel's factor is off if it differs by this much from what most channels have, and by this part of what the worst does."""
+
+
+@dataclass(frozen=True)
+class Supposition:
+    """Something else than stated, and how to say it."""
+
+    code: str
+    message: str
+    vehicle: Vehicle
+    gyro: float = 1.0
+    accel: float = 1.0
+
+
+def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice]) -> list[Notice]:
+    """Notices of the supposition that explains a misfit, if one does. Noise levels must be set in ``vehicle``."""
+    piece = max(pieces, key=lambda p: p.stop - p.start)
+    piece = slice(piece.start, min(piece.stop, piece.start + LONGEST))
+    stated = _tried(log, Supposition("", "", vehicle), delay_cycles, piece)
+    misfit = np.inf if stated is None else stated.chi_square - 1
+    if misfit <= MISFIT - 1:
+        return []
+    fitting = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, misfit)
+    if not fitting:
+        fitting = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, misfit)
+    if not fitting and stated is not None:  # factors are many changes: they are asked only where no single one does it
+        found = _factors(log, vehicle, delay_cycles, piece, stated)
+        return [Notice(code, message) for chi_square, code, message in found if chi_square - 1 <= EXPLAINED * misfit]
+    return [Notice(code, message) for _, code, message in sorted(fitting)[:1]]
+
+
+def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, misfit: float) -> list[tuple[float, str, str]]:
+    """Chi-square, code and message of those that explain the misfit: all are tried roughly, the best again with care."""
+    rough = [(_tried(log, _coarse(s), delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
+    best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
+    careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
+    return [(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, misfit)]
+
+
+def _explains(found: Fit, supposed: Supposition, misfit: float) -> bool:
+    """Whether hardly anything of the misfit is left.
+
+    Another unit must leave just the stated noise in every channel: any misfit drowns in noise once the signal is made small enough.
+    """
+    if supposed.gyro != 1.0 or supposed.accel != 1.0:
+        return bool((np.abs(np.log(found.channels)) < np.log(NOISE_RATIO)).all())
+    return found.chi_square - 1 <= EXPLAINED * misfit
+
+
+def _coarse(supposed: Supposition) -> Supposition:
+    estimator = supposed.vehicle.estimator.model_copy(update={"bins_per_cycle": ROUGH_BINS})
+    return replace(supposed, vehicle=supposed.vehicle.model_copy(update={"estimator": estimator}))
+
+
+def _single_jets(vehicle: Vehicle) -> Iterator[Supposition]:
+    """Each jet mounted the other way round, and each jet dead."""
+    for i, jet in enumerate(vehicle.jets):
+        for code, f, words in (
+            ("jet-sign", -1.0, "pushes the other way than the vehicle file says; mend its force_n"),
+            ("jet-dead", 0.0, "does not push at all; look at its valve and wiring"),
+        ):
+            factor = np.ones(len(vehicle.jets))
+            factor[i] = f
+            yield Supposition(code, f"the log fits if jet {jet.name} {words}", _scaled(vehicle, factor))
+
+
+def _suppositions(vehicle: Vehicle) -> Iterator[Supposition]:
+    degree = np.pi / 180
+    remedy = "mend the log, or scale its columns under [columns]"
+    yield Supposition(
+        "gyro-units", f"the log fits if its gyro columns are in degrees, not radians; {remedy} (0.0174533)", vehicle, gyro=degree
+    )
+    yield Supposition(
+        "gyro-units", f"the log fits if its gyro columns were turned into radians twice; {remedy} (57.2958)", vehicle, gyro=1 / degree
+    )
+    yield Supposition("accel-units", f"the log fits if its accelerometer columns are in g; {remedy} (9.80665)", vehicle, accel=9.80665)
+    mounted = np.array(vehicle.imu.body_from_imu)
+    turns = [("the transpose of what is stated", mounted.T)]
+    turns += [("", turn) for turn in _right_angles() if np.abs(turn - mounted.T).max() > 1e-9]
+    for words, turn in turns:
+        if np.abs(turn - mounted).max() > 1e-9:
+            rows = tuple(tuple(float(x) + 0.0 for x in row) for row in turn)
+            shown = [[round(x, 6) for x in row] for row in rows]
+            message = f"the log fits if imu.body_from_imu is {words + ', ' if words else ''}{shown}; look at the IMU's mounting"
+            yield Supposition(
+                "imu-mounting", message, vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
+            )
+
+
+def _right_angles() -> list[Array]:
+    """The 24 ways to mount a box by right angles."""
+    found: list[Array] = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            if np.linalg.det(turn) > 0:
+                found.append(turn)
+    return found
+
+
+def _tried(log: Log, supposed: Supposition, delay_cycles: float, piece: slice, passes: int = PASSES) -> Fit | None:
+    """The fit under a supposition; None where it makes no body at all."""
+    samples = _samples(log, supposed, delay_cycles)
+    if samples is None:
+        return None
+    reference = first_reference(samples, piece, supposed.vehicle)
+    return None if reference is None else _finite(fit(samples, piece, reference, supposed.vehicle, passes=passes))
+
+
+def _finite(found: Fit) -> Fit | None:
+    return found if np.isfinite(found.chi_square) else None
+
+
+def _samples(log: Log, supposed: Supposition, delay_cycles: float) -> Samples | None:
+    scaled = replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * supposed.gyro, delta_v_imu_m_s=log.delta_v_imu_m_s * supposed.accel)
+    try:
+        return compensate(align(scaled, supposed.vehicle, delay_cycles), supposed.vehicle)
+    except InputError:
+        return None
+
+
+def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stated: Fit) -> list[tuple[float, str, str]]:
+    """What each channel's thrust really is over what is stated, if that explains the log: chi-square, code, message for each kind."""
+    names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
+    wrench = channel_wrench(log, vehicle)
+    factor, found, used, tried = np.ones(len(names)), stated, log, vehicle
+    best = np.inf
+    for _ in range(FACTOR_STEPS):
+        aligned = align(used, tried, delay_cycles)
+        samples = compensate(aligned, tried)
+        extra, fired = _thrust_columns(used, tried, delay_cycles, samples, piece, found.reference)
+        step = fit(samples, piece, found.reference, tried, extra, passes=0)
+        factor = factor * (1 + step.extra)
+        # the scale common to all is not told from mass and inertia: most channels are taken to be as stated
+        factor = np.where(fired, np.clip(factor / _common(factor, fired, wrench), -LARGEST, LARGEST), 1.0)
+        used, tried = _with_factors(log, vehicle, factor)
+        samples = compensate(align(used, tried, delay_cycles), tried)
+        again = fit(samples, piece, found.reference, tried)
+        done = not again.chi_square < best * 0.99
+        best, found = min(best, again.chi_square), again
+        if done:
+            break
+    least = max(OFF[0], OFF[1] * float(np.abs(factor - 1).max()))
+    off = [(name, float(f)) for name, f in zip(names, factor, strict=True) if abs(f - 1) > least]
+    kinds: dict[str, list[tuple[str, float]]] = {}
+    for name, f in off:
+        kinds.setdefault("jet-sign" if f < -0.5 else "jet-dead" if abs(f) < 0.2 else "thrust-scale", []).append((name, f))
+    says = {
+        "jet-sign": "push the other way than the vehicle file says; mend force_n",
+        "jet-dead": "hardly push at all; look at valves and wiring",
+        "thrust-scale": "push by another part of their stated thrust than the others; mend force_n or calibrate",
+    }
+    return [
+        (best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{n} ({f:+.3g})" for n, f in some))
+        for code, some in kinds.items()
+    ]
+
+
+def _common(factor: Array, fired: BoolArray, wrench: Array) -> Array:
+    """(C,) what most channels of a kind have: those that only push (they share the mass' scale) and those that turn (the inertia's)."""
+    arm = np.linalg.norm(wrench[:, :3], axis=1) / np.maximum(np.linalg.norm(wrench[:, 3:], axis=1), 1e-300)
+    pushes = arm < 0.1 * arm.max()
+    common = np.ones(len(factor))
+    for kind in (pushes, ~pushes):
+        if (kind & fired).any():
+            common[kind] = np.median(factor[kind & fired]) or 1.0
+    return common
+
+
+def _thrust_columns(
+    log: Log, vehicle: Vehicle, delay_cycles: float, samples: Samples, piece: slice, reference: Reference
+) -> tuple[Extra, BoolArray]:
+    """What each channel's own part of the thrust does, per unit of its relative change; and which channels fire in ``piece``."""
+    rising, whole = (x[piece] for x in channel_impulses(log, vehicle, samples.executed, delay_cycles))
+    duration = samples.executed.duration_s[piece, None, None]
+    plant = plant_of(vehicle)
+    wrench = channel_wrench(log, vehicle)
+    moment = (wrench @ plant.jet_moment(reference).T).T
+    to_rate = linearise(samples, piece, reference, vehicle).moment_to_rate
+    window = rising[:-1] + (whole - rising)[1:]
+    growth = (to_rate @ moment) * window[:, None, :]
+    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
+    turning = np.linalg.solve(reference.inertia, moment)
+    push = reference.mu * wrench[:, 3:].T + np.cross(turning.T, arm).T
+    return Extra(growth, push * whole[:, None, :] / duration, FACTOR_PRIOR), (whole != 0).any(0)
+
+
+def _with_factors(log: Log, vehicle: Vehicle, factor: Array) -> tuple[Log, Vehicle]:
+    if log.command_kind == "wrench":
+        return replace(log, command=log.command * factor), vehicle
+    return log, _scaled(vehicle, factor)
+
+
+def _scaled(vehicle: Vehicle, factor: Array) -> Vehicle:
+    """The vehicle with each jet's force multiplied."""
+    jets = tuple(
+        jet.model_copy(update={"force_n": tuple(float(x) for x in f * np.array(jet.force_n))})
+        for jet, f in zip(vehicle.jets, factor, strict=True)
+    )
+    return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})

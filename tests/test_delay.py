@@ -1,0 +1,68 @@
+"""The delay found in logs whose delay is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import analysis, delay
+from massprop_cli.errors import InputError
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.vehicle import VehicleSource
+
+SHORT = ["duration_s=20.0", "vehicle.cycle.command_delay_cycles=auto"]
+PLAN = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
+
+
+def flown(true: float, seed: int, *more: str) -> simulate.Flight:
+    return simulate.fly(scenario.load("free-flyer", [*SHORT, PLAN, f"actuators.delay_cycles={true}", *more]), [seed])
+
+
+@pytest.mark.parametrize("true", [0.0, 0.4, 2.0, 3.25, 9.7])
+def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(true: float) -> None:
+    flight = flown(true, 4)
+    found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
+    assert found.detected_delay is not None
+    assert found.delay_cycles == found.detected_delay.cycles
+    assert abs(found.delay_cycles - true) < 0.002
+    assert abs(found.delay_cycles - true) < 4.5 * found.detected_delay.sigma + 1e-3 * (true == 0)
+    for name, estimate in found.conclusions[0].estimates.items():
+        assert estimate.value is not None
+        assert estimate.sigma is not None
+        assert abs(estimate.value - flight.truth[0, 0, list(found.conclusions[0].estimates).index(name)]) < 4.5 * estimate.sigma
+
+
+def test_the_found_delays_scatter_as_their_sigma_says() -> None:
+    z = []
+    for seed in range(8):
+        flight = flown(1.6, seed)
+        found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", "")).detected_delay
+        assert found is not None
+        z.append((found.cycles - 1.6) / found.sigma)
+    assert 8 * np.mean(np.square(z)) < 26.1  # chi-square, 8 degrees of freedom, 1 in 1000
+
+
+@pytest.mark.parametrize(("stated", "warned"), [(2.0, False), (2.05, False), (1.0, True), (4.0, True)])
+def test_a_stated_delay_is_contradicted_only_where_it_is_wrong(stated: float, warned: bool) -> None:
+    flight = flown(2.0, 1, f"vehicle.cycle.command_delay_cycles={stated}")
+    found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
+    codes = [notice.code for notice in found.notices]
+    assert ("delay-mismatch" in codes) is warned
+    assert found.delay_cycles == stated
+    assert found.detected_delay is not None
+    assert abs(found.detected_delay.cycles - 2.0) < 0.01
+    if warned:
+        message = next(notice.message for notice in found.notices if notice.code == "delay-mismatch")
+        assert f"command_delay_cycles = {stated:g}" in message
+        assert "log shows 2 ±" in message
+
+
+def test_a_log_that_cannot_tell_its_delay_is_refused() -> None:
+    flight = simulate.fly(scenario.load("free-flyer", [*SHORT, "actuators.delay_cycles=2.0", "plan=[]"]), [1])
+    with pytest.raises(InputError, match="the command delay can't be told from this log"):
+        analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
+
+
+def test_the_search_alone_finds_the_whole_cycle() -> None:
+    flight = flown(7.0, 2)
+    assert delay.search(flight.log(0), flight.vehicle) == 7.0

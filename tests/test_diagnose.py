@@ -1,0 +1,79 @@
+"""Faults are named by logs that have them, and by no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import analysis
+from massprop_cli.telemetry import Log
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.vehicle import Vehicle, VehicleSource
+
+PLAN = [
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+]
+Mistake = Callable[[Log, Vehicle], tuple[Log, Vehicle]]
+
+
+def degrees(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad)), used
+
+
+def in_g(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s / 9.80665), used
+
+
+def transposed(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    rows = tuple(tuple(float(x) for x in row) for row in np.array(used.imu.body_from_imu).T)
+    return log, used.model_copy(update={"imu": used.imu.model_copy(update={"body_from_imu": rows})})
+
+
+def nothing(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, used
+
+
+def failure(jets: list[str], thrust: float) -> list[str]:
+    return ["actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust={thrust}}}' for jet in jets) + "]"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "mistake", "code", "words"),
+    [
+        ([], degrees, "gyro-units", "degrees"),
+        ([], in_g, "accel-units", "in g"),
+        ([], transposed, "imu-mounting", "the transpose of what is stated"),
+        (failure(["pitch_p1"], -1.0), nothing, "jet-sign", "pitch_p1"),
+        (failure(["divert_zn"], -1.0), nothing, "jet-sign", "divert_zn"),
+        (failure(["yaw_n2"], 0.0), nothing, "jet-dead", "yaw_n2"),
+        (failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp (+0.8"),
+        (["actuators.delay_cycles=4.0"], nothing, "delay-mismatch", "shows 4"),
+    ],
+)
+def test_a_fault_is_named(keys: list[str], mistake: Mistake, code: str, words: str) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *keys]), [3])
+    log, used = mistake(flown.log(0), flown.vehicle)
+    notices = analysis.examine(log, VehicleSource(used, "t", "")).notices
+    said = [notice.message for notice in notices if notice.code == code]
+    assert said, [notice.code for notice in notices]
+    assert words in said[0].replace("+0.79", "+0.8")
+    # the other suppositions stay unsaid
+    named = {"gyro-units", "accel-units", "imu-mounting", "jet-sign", "jet-dead", "thrust-scale", "delay-mismatch"}
+    assert {notice.code for notice in notices} & named == {code}
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "testbed"])
+def test_clean_logs_raise_no_warning(name: str) -> None:
+    flown = simulate.fly(scenario.load(name), range(10, 18))
+    for member in range(8):
+        assert analysis.examine(flown.log(member), VehicleSource(flown.vehicle, "t", "")).notices == ()
+
+
+def test_a_misfit_that_nothing_supposed_explains_is_not_given_a_name() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.walk_n_m=0.01"]), [3])
+    codes = {notice.code for notice in analysis.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices}
+    assert codes == {"disturbance-torque"}
