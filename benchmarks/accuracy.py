@@ -16,16 +16,15 @@ from functools import partial
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, analysis, docking
+from massprop_cli import QUANTITIES, UNITS, __version__, analysis, docking
 from massprop_cli.arrays import Array
+from massprop_cli.conclude import conclude
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.vehicle import VehicleSource
 
 SCENARIOS = ("preliminary", "refined", "docking", "testbed", "free-flyer")
-METHODS = ("thesis", "default")
+METHODS = ("thesis", "default", "refine")
 NOISE_FREE = "preliminary"
-FLOORS = {"inertia": 5e-5, "cg": 2e-5, "mass": 0.0}
-"""Errors below this part of the trace, or this many metres, count as none."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +50,22 @@ def one(name: str, seed: int) -> Run:
         if flown.docked is not None:
             limits[-1] = docked_bound(flown.truth[0], covariances)
     error, sigma, warnings = {}, {}, {}
-    for method in METHODS:
-        vehicle = flown.vehicle.model_copy(update={"estimator": flown.vehicle.estimator.model_copy(update={"method": method})})
+    for method in ("thesis", "default"):
+        estimator = flown.vehicle.estimator.model_copy(update={"method": method})
+        vehicle = flown.vehicle.model_copy(update={"estimator": estimator})
         found = analysis.examine(flown.log(0), VehicleSource(vehicle, name, ""))
-        values = [conclusion.values for conclusion in found.conclusions]
-        sigmas = [np.sqrt(np.diag(conclusion.covariance)) for conclusion in found.conclusions]
-        if flown.docked is not None:
-            values.append(docking.difference(values[0], values[1]))
-            sigmas.append(np.full(10, np.nan) if found.docked is None else np.sqrt(np.diag(found.docked.covariance)))
-        error[method], sigma[method] = np.array(values) - true, np.array(sigmas)
-        warnings[method] = tuple(sorted({notice.code for notice in found.notices}))
+        ends = {method: found.conclusions}
+        if method == "default":  # --refine reports the fits by which the default is judged
+            ends["refine"] = tuple(conclude(history, found.vehicle) for history in found.settled)
+        for label, conclusions in ends.items():
+            values = [conclusion.values for conclusion in conclusions]
+            sigmas = [np.sqrt(np.diag(conclusion.covariance)) for conclusion in conclusions]
+            if flown.docked is not None:
+                values.append(docking.difference(values[0], values[1]))
+                joined = docking.docked_object(conclusions, found.vehicle)
+                sigmas.append(np.full(10, np.nan) if joined is None else np.sqrt(np.diag(joined.covariance)))
+            error[label], sigma[label] = np.array(values) - true, np.array(sigmas)
+            warnings[label] = tuple(sorted({notice.code for notice in found.notices}))
     return Run(true, limits, error, sigma, warnings)
 
 
@@ -84,36 +89,32 @@ def report(name: str, runs: Sequence[Run]) -> str:
     lines = [f"## {name}", ""]
     labels = {1: ["all"], 3: ["alone", "combined", "docked object"]}[len(runs[0].true)]
     for body, label in enumerate(labels):
-        true = runs[0].true[body]
-        lines += [
-            f"### {label}" if len(labels) > 1 else "",
-            "",
-            "| | true | bound | "
-            + " | ".join(f"{method}: bias | rms error | rms / bound | sigma / bound | z rms | 95 % covers" for method in METHODS)
-            + " |",
-            "|---|--:|--:|" + "--:|" * 6 * len(METHODS),
-        ]
+        lines += [f"### {label}", ""] if len(labels) > 1 else []
+        columns = "bias | rms error | rms / bound | sigma / bound | z rms | 95 % covers |"
+        lines += ["| | true | bound |" + "".join(f" {method}: {columns}" for method in METHODS)]
+        lines += ["|---|--:|--:|" + "--:|" * 6 * len(METHODS)]
         for i, quantity in enumerate(QUANTITIES):
             limit = float(np.sqrt(np.mean([run.bound[body, i] ** 2 for run in runs])))
-            cells = [quantity, f"{true[i]:.6g}", f"{limit:.2g}"]
+            cells = [f"{quantity} [{UNITS[quantity]}]", f"{runs[0].true[body][i] + 0.0:.6g}", f"{limit:.2g}"]
             for method in METHODS:
-                error = np.array([run.error[method][body, i] for run in runs])
-                sigma = np.array([run.sigma[method][body, i] for run in runs])
-                z = error / sigma
-                rms = float(np.sqrt(np.mean(error**2)))
-                over = np.array([run.sigma[method][body, i] / run.bound[body, i] for run in runs])
-                cells += [f"{error.mean():.2g}", f"{rms:.2g}", f"{rms / limit:.2f}", f"{np.median(over):.2f}"]
-                cells += [f"{np.sqrt(np.mean(z**2)):.2f}", f"{100 * np.mean(np.abs(z) <= 1.96):.1f} %"]
+                cells += _columns(runs, method, body, i, limit)
             lines.append("| " + " | ".join(cells).replace("nan %", "–").replace("nan", "–") + " |")
         lines.append("")
     for method in METHODS:
         counts = Counter(code for run in runs for code in run.warnings[method])
-        lines.append(
-            f"Warnings, {method}: "
-            + (", ".join(f"{code} {100 * n / len(runs):.1f} %" for code, n in sorted(counts.items())) or "none")
-            + "."
-        )
-    return "\n".join(lines) + "\n"
+        found = ", ".join(f"{code} {100 * n / len(runs):.1f} %" for code, n in sorted(counts.items())) or "none"
+        lines.append(f"Warnings, {method}: {found}.\n")
+    return "\n".join(lines)
+
+
+def _columns(runs: Sequence[Run], method: str, body: int, i: int, limit: float) -> list[str]:
+    error = np.array([run.error[method][body, i] for run in runs])
+    sigma = np.array([run.sigma[method][body, i] for run in runs])
+    over = sigma / np.array([run.bound[body, i] for run in runs])
+    z = error / np.where(sigma > 0, sigma, np.nan)
+    rms = float(np.sqrt(np.mean(error**2)))
+    ratios = [f"{rms / limit:.2f}", f"{np.median(over):.2f}", f"{np.sqrt(np.mean(z**2)):.2f}"]
+    return [f"{error.mean():.2g}", f"{rms:.2g}", *ratios, f"{100 * np.mean(np.abs(z) <= 1.96):.1f} %"]
 
 
 def main() -> None:
@@ -122,7 +123,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--scenario", action="append", choices=SCENARIOS)
     arguments = parser.parse_args()
-    print(HEAD.format(seeds=arguments.seeds))
+    print(HEAD.format(seeds=arguments.seeds, version=__version__))
     with ProcessPoolExecutor() as pool:
         for name in arguments.scenario or SCENARIOS:
             seeds = range(1, (3 if name == NOISE_FREE else arguments.seeds) + 1)
@@ -130,6 +131,12 @@ def main() -> None:
 
 
 HEAD = """# Accuracy over {seeds} seeds
+
+Made by `python benchmarks/accuracy.py > docs/accuracy.md` at massprop {version}. Bias is the mean error; rms / bound the root mean square
+error over that of the logs' own Cramér–Rao bounds (from the simulator's sensitivities, initial rates unknown, IMU noise alone); sigma / bound
+the median claim over it; z error over claimed sigma (1 is honest); the last column how many of the 95 % intervals hold the truth (95 % is
+honest; 3 standard deviations of that share over 200 seeds are 4.6 %). Inertia about the CG in body axes, products as tensor elements; CG
+from O. The thesis's sigma is its "precision", no error. The preliminary scenario has no noise, hence no bound, and three seeds.
 """
 
 if __name__ == "__main__":

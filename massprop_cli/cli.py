@@ -98,6 +98,9 @@ def estimate(
     ] = None,
     method: Annotated[Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Report the off-line maximum-likelihood fit instead of the last causal row.")
+    ] = False,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
     require: Annotated[
         str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")
@@ -121,6 +124,7 @@ def estimate(
         raise UsageError(f"--out {str(out)!r}: name a folder of its own")
     options = {
         "method": [f'estimator.method="{method.value}"'] if method else [],
+        "refine": ["estimator.refine=true"] if refine else [],
         "delay": [f"cycle.command_delay_cycles={_delay(delay)}"] if delay is not None else [],
     }
     from_environment = [key for key in options if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]

@@ -11,10 +11,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli import QUANTITIES, __version__, arrow
-from massprop_cli.analysis import Analysis, effective_settings, physical_note
+from massprop_cli.analysis import Analysis, effective_settings, nearest_consistent, physical_note
 from massprop_cli.arrays import Array
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
+from massprop_cli.history import History
 from massprop_cli.vehicle import Nominal
 
 AXES = ("x", "y", "z")
@@ -80,9 +81,21 @@ class Physical(Item):
     consistent: bool | None
     principal_moments: list[float] | None
     note: str
+    nearest_consistent: list[list[float | None]] | None = Field(
+        None, description="the nearest inertia that a body could have, where this is none"
+    )
 
 
 Matrix = list[list[float | None]]
+
+
+class Innovations(Item):
+    """Whitened innovations about the final estimate: independent standard normal where model and noise levels hold."""
+
+    cycles: int
+    nis: float = Field(description="mean normalised innovation squared of a cycle, all six channels together; 6 is expected")
+    channel_variance: list[float] = Field(description="rate x y z, specific force x y z; 1 is expected")
+    lag_one_correlation: list[float] = Field(description="of each channel from one cycle to the next; 0 is expected")
 
 
 class PhaseItem(Item):
@@ -95,6 +108,7 @@ class PhaseItem(Item):
     covariance: Matrix
     inertia_about_origin: Matrix | None
     physical: Physical
+    innovations: Innovations | None
 
 
 class DockedObject(Item):
@@ -145,11 +159,25 @@ def result(analysis: Analysis) -> Result:
             duration_s=float(aligned.end_s[-1] - aligned.start_s[0]),
             cycle_s=float(np.median(aligned.duration_s)),
         ),
-        delay=Delay(cycles=analysis.delay_cycles, source="option" if _delay_overridden(analysis) else "vehicle"),
+        delay=_delay(analysis),
         conventions=Conventions(),
-        phases=[_phase(conclusion, analysis.vehicle.nominal) for conclusion in analysis.conclusions],
+        phases=[
+            _phase(conclusion, analysis.vehicle.nominal, history)
+            for conclusion, history in zip(analysis.conclusions, analysis.settled, strict=True)
+        ],
         docked_object=_docked(analysis.docked),
         warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
+    )
+
+
+def _delay(analysis: Analysis) -> Delay:
+    automatic = analysis.source.vehicle.cycle.command_delay_cycles == "auto"
+    found = analysis.detected_delay
+    return Delay(
+        cycles=analysis.delay_cycles,
+        source="detected" if automatic else "option" if _delay_overridden(analysis) else "vehicle",
+        detected_cycles=None if found is None else found.cycles,
+        sigma_cycles=None if found is None else found.sigma,
     )
 
 
@@ -157,7 +185,7 @@ def _delay_overridden(analysis: Analysis) -> bool:
     return any(assignment.startswith("cycle.command_delay_cycles=") for assignment in analysis.assignments)
 
 
-def _phase(conclusion: Conclusion, nominal: Nominal) -> PhaseItem:
+def _phase(conclusion: Conclusion, nominal: Nominal, settled: History) -> PhaseItem:
     about_origin = conclusion.inertia_about_origin
     moments = conclusion.principal_moments
     note = physical_note(conclusion)
@@ -170,8 +198,25 @@ def _phase(conclusion: Conclusion, nominal: Nominal) -> PhaseItem:
         covariance=_matrix(conclusion.covariance),
         inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=Physical(
-            consistent=not note if known else None, principal_moments=[float(m) for m in moments] if known else None, note=note
+            consistent=not note if known else None,
+            principal_moments=[float(m) for m in moments] if known else None,
+            note=note,
+            nearest_consistent=_matrix(nearest_consistent(conclusion.inertia)) if note else None,
         ),
+        innovations=_innovations(settled),
+    )
+
+
+def _innovations(history: History) -> Innovations | None:
+    z = history.normalised[np.isfinite(history.normalised).all(1)]
+    if len(z) < 3:
+        return None
+    variance = (z**2).mean(0)
+    return Innovations(
+        cycles=len(z),
+        nis=float((z**2).sum(1).mean()),
+        channel_variance=[float(v) for v in variance],
+        lag_one_correlation=[float(c) for c in (z[1:] * z[:-1]).mean(0) / np.maximum(variance, 1e-300)],
     )
 
 
