@@ -132,11 +132,12 @@ def main() -> None:
 
 HEAD = """# Accuracy over {seeds} seeds
 
-Made by `python benchmarks/accuracy.py > docs/accuracy.md` at massprop {version}. Bias is the mean error; rms / bound the root mean square
-error over that of the logs' own Cramér–Rao bounds (from the simulator's sensitivities, initial rates unknown, IMU noise alone); sigma / bound
-the median claim over it; z error over claimed sigma (1 is honest); the last column how many of the 95 % intervals hold the truth (95 % is
-honest; 3 standard deviations of that share over 200 seeds are 4.6 %). Inertia about the CG in body axes, products as tensor elements; CG
-from O. The thesis's sigma is its "precision", no error. The preliminary scenario has no noise, hence no bound, and three seeds.
+Made by `python benchmarks/accuracy.py > docs/accuracy.md` at massprop {version}. Bias is the mean error; rms / bound the root
+mean square error over that of the logs' own Cramér–Rao bounds (from the simulator's sensitivities, initial rates unknown, IMU
+noise alone); sigma / bound the median claim over it; z error over claimed sigma (1 is honest); the last column how many of the 95
+% intervals hold the truth (95 % is honest; 3 standard deviations of that share over 200 seeds are 4.6 %). Inertia about the CG in
+body axes, products as tensor elements; CG from O. The thesis's sigma is its "precision", no error. The preliminary scenario has
+no noise, hence no bound, and three seeds.
 """
 
 if __name__ == "__main__":

@@ -203,11 +203,12 @@ def physical_note(conclusion: Conclusion) -> str:
 
 def nearest_consistent(inertia: Array) -> Array:
     """The inertia (3, 3) nearest in the sum of squares that a body could have: positive, no principal moment above the others' sum."""
+    from scipy.optimize import nnls
+
     moments, axes = np.linalg.eigh(inertia)
-    excess = max(moments[2] - moments[0] - moments[1], 0.0) / 3
-    moments = np.maximum(moments + excess * np.array([1.0, 1.0, -1.0]), 0.0)
-    moments[2] = min(moments[2], moments[0] + moments[1])
-    nearest: Array = (axes * moments) @ axes.T
+    # a body's second moments p are positive, and its principal moments are the sums of two of them
+    second, _ = nnls(1 - np.eye(3), moments)
+    nearest: Array = (axes * (second.sum() - second)) @ axes.T
     return nearest
 
 

@@ -149,6 +149,8 @@ def _shift(log: Log, vehicle: Vehicle, pieces: Sequence[slice], delay: float, re
         (early, push_early), (late, push_late) = (response(at[d], cycles, reference, vehicle) for d in (low, high))
         change = Extra(_column(late - early, high - low), _column(push_late - push_early, high - low), PRIOR)
         shifted = fit(at[delay], cycles, reference, vehicle, change, passes=0)
+        if not np.isfinite(plain.chi_square + shifted.chi_square):
+            continue
         count = cycles.stop - cycles.start
         before, after, rows = before + count * plain.chi_square, after + count * shifted.chi_square, rows + count
         variance = float(shifted.extra_covariance[0, 0]) * max(shifted.chi_square, 1.0)

@@ -71,7 +71,7 @@ def fit(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle,
             break
         before = found.chi_square
         found, target = _step(samples, cycles, renewed, vehicle, extra)
-        if abs(found.chi_square - before) < SETTLED * before:
+        if not np.isfinite(found.chi_square) or abs(found.chi_square - before) < SETTLED * before:
             break
     return found
 
@@ -81,7 +81,10 @@ def _step(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicl
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
     count = 0 if extra is None else extra.growth.shape[-1]
-    rows, target = _stacked(system, vehicle, extra)
+    with np.errstate(all="ignore"):  # a supposition far off may run away; its chi-square is then infinite, which says enough
+        rows, target = _stacked(system, vehicle, extra)
+    if not (np.isfinite(rows).all() and np.isfinite(target).all()):
+        return Fit(reference, np.inf, np.full(6, np.inf), np.zeros(count), np.full((count, count), np.inf)), parameters(reference)
     sigma = np.concatenate([_prior(layout, reference, vehicle), np.full(count, extra.sigma if extra else 1.0)])
     mean = np.zeros(layout.size + count)
     mean[PARAMETERS], mean[RATE] = parameters(reference), samples.rate_rad_s[cycles.start]
@@ -96,7 +99,8 @@ def _step(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicl
     root = np.zeros((layout.size + count, int(known.sum())))
     root[known] = np.linalg.inv(triangle) * sigma[known][:, None]
     tail = root[layout.size :]
-    channels = (left.reshape(-1, 6) ** 2).mean(0)
+    with np.errstate(over="ignore"):
+        channels = (left.reshape(-1, 6) ** 2).mean(0)
     return Fit(reference, float(channels.mean()), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprop_cli.analysis import nearest_consistent
 from massprop_cli.conclude import conclude
 from massprop_cli.history import History
 from massprop_cli.vehicle import Phase, Vehicle
@@ -134,3 +135,18 @@ def test_a_thesis_filter_that_knows_less_than_the_body_is_large_has_not_converge
     found = history()
     tiny = replace(found, values=1e-5 * found.values, natural_sizes=1e-5 * SIZES)
     assert {e.verdict for e in conclude(tiny, vehicle("thesis")).estimates.values()} == {"not_excited"}
+
+
+def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        inertia = turn @ np.diag(rng.uniform(-0.2, 3.0, 3)) @ turn.T
+        nearest = nearest_consistent(inertia)
+        low, middle, high = np.linalg.eigvalsh(nearest)
+        assert low > -1e-12
+        assert low + middle >= high - 1e-12
+    thesis = np.diag([0.35, 2.5, 2.0])
+    np.testing.assert_allclose(nearest_consistent(thesis), np.diag([0.4, 2.45, 2.05]), rtol=0, atol=1e-12)
+    real = np.diag([1.0, 1.5, 2.0])
+    np.testing.assert_allclose(nearest_consistent(real), real, rtol=0, atol=1e-14)

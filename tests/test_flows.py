@@ -162,7 +162,8 @@ def test_set_overrides_the_vehicle_file_and_flags_override_the_environment(tmp_p
     run = massprop("estimate", log, "--json", "--method", "default", "--delay", "2", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
     found = json.loads(run.stdout)
     assert found["provenance"]["settings"]["estimator.method"] == "default"
-    assert found["delay"] == {"cycles": 2.0, "source": "option", "detected_cycles": None, "sigma_cycles": None}
+    assert (found["delay"]["cycles"], found["delay"]["source"]) == (2.0, "option")
+    assert abs(found["delay"]["detected_cycles"] - 2.0) < 5 * found["delay"]["sigma_cycles"] < 0.01
 
 
 def test_a_vehicle_is_found_embedded_and_beside_the_log(tmp_path: Path) -> None:
@@ -281,3 +282,33 @@ def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path
         else:
             with pytest.raises(InputError, match="wxyz"):
                 analyse(log)
+
+
+def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_result(tmp_path: Path) -> None:
+    log = str(short(tmp_path))
+    found = json.loads(massprop("estimate", log, "--json", "--delay", "auto", "--out", str(tmp_path / "a")).stdout)
+    assert found["delay"]["source"] == "detected"
+    assert abs(found["delay"]["cycles"] - 2.0) < 0.01
+    settings = found["provenance"]["settings"]
+    assert settings["cycle.command_delay_cycles"] == found["delay"]["cycles"]
+    assigned = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    again = json.loads(massprop("estimate", log, "--json", *assigned, "--out", str(tmp_path / "b")).stdout)
+    assert again["phases"] == found["phases"]
+
+
+def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(tmp_path: Path) -> None:
+    log = str(short(tmp_path))
+    causal, refined = (
+        json.loads(massprop("estimate", log, "--json", *more, "--out", str(tmp_path / "o")).stdout) for more in ([], ["--refine"])
+    )
+    assert (causal["provenance"]["settings"]["estimator.refine"], refined["provenance"]["settings"]["estimator.refine"]) == (False, True)
+    for name, estimate in causal["phases"][0]["estimates"].items():
+        other = refined["phases"][0]["estimates"][name]
+        if estimate["value"] is None:
+            assert other["value"] is None
+            continue
+        assert abs(estimate["value"] - other["value"]) < 0.2 * other["sigma"]
+        assert abs(estimate["sigma"] / other["sigma"] - 1) < 0.02
+    innovations = causal["phases"][0]["innovations"]
+    assert abs(innovations["nis"] - 6) < 4.5 * (12 / innovations["cycles"]) ** 0.5
+    assert max(abs(c) for c in innovations["lag_one_correlation"]) < 4.5 / innovations["cycles"] ** 0.5
