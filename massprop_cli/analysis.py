@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,28 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
     explained = {"delay-mismatch", "gyro-saturated", "accelerometer-saturated"} & {notice.code for notice in (*notices, *log.notices)}
     if notices and not explained and source.vehicle.estimator.method == "default":
         say("looking for the cause", 1.0)
-        notices = diagnose.diagnose(log, _undisturbed(used, source.vehicle), used_delay, [cycles for _, cycles in phases]) + notices
+        explained_by = diagnose.diagnose(log, _undisturbed(used, source.vehicle), used_delay, [cycles for _, cycles in phases])
+        changed = next((e for e in explained_by if e.change_s is not None), None)
+        if changed is not None and changed.change_s is not None and source.vehicle.estimator.split_on_change:
+            split = replace(source, vehicle=_split(source.vehicle, [phase for phase, _ in phases], changed.change_s))
+            again = examine(log, split, assignments, progress)
+            return replace(again, source=source, notices=(changed.notice, *again.notices))
+        notices = [e.notice for e in explained_by] + notices
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
     judged = tuple(settled) or histories
     return Analysis(log, source, used, aligned, used_delay, detected, histories, judged, conclusions, docked, found, tuple(assignments))
+
+
+def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
+    """The vehicle with the phase that holds ``at_s`` cut in two."""
+    cut: list[Phase] = []
+    for phase in phases:
+        if phase.start_s < at_s < phase.end_s:
+            cut.append(Phase(name=f"{phase.name}-1", start_s=phase.start_s, end_s=at_s))
+            cut.append(Phase(name=f"{phase.name}-2", start_s=at_s, end_s=phase.end_s))
+        else:
+            cut.append(phase)
+    return vehicle.model_copy(update={"phases": tuple(cut)})
 
 
 def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:

@@ -13,6 +13,19 @@ from massprop_cli.dynamics import tensor
 from massprop_cli.history import History
 from massprop_cli.vehicle import Phase, Vehicle
 
+WANTED = {
+    "ixx": "torque about X",
+    "ixy": "torque about X and about Y",
+    "ixz": "torque about X and about Z",
+    "iyy": "torque about Y",
+    "iyz": "torque about Y and about Z",
+    "izz": "torque about Z",
+    "cg_x": "force across X (along Y or Z), or fast turns about Y or Z",
+    "cg_y": "force across Y (along X or Z), or fast turns about X or Z",
+    "cg_z": "force across Z (along X or Y), or fast turns about X or Y",
+    "mass": "force, pushed one way and the other",
+}
+"""The motion that informs each quantity, body axes."""
 Verdict = Literal["converged", "not_converged", "not_excited", "unobservable"]
 PRIOR = 0.5
 """Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
@@ -104,9 +117,10 @@ def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] 
     lasts = latched is not None and (thesis or latched[2] == len(history.time_s) - 1)
     verdict: Verdict
     if not history.observable[i]:
-        verdict, told, reason = "unobservable", False, "no motion of this vehicle can inform it by this method"
+        verdict, told = "unobservable", False
+        reason = f"no motion of this vehicle can inform it by this method; it wants {WANTED[QUANTITIES[i]]}, which its commands don't give"
     elif not informed:
-        verdict, reason = "not_excited", "the motion in this phase hardly informed it"
+        verdict, reason = "not_excited", f"the motion in this phase hardly informed it; it wants {WANTED[QUANTITIES[i]]}"
     elif share > 0.5:
         verdict, reason = "not_excited", f"{share:.0%} of what was seen of it lies in channels that disturbances dominate, not the commands"
     elif not lasts:

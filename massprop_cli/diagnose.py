@@ -32,6 +32,8 @@ MISFIT = 1.3
 EXPLAINED = 0.1
 """A supposition is named if it leaves at most this part of the misfit."""
 ROUGH_PASSES, ROUGH_BINS, FINALISTS = 3, 4, 3
+SHORTEST, SPLITS = 40, 16
+"""Least cycles on each side of a sudden change, and how many moments are tried first."""
 NOISE_RATIO = 2.0
 """Another unit leaves a variance within this factor of the stated noise's."""
 FACTOR_PRIOR = 1.0
@@ -53,29 +55,47 @@ class Supposition:
     accel: float = 1.0
 
 
-def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice]) -> list[Notice]:
-    """Notices of the supposition that explains a misfit, if one does. Noise levels must be set in ``vehicle``."""
-    piece = max(pieces, key=lambda p: p.stop - p.start)
-    piece = slice(piece.start, min(piece.stop, piece.start + LONGEST))
-    stated = _tried(log, Supposition("", "", vehicle), delay_cycles, piece)
-    misfit = np.inf if stated is None else stated.chi_square - 1
+@dataclass(frozen=True)
+class Explanation:
+    """A supposition that was tried, and what it leaves."""
+
+    chi_square: float
+    code: str
+    message: str
+    change_s: float | None = None
+    """When the mass properties changed at once, if that is what is supposed."""
+
+    @property
+    def notice(self) -> Notice:
+        """For the reader."""
+        return Notice(self.code, self.message)
+
+
+def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice]) -> list[Explanation]:
+    """What explains the misfit of the piece that fits worst, if anything does. Noise levels must be set in ``vehicle``."""
+    pieces = [slice(piece.start, min(piece.stop, piece.start + LONGEST)) for piece in pieces]
+    fits = [_tried(log, Supposition("", "", vehicle), delay_cycles, piece) for piece in pieces]
+    misfits = [np.inf if found is None else found.chi_square - 1 for found in fits]
+    worst = int(np.argmax(misfits))
+    piece, stated, misfit = pieces[worst], fits[worst], misfits[worst]
     if misfit <= MISFIT - 1:
         return []
-    fitting = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, misfit)
-    if not fitting:
-        fitting = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, misfit)
-    if not fitting and stated is not None:  # factors are many changes: they are asked only where no single one does it
-        found = _factors(log, vehicle, delay_cycles, piece, stated)
-        return [Notice(code, message) for chi_square, code, message in found if chi_square - 1 <= EXPLAINED * misfit]
-    return [Notice(code, message) for _, code, message in sorted(fitting)[:1]]
+    found = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, misfit)
+    if not found:
+        found = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, misfit)
+    if not found:
+        found = [e for e in _change(log, vehicle, delay_cycles, piece) if e.chi_square - 1 <= EXPLAINED * misfit]
+    if not found and stated is not None:  # factors are many changes: they are asked only where no single one does it
+        return [e for e in _factors(log, vehicle, delay_cycles, piece, stated) if e.chi_square - 1 <= EXPLAINED * misfit]
+    return [min(found, key=lambda e: (e.chi_square, e.message))] if found else []
 
 
-def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, misfit: float) -> list[tuple[float, str, str]]:
-    """Chi-square, code and message of those that explain the misfit: all are tried roughly, the best again with care."""
+def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, misfit: float) -> list[Explanation]:
+    """Those that explain the misfit: all are tried roughly, the best again with care."""
     rough = [(_tried(log, _coarse(s), delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
     best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
     careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
-    return [(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, misfit)]
+    return [Explanation(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, misfit)]
 
 
 def _explains(found: Fit, supposed: Supposition, misfit: float) -> bool:
@@ -85,7 +105,43 @@ def _explains(found: Fit, supposed: Supposition, misfit: float) -> bool:
     """
     if supposed.gyro != 1.0 or supposed.accel != 1.0:
         return bool((np.abs(np.log(found.channels)) < np.log(NOISE_RATIO)).all())
-    return found.chi_square - 1 <= EXPLAINED * misfit
+    return bool(found.chi_square - 1 <= EXPLAINED * misfit)
+
+
+def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> list[Explanation]:
+    """The best moment for a sudden change of the mass properties: each side fitted on its own, moments tried ever more closely."""
+    stated = Supposition("", "", vehicle)
+    samples, rough = _samples(log, stated, delay_cycles), _samples(log, _coarse(stated), delay_cycles)
+    if samples is None or rough is None or piece.stop - piece.start < 4 * SHORTEST:
+        return []
+    roughly = _coarse(stated).vehicle
+    first, last = piece.start + SHORTEST, piece.stop - SHORTEST
+    step = max((last - first) // SPLITS, 1)
+    tried = {k: _sides(rough, piece, k, roughly, ROUGH_PASSES) for k in range(first, last + 1, step)}
+    while step > 1:
+        best, reach = min(tried, key=lambda k: tried[k]), step
+        step = max(step // 4, 1)
+        near = range(max(best - reach, first), min(best + reach, last) + 1, step)
+        tried |= {k: _sides(rough, piece, k, roughly, ROUGH_PASSES) for k in near if k not in tried}
+    best = min(tried, key=lambda k: tried[k])
+    time = round(float(samples.executed.start_s[best]), 9)
+    message = (
+        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
+        "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
+    )
+    return [Explanation(_sides(samples, piece, best, vehicle, PASSES), "mass-change", message, time)]
+
+
+def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle, passes: int) -> float:
+    """Chi-square of two bodies, one before cycle ``at`` and one from it on."""
+    total = 0.0
+    for side in (slice(piece.start, at), slice(at, piece.stop)):
+        reference = first_reference(samples, side, vehicle)
+        found = None if reference is None else _finite(fit(samples, side, reference, vehicle, passes=passes))
+        if found is None:
+            return float(np.inf)
+        total += found.chi_square * (side.stop - side.start)
+    return float(total / (piece.stop - piece.start))
 
 
 def _coarse(supposed: Supposition) -> Supposition:
@@ -161,7 +217,7 @@ def _samples(log: Log, supposed: Supposition, delay_cycles: float) -> Samples | 
         return None
 
 
-def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stated: Fit) -> list[tuple[float, str, str]]:
+def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stated: Fit) -> list[Explanation]:
     """What each channel's thrust really is over what is stated, if that explains the log: chi-square, code, message for each kind."""
     names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
     wrench = channel_wrench(log, vehicle)
@@ -193,7 +249,7 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
         "thrust-scale": "push by another part of their stated thrust than the others; mend force_n or calibrate",
     }
     return [
-        (best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{n} ({f:+.3g})" for n, f in some))
+        Explanation(best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{name} ({f:+.3g})" for name, f in some))
         for code, some in kinds.items()
     ]
 

@@ -205,6 +205,7 @@ class EstimatorSettings(Section):
         None, description="factor on accel_noise per body axis; absent: from a first pass over the log"
     )
     adapt_noise: bool = Field(True, description="size disturbances from a first pass where the stated noise can't explain the log")
+    split_on_change: bool = Field(False, description="where the mass properties change at once within a phase, begin a new phase there")
     refine: bool = Field(False, description="report the off-line maximum-likelihood fit of each phase instead of its last causal row")
     thesis: ThesisSettings = ThesisSettings()
 

@@ -150,3 +150,14 @@ def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:
     np.testing.assert_allclose(nearest_consistent(thesis), np.diag([0.4, 2.45, 2.05]), rtol=0, atol=1e-12)
     real = np.diag([1.0, 1.5, 2.0])
     np.testing.assert_allclose(nearest_consistent(real), real, rtol=0, atol=1e-14)
+
+
+def test_a_quantity_that_was_not_excited_says_which_motion_it_wants() -> None:
+    found = history()
+    found.sigmas[:, 7] = SIZES[7]
+    found.observable[9] = False
+    estimates = conclude(found, vehicle()).estimates
+    assert estimates["cg_y"].verdict == "not_excited"
+    assert "force across Y (along X or Z)" in estimates["cg_y"].reason
+    assert estimates["mass"].verdict == "unobservable"
+    assert "wants force" in estimates["mass"].reason
