@@ -30,7 +30,9 @@ LONGEST = 3000
 MISFIT = 1.3
 """Mean squared residual over noise below which nothing is looked for."""
 EXPLAINED = 0.1
-"""A supposition is named if it leaves at most this part of the misfit."""
+"""A supposition is named if it leaves at most this part of the misfit ..."""
+REMAINS = 3.0
+"""... and no more than this over what noise explains: a wandering torque is fitted better by many a wrong supposition."""
 ROUGH_PASSES, ROUGH_BINS, FINALISTS = 3, 4, 3
 SHORTEST, SPLITS = 40, 16
 """Least cycles on each side of a sudden change, and how many moments are tried first."""
@@ -80,32 +82,33 @@ def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[s
     piece, stated, misfit = pieces[worst], fits[worst], misfits[worst]
     if misfit <= MISFIT - 1:
         return []
-    found = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, misfit)
+    allowed = 1 + min(EXPLAINED * misfit, REMAINS)
+    found = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, allowed)
     if not found:
-        found = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, misfit)
+        found = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, allowed)
     if not found:
-        found = [e for e in _change(log, vehicle, delay_cycles, piece) if e.chi_square - 1 <= EXPLAINED * misfit]
+        found = [e for e in _change(log, vehicle, delay_cycles, piece) if e.chi_square <= allowed]
     if not found and stated is not None:  # factors are many changes: they are asked only where no single one does it
-        return [e for e in _factors(log, vehicle, delay_cycles, piece, stated) if e.chi_square - 1 <= EXPLAINED * misfit]
+        return [e for e in _factors(log, vehicle, delay_cycles, piece, stated) if e.chi_square <= allowed]
     return [min(found, key=lambda e: (e.chi_square, e.message))] if found else []
 
 
-def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, misfit: float) -> list[Explanation]:
+def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, allowed: float) -> list[Explanation]:
     """Those that explain the misfit: all are tried roughly, the best again with care."""
     rough = [(_tried(log, _coarse(s), delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
     best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
     careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
-    return [Explanation(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, misfit)]
+    return [Explanation(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, allowed)]
 
 
-def _explains(found: Fit, supposed: Supposition, misfit: float) -> bool:
+def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
     """Whether hardly anything of the misfit is left.
 
     Another unit must leave just the stated noise in every channel: any misfit drowns in noise once the signal is made small enough.
     """
     if supposed.gyro != 1.0 or supposed.accel != 1.0:
         return bool((np.abs(np.log(found.channels)) < np.log(NOISE_RATIO)).all())
-    return bool(found.chi_square - 1 <= EXPLAINED * misfit)
+    return found.chi_square <= allowed
 
 
 def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> list[Explanation]:
