@@ -17,7 +17,7 @@ from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
 from massprop_cli.history import History
 from massprop_cli.kalman import Innovation, State, predict, update
-from massprop_cli.linearise import CG, INERTIA, MU, PARAMETERS, RATE, Layout, Linear, linearise, parameters, stepped
+from massprop_cli.linearise import CG, MU, PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import BearingBody, Reference, plant_of
 from massprop_cli.posterior import discrepancies, quantities
@@ -223,14 +223,6 @@ def _torque_size(samples: Samples, seen: slice) -> float:
     """Root mean square executed torque, N m."""
     torque = samples.executed.impulse[seen, :3] / samples.executed.duration_s[seen, None]
     return float(np.sqrt((torque**2).mean()))
-
-
-def natural_sizes(reference: Reference) -> Array:
-    """(10,) the size that each state parameter has by nature: trace, sqrt(trace/mass), 1/mass."""
-    trace = float(np.trace(reference.inertia))
-    sizes = np.empty(10)
-    sizes[INERTIA], sizes[CG], sizes[MU] = trace, np.sqrt(trace * reference.mu), reference.mu
-    return sizes
 
 
 def _reach(reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.linearise import PARAMETERS, RATE, Layout, Linear, linearise, parameters, stepped
+from massprop_cli.linearise import PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.plant import Reference
 from massprop_cli.vehicle import Vehicle
 
@@ -127,8 +127,7 @@ def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Arr
 def _prior(layout: Layout, reference: Reference, vehicle: Vehicle) -> Array:
     """(n,) prior sigmas; zero for what is known."""
     sigma = np.zeros(layout.size)
-    trace = float(np.trace(reference.inertia))
-    sigma[PARAMETERS] = PRIOR * np.concatenate([np.full(6, trace), np.full(3, np.sqrt(trace * reference.mu)), [reference.mu]])
+    sigma[PARAMETERS] = PRIOR * natural_sizes(reference)
     sigma[RATE] = 1.0
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2

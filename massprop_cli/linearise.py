@@ -240,6 +240,14 @@ def parameters(reference: Reference) -> Array:
     return np.concatenate([elements(reference.inertia), reference.cg, [reference.mu]])
 
 
+def natural_sizes(reference: Reference) -> Array:
+    """(10,) the size that each state parameter has by nature: trace, sqrt(trace/mass), 1/mass."""
+    trace = float(np.trace(reference.inertia))
+    sizes = np.empty(10)
+    sizes[INERTIA], sizes[CG], sizes[MU] = trace, np.sqrt(trace * reference.mu), reference.mu
+    return sizes
+
+
 def stepped(reference: Reference, target: Array, gyro_bias: Array | None = None) -> Reference | None:
     """The reference moved to parameters ``target`` (10,) that a fit linear about it has found; None where that is no body.
 

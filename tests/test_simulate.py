@@ -20,7 +20,8 @@ from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import read
 from massprop_cli.testbed import output, scenario, simulate, truth
 from massprop_cli.testbed.motion import to_world
-from massprop_cli.testbed.scenario import Event, Scenario, ScenarioSource
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource
+from massprop_cli.testbed.timeline import Event
 from tests import flight
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"

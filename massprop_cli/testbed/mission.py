@@ -8,7 +8,8 @@ import numpy as np
 
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.errors import InputError
-from massprop_cli.testbed.scenario import AXES, TURNS, Scenario, ScenarioSource, Segment
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource
+from massprop_cli.testbed.timeline import AXES, TURNS, Segment
 
 SERVED = 1e-9
 """Jets with less than this part of the largest on-time are left out."""

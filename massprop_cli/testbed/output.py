@@ -18,8 +18,9 @@ from massprop_cli import QUANTITIES, arrow, columns, files
 from massprop_cli.errors import InputError
 from massprop_cli.telemetry import Notice
 from massprop_cli.testbed import mission
-from massprop_cli.testbed.scenario import AXES, Scenario, ScenarioSource
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
+from massprop_cli.testbed.timeline import AXES
 from massprop_cli.vehicle import Vehicle
 
 _LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")

@@ -27,7 +27,8 @@ from massprop_cli.testbed.motion import (
     rotation_vectors,
     vertical,
 )
-from massprop_cli.testbed.scenario import Control, Event, Scenario, ScenarioSource
+from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
+from massprop_cli.testbed.timeline import Event
 from massprop_cli.vehicle import Phase, Vehicle
 
 BINS = 20

@@ -6,7 +6,8 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.testbed.motion import Bodies, apply, cross, outer_square
-from massprop_cli.testbed.scenario import Body, Event, Fuel
+from massprop_cli.testbed.scenario import Body, Fuel
+from massprop_cli.testbed.timeline import Event
 
 STANDARD_GRAVITY = 9.80665
 
