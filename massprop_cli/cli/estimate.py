@@ -1,0 +1,111 @@
+"""``massprop estimate``."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from massprop_cli import QUANTITIES
+from massprop_cli.cli.guard import EXIT_NOT_CONVERGED, fail, folder_of_its_own, guarded
+from massprop_cli.cli.terminal import progress, show, warn
+from massprop_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from massprop_cli.analysis import Analysis
+
+
+class Method(StrEnum):
+    """Estimators."""
+
+    default = "default"
+    thesis = "thesis"
+
+
+@guarded
+def estimate(
+    context: typer.Context,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
+    vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Result folder (default: massprop-out/LOGSTEM).", envvar="MASSPROP_OUT", show_default=False)
+    ] = None,
+    method: Annotated[Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
+    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Report the off-line maximum-likelihood fit instead of the last causal row.")
+    ] = False,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    require: Annotated[
+        str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
+
+    Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
+    not converged.
+    """
+    required = _required(require)
+    import numpy as np
+
+    from massprop_cli import analysis, store
+    from massprop_cli.report import result
+
+    folder_of_its_own(out)
+    options = {
+        "method": [f'estimator.method="{method.value}"'] if method else [],
+        "refine": ["estimator.refine=true"] if refine else [],
+        "delay": [f"cycle.command_delay_cycles={_delay(delay)}"] if delay is not None else [],
+    }
+    from_environment = [key for key in options if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]
+    assignments = [value for key in from_environment for value in options.pop(key)]
+    assignments += [*(assign or []), *(value for values in options.values() for value in values)]
+    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
+    with progress(quiet or as_json) as told, np.errstate(all="ignore"):
+        found = analysis.analyse(log, vehicle, assignments, told)
+    text = result.to_json(result.result(found))
+    store.write(out or Path("massprop-out") / log.stem, found, text)
+    warn(found.notices, quiet)
+    if as_json:
+        sys.stdout.write(text)
+    elif not quiet:
+        show(found, no_color)
+    _check_required(found, required)
+
+
+def _delay(text: str) -> str:
+    """The option's value as TOML; :class:`InputError` unless it is a delay."""
+    try:
+        if text != "auto" and not 0 <= float(text) < float("inf"):
+            raise ValueError
+    except ValueError:
+        raise InputError(f"--delay {text!r}: not a delay; give a number of control cycles, 0 or more (may be fractional)") from None
+    return '"auto"' if text == "auto" else repr(float(text))
+
+
+def _required(text: str | None) -> list[str]:
+    if text is None:
+        return []
+    names = [name.strip() for name in text.split(",")]
+    names = list(QUANTITIES) if names == ["all"] else names
+    for name in names:
+        if name not in QUANTITIES:
+            raise UsageError(f"--require {name}: no such quantity; choose from {', '.join(QUANTITIES)} or all")
+    return names
+
+
+def _check_required(found: Analysis, required: list[str]) -> None:
+    missed = [
+        f"{name} in phase {conclusion.phase.name} is {conclusion.estimates[name].verdict} ({conclusion.estimates[name].reason})"
+        for conclusion in found.conclusions
+        for name in required
+        if conclusion.estimates[name].verdict != "converged"
+    ]
+    if missed:
+        fail(f"required but not converged: {'; '.join(missed)}", EXIT_NOT_CONVERGED)

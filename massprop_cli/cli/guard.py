@@ -1,0 +1,50 @@
+"""Exit codes: errors become one line on stderr and the contract's number."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+
+from massprop_cli.errors import InputError, UsageError
+
+EXIT_BUG, EXIT_USAGE, EXIT_INPUT, EXIT_NOT_CONVERGED, EXIT_NOT_EXPECTED = 1, 2, 3, 4, 5
+
+
+def guarded(command: Callable[..., None]) -> Callable[..., None]:
+    """Errors become one line on stderr and the contract's exit code."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except InputError as error:
+            fail(str(error), EXIT_INPUT)
+        except UsageError as error:
+            fail(str(error), EXIT_USAGE)
+        except (typer.Exit, typer.Abort):
+            raise
+        except OSError as error:
+            fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", EXIT_INPUT)
+        except Exception as error:
+            if os.environ.get("MASSPROP_DEBUG"):
+                raise
+            fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", EXIT_BUG)
+
+    return run
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """Say it on stderr and leave."""
+    typer.echo(f"massprop: {' '.join(message.split())}", err=True)
+    raise typer.Exit(code)
+
+
+def folder_of_its_own(out: Path | None) -> None:
+    """Refuse an ``--out`` that names no folder, or the one we are in."""
+    if out is not None and not str(out).strip(". "):
+        raise UsageError(f"--out {str(out)!r}: name a folder of its own")

@@ -1,0 +1,28 @@
+"""``massprop schema``."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from massprop_cli.cli.guard import guarded
+
+
+class SchemaName(StrEnum):
+    """Files with a schema."""
+
+    log = "log"
+    vehicle = "vehicle"
+    scenario = "scenario"
+    result = "result"
+
+
+@guarded
+def schema(name: Annotated[SchemaName, typer.Argument(help="Which file.")]) -> None:
+    """Print the JSON Schema of a file."""
+    from massprop_cli import schemas
+
+    typer.echo(json.dumps(schemas.schema(name.value), indent=1, ensure_ascii=False))

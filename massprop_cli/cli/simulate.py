@@ -1,0 +1,59 @@
+"""``massprop simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli.cli.guard import folder_of_its_own, guarded
+from massprop_cli.cli.terminal import progress, warn
+from massprop_cli.errors import UsageError
+
+
+@guarded
+def simulate(
+    scenario: Annotated[
+        str | None, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML) or a packaged scenario.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME).", envvar="MASSPROP_OUT", show_default=False),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed (default: the scenario's own).", show_default=False)] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help="Fly this many seeds, from --seed on: a campaign folder.", show_default=False)
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write log.csv instead of log.parquet.")] = False,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted scenario-file key.")] = None,
+    list_: Annotated[bool, typer.Option("--list", help="Name the packaged scenarios.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
+) -> None:
+    """Fly a scenario on the testbed in software: a log with known truth.
+
+    Writes log.parquet (the vehicle embedded), vehicle.toml and truth.json; with --seeds a folder of such folders. Same seed, same bytes.
+    """
+    import numpy as np
+
+    from massprop_cli.testbed import output
+    from massprop_cli.testbed import scenario as scenarios
+
+    if list_:
+        for name in scenarios.packaged():
+            typer.echo(f"{name:14s}{scenarios.load(name).scenario.description}")
+        return
+    if scenario is None:
+        raise UsageError("name a scenario file or a packaged scenario; massprop simulate --list names those")
+    folder_of_its_own(out)
+    source = scenarios.load(scenario, assign or [])
+    first = source.scenario.seed if seed is None else seed
+    with np.errstate(all="ignore"):
+        notices = output.warnings(source)
+    warn(notices, quiet)
+    name = source.scenario.name
+    folder = out or Path("massprop-out") / (f"{name}-seed-{first}" if seeds is None else name)
+    with progress(quiet) as told, np.errstate(all="ignore"):
+        written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", told)
+    if not quiet:
+        typer.echo(f"massprop: {written} written to {folder}", err=True)

@@ -1,0 +1,44 @@
+"""What goes to the terminal besides the data: progress, tables, warnings."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from massprop_cli.analysis import Analysis
+    from massprop_cli.telemetry import Notice
+
+
+@contextmanager
+def progress(silent: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A bar on stderr while the block runs, on a terminal only; it goes away when done."""
+    if silent or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+def show(found: Analysis, no_color: bool) -> None:
+    """The tables on stdout."""
+    from rich.console import Console
+
+    from massprop_cli.report import table
+
+    terminal = sys.stdout.isatty()
+    table.show(found, Console(no_color=no_color or None, width=None if terminal else 132, highlight=False))
+
+
+def warn(notices: Iterable[Notice], quiet: bool) -> None:
+    """Warnings on stderr, one a line."""
+    for notice in [] if quiet else notices:
+        typer.echo(f"massprop: warning: {notice.message} [{notice.code}]", err=True)
