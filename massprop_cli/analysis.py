@@ -37,7 +37,7 @@ class Analysis:
     source: VehicleSource
     vehicle: Vehicle
     """As used: with the noise levels and disturbances that a first pass set."""
-    aligned: Aligned
+    samples: Samples
     delay_cycles: float
     detected_delay: Delay | None
     """What the log says of it."""
@@ -91,7 +91,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
         notices = [e.notice for e in explained_by] + notices
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
     judged = tuple(settled) or histories
-    return Analysis(log, source, used, aligned, used_delay, detected, histories, judged, conclusions, docked, found, tuple(assignments))
+    return Analysis(log, source, used, samples, used_delay, detected, histories, judged, conclusions, docked, found, tuple(assignments))
 
 
 def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
@@ -243,6 +243,23 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     return keys | vehicle.flat(final, "estimator") | vehicle.flat(used.convergence, "convergence") | _set_by_user(analysis, keys)
 
 
+def setting_sources(analysis: Analysis) -> dict[str, str]:
+    """Where each of :func:`effective_settings` came from: "option", "vehicle file", "default", or "log" if a first pass found it."""
+    stated = analysis.source.vehicle
+    options = {assignment.partition("=")[0].strip() for assignment in analysis.assignments}
+    found = {}
+    for key, value in effective_settings(analysis).items():
+        section, _, name = key.partition(".")
+        part = getattr(stated, section, None)
+        if key in options:
+            found[key] = "option"
+        elif part is None or (key != "estimator.adapt_noise" and vehicle.flat(part, section).get(key) != value):
+            found[key] = "log"
+        else:
+            found[key] = "vehicle file" if name.partition(".")[0] in part.model_fields_set else "default"
+    return found
+
+
 def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
     """Other keys that the command line overrode."""
     from massprop_cli.configfile import literal
@@ -252,4 +269,4 @@ def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}
 
 
-__all__ = ["Analysis", "analyse", "effective_settings", "examine", "nearest_consistent", "physical_note"]
+__all__ = ["Analysis", "analyse", "effective_settings", "examine", "nearest_consistent", "physical_note", "setting_sources"]

@@ -11,12 +11,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli import QUANTITIES, __version__, arrow
-from massprop_cli.analysis import Analysis, effective_settings, nearest_consistent, physical_note
+from massprop_cli.analysis import Analysis, effective_settings, nearest_consistent, physical_note, setting_sources
 from massprop_cli.arrays import Array
+from massprop_cli.compensate import acceleration
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
-from massprop_cli.vehicle import Nominal
+from massprop_cli.vehicle import ZERO, Nominal
 
 AXES = ("x", "y", "z")
 
@@ -34,7 +35,23 @@ class Provenance(Item):
     input_sha256: str
     vehicle_sha256: str
     settings: dict[str, Any] = Field(description="dotted keys; given back with --set they reproduce the result")
+    setting_sources: dict[str, Literal["option", "vehicle file", "default", "log"]] = Field(
+        {}, description="where each setting came from; log: found in a first pass over the log"
+    )
     versions: dict[str, str]
+
+
+class VehicleInfo(Item):
+    """The vehicle as its file states it."""
+
+    name: str
+    environment: Literal["free", "air_bearing"]
+    bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
+    bearing_position_m: list[float]
+    commands: Literal["jets", "wrench"]
+    jets: list[str]
+    thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
+    known: dict[str, tuple[float, float]] = Field(description="value and sigma of quantities that were measured elsewhere")
 
 
 class LogInfo(Item):
@@ -63,6 +80,24 @@ class Conventions(Item):
     products_of_inertia: Literal["tensor"] = Field("tensor", description="ixy = -sum m x y, the tensor's own element")
 
 
+class Expected(Item):
+    """An expectation that the value was held against."""
+
+    value: float = Field(description="in the estimate's unit, products as tensor elements")
+    tolerance: float | None = Field(description="absolute, in the estimate's unit; null where it is in sigmas and there is no sigma")
+    stated: str = Field(description='the tolerance as it was stated, e.g. "2 %" or "4 sigma"')
+    met: bool
+    difference: float | None = Field(description="estimate less expectation; null without an estimate")
+    sigmas: float | None = Field(description="the difference over the estimate's sigma")
+
+
+class ExpectationFile(Item):
+    """What the result was held against."""
+
+    path: str = Field(description="base name")
+    sha256: str
+
+
 class EstimateItem(Item):
     """One quantity: sigma is one standard deviation; null where nothing can be said."""
 
@@ -73,6 +108,7 @@ class EstimateItem(Item):
     final_at_s: float | None = Field(description="start of the last sustained stretch")
     reason: str
     nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
+    expected: Expected | None = None
 
 
 class Physical(Item):
@@ -132,17 +168,19 @@ class Result(Item):
 
     schema_: Literal["massprop/result/1"] = Field("massprop/result/1", alias="schema")
     provenance: Provenance
+    vehicle: VehicleInfo
     log: LogInfo
     delay: Delay
     conventions: Conventions
     phases: list[PhaseItem]
     docked_object: DockedObject | None
+    expectations: ExpectationFile | None = None
     warnings: list[WarningItem]
 
 
 def result(analysis: Analysis) -> Result:
     """The result of an analysis."""
-    log, aligned = analysis.log, analysis.aligned
+    log, aligned = analysis.log, analysis.samples.executed
     return Result(
         schema="massprop/result/1",
         provenance=Provenance(
@@ -150,8 +188,10 @@ def result(analysis: Analysis) -> Result:
             input_sha256=log.sha256,
             vehicle_sha256=analysis.source.sha256,
             settings=effective_settings(analysis),
+            setting_sources=setting_sources(analysis),
             versions={"python": platform.python_version(), "numpy": np.__version__},
         ),
+        vehicle=_vehicle(analysis),
         log=LogInfo(
             path=log.path.name,
             rows=log.rows,
@@ -167,6 +207,20 @@ def result(analysis: Analysis) -> Result:
         ],
         docked_object=_docked(analysis.docked),
         warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
+    )
+
+
+def _vehicle(analysis: Analysis) -> VehicleInfo:
+    used = analysis.vehicle
+    return VehicleInfo(
+        name=used.name,
+        environment=used.environment.kind,
+        bearing_mass_kg=used.environment.bearing_mass_kg if used.on_air_bearing else 0.0,
+        bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
+        commands=analysis.log.command_kind,
+        jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
+        thrust_scale_sigma=used.thrust.scale_sigma,
+        known={name: (known.value, known.sigma) for name, known in used.known.items()},
     )
 
 
@@ -250,20 +304,31 @@ def to_json(found: Result) -> str:
     return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
+SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2"}
+"""What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
+
+
 def write_history(analysis: Analysis, path: Path) -> None:
-    """history.parquet: one row per cycle and phase, null where nothing can be said."""
+    """history.parquet: one row per cycle and phase, null where nothing can be said.
+
+    Beside the estimates stand the executed mean torque about O and force, the mean rate, and the acceleration of O (of the bearing, on
+    one) with lever arm and gravity taken out, all in body axes.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    histories = analysis.histories
+    histories, samples = analysis.histories, analysis.samples
     columns: dict[str, Any] = {
         "phase": arrow.text([h.phase.name for h in histories for _ in h.time_s]),
         "time_s": arrow.numbers(np.concatenate([h.time_s for h in histories])),
     }
     names = (*QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES))
     channels = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
-    names = (*names, *channels, *(f"{name}_sigma" for name in channels))
-    blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma]) for h in histories]
+    signals = [f"{kind}_{axis}_{unit}" for kind, unit in SIGNALS.items() for axis in AXES]
+    names = (*names, *channels, *(f"{name}_sigma" for name in channels), *signals)
+    wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
+    felt = np.hstack([wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)])
+    blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma, felt[h.cycles]]) for h in histories]
     for name, values in zip(names, np.concatenate(blocks).T, strict=True):
         columns[name] = arrow.numbers(values)
     pq.write_table(pa.table(columns), path, compression="zstd")

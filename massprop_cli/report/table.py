@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 from rich.console import Console
 from rich.table import Table
 
 from massprop_cli.analysis import Analysis
 from massprop_cli.conclude import Estimate
+from massprop_cli.report import words
 from massprop_cli.vehicle import Nominal
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "unobservable": "red"}
@@ -50,21 +49,9 @@ def _table(title: str, estimates: dict[str, Estimate], nominal: Nominal | None =
     if any(value is not None for value in stated.values()):
         table.add_column("nominal", justify="right")
     for name, estimate in estimates.items():
-        value, sigma = numbers(estimate)
+        value, sigma = words.numbers(estimate.value, estimate.sigma)
         final = "" if estimate.final_at_s is None else f"{estimate.final_at_s:.2f} s"
         verdict = f"[{_STYLE[estimate.verdict]}]{estimate.verdict}[/]"
         cells = [] if len(table.columns) == 6 else ["" if stated[name] is None else f"{stated[name]:g}"]
-        table.add_row(name, value, sigma, estimate.unit.replace("^2", "²"), verdict, final, *cells)
+        table.add_row(name, value, sigma, words.unit(estimate.unit), verdict, final, *cells)
     return table
-
-
-def numbers(estimate: Estimate) -> tuple[str, str]:
-    """Value and sigma with as many decimals as two figures of the sigma have."""
-    if estimate.value is None or estimate.sigma is None:
-        return "–", "–"
-    if not estimate.sigma > 0:
-        return f"{estimate.value:.6g}", f"{estimate.sigma:.2g}"
-    decimals = 1 - math.floor(math.log10(estimate.sigma))
-    if decimals > 7:
-        return f"{estimate.value:.{max(decimals + math.floor(math.log10(abs(estimate.value) or 1)), 1)}e}", f"{estimate.sigma:.1e}"
-    return f"{estimate.value:.{max(decimals, 0)}f}", f"{estimate.sigma:.{max(decimals, 0)}f}"

@@ -1,0 +1,73 @@
+"""What every report says in words: names, units, conventions, verdicts, and the manoeuvre that would cure one."""
+
+from __future__ import annotations
+
+import math
+
+from massprop_cli.conclude import WANTED, Verdict
+from massprop_cli.report.result import Result
+
+SYMBOLS = {
+    "ixx": "Ixx", "ixy": "Ixy", "ixz": "Ixz", "iyy": "Iyy", "iyz": "Iyz", "izz": "Izz",
+    "cg_x": "CG x", "cg_y": "CG y", "cg_z": "CG z", "mass": "Mass",
+}  # fmt: skip
+"""How people write the ten quantities."""
+VERDICTS: dict[Verdict, str] = {
+    "converged": "informed by the motion, and steady within tolerance to the end",
+    "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
+    "not_excited": "a motion of this vehicle could tell it, but this log's commands did not, or disturbances drowned them",
+    "unobservable": "no motion of this vehicle could tell it by this method",
+}
+SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "unobservable": "✕"}
+"""A sign for each verdict, so that colour is never the only one."""
+
+
+def unit(text: str) -> str:
+    """A unit as people write it."""
+    return text.replace("^2", "²")
+
+
+def cure(quantity: str) -> str:
+    """The motion that would inform a quantity."""
+    return WANTED[quantity]
+
+
+def conventions(result: Result) -> list[str]:
+    """Frame, reference point, sign of products, what mass includes, what the thrust scale means: a sentence each."""
+    bearing = result.vehicle.environment == "air_bearing"
+    lines = [
+        f"Inertia is the {'rotating body' if bearing else 'body'}'s about its CG, in body axes.",
+        "Products are the tensor's own elements, ixy = −Σ m x y; in the positive-integral convention they have the opposite sign.",
+        "CG is from O, the vehicle's declared reference point, in body axes.",
+        "± is one standard deviation.",
+    ]
+    if bearing:
+        lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
+    return [*lines, thrust_scale(result)]
+
+
+def thrust_scale(result: Result) -> str:
+    """What the log can't tell of the thrust, and what the sigmas hold of it."""
+    vehicle = result.vehicle
+    if result.provenance.settings.get("estimator.method") == "thesis":
+        return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
+    said = (
+        "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
+    )
+    if vehicle.known:
+        return f"{said}. Here it is calibrated by what is known: {', '.join(vehicle.known)}."
+    if vehicle.thrust_scale_sigma > 0:
+        return f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia."
+    return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
+
+
+def numbers(value: float | None, sigma: float | None) -> tuple[str, str]:
+    """Value and sigma with as many decimals as two figures of the sigma have."""
+    if value is None or sigma is None:
+        return "–", "–"
+    if not sigma > 0:
+        return f"{value:.6g}", f"{sigma:.2g}"
+    decimals = 1 - math.floor(math.log10(sigma))
+    if decimals > 7:
+        return f"{value:.{max(decimals + math.floor(math.log10(abs(value) or 1)), 1)}e}", f"{sigma:.1e}"
+    return f"{value:.{max(decimals, 0)}f}", f"{sigma:.{max(decimals, 0)}f}"
