@@ -28,7 +28,7 @@ STEP = 0.02
 """Cycles; half the difference behind the derivative."""
 PRIOR = 1.0
 """Cycles; one sigma of what a single step may change."""
-STEPS = 12
+STEPS = 6
 SETTLED = 1e-3
 """Cycles."""
 EXPLAINED = 0.5

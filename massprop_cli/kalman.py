@@ -6,15 +6,16 @@ whatever the conditioning (Kaminski, Bryson, Schmidt 1971). State x has n entrie
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.arrays import Array, frozen
 
 
 class State(NamedTuple):
-    """Mean x, shape (n,), and square root S of the covariance, shape (n, n)."""
+    """Mean x, shape (n,), and square root S of the covariance, shape (n, n), or wider after a prediction with noise."""
 
     mean: Array
     root: Array
@@ -40,12 +41,13 @@ class Innovation(NamedTuple):
 
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
-    """X ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q)."""
+    """X ← F x + u, P ← F P Fᵀ + G Gᵀ; ``noise_root`` G has shape (n, q).
+
+    The root becomes [F S, G], q columns wider; the next update makes it square again, so that a cycle costs one factorisation.
+    """
     mean = transition @ state.mean + drive
     root: Array = transition @ state.root
-    if noise_root is not None:
-        root = _triangle(np.hstack([root, noise_root]))
-    return State(mean, root)
+    return State(mean, root if noise_root is None else np.hstack([root, noise_root]))
 
 
 def update(state: State, measured: Array, observation: Array, noise_root: Array) -> tuple[State, Innovation]:
@@ -54,7 +56,7 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
     The array form: one QR turns [[V, H S], [0, S]] into [[root of H P Hᵀ + R, 0], [gain × root, updated S]].
     """
     m, n = observation.shape
-    joint = np.zeros((m + n, m + n))
+    joint = np.zeros((m + n, m + state.root.shape[1]))
     joint[:m, :m] = noise_root
     joint[:m, m:] = observation @ state.root
     joint[m:, m:] = state.root
@@ -65,7 +67,14 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
 
 
 def _triangle(wide: Array) -> Array:
-    """The lower-triangular T with T Tᵀ = A Aᵀ."""
-    upper = np.linalg.qr(wide.T, mode="r")
-    lower: Array = np.asarray(upper).T
+    """The lower-triangular T with T Tᵀ = A Aᵀ, A with at least as many columns as rows."""
+    # "raw" has T in its lower triangle, and Householder vectors, which are not wanted, above it
+    packed, _ = np.linalg.qr(wide.T, mode="raw")
+    rows = len(wide)
+    lower: Array = packed[:, :rows] * _mask(rows)
     return lower
+
+
+@cache
+def _mask(rows: int) -> Array:
+    return frozen(np.tri(rows))

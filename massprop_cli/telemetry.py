@@ -84,7 +84,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         _check_magnitude(source, names if source.has(names[0]) else rates, increments / interval_s[:, None])
     kind, command = _commands(source, vehicle, records, n)
     attitude = _attitude(source)
-    notices += _saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
+    notices += saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
     return Log(
         path=table.path,
         sha256=table.sha256,
@@ -275,7 +275,8 @@ def _attitude(source: _Source) -> Array | None:
     return unit
 
 
-def _saturation(vehicle: Vehicle, rate: Array, force: Array) -> list[Notice]:
+def saturation(vehicle: Vehicle, rate: Array, force: Array) -> list[Notice]:
+    """Warnings of a range that was reached; mean rate [rad/s] and specific force [m/s²] of each record, (N, 3)."""
     found = []
     for name, values, limit, unit in (
         ("gyro", rate, vehicle.imu.gyro_range_rad_s, "rad/s"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.arrays import Array, frozen
 from massprop_cli.errors import InputError
-from massprop_cli.telemetry import Log
+from massprop_cli.telemetry import Log, saturation
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.motion import (
@@ -70,19 +70,21 @@ class Flight:
     def log(self, member: int) -> Log:
         """One member's log, as reading its file gives it."""
         records = len(self.time_s) // self.issued.shape[1]
+        interval = np.diff(self.time_s, prepend=0.0)
+        theta, velocity = self.delta_theta_rad[member], self.delta_v_m_s[member]
         return Log(
             path=Path(f"seed-{self.seeds[member]}"),
             sha256="",
             rows=len(self.time_s),
             records_per_cycle=records,
             time_s=self.time_s,
-            interval_s=frozen(np.diff(self.time_s, prepend=0.0)),
-            delta_theta_imu_rad=self.delta_theta_rad[member],
-            delta_v_imu_m_s=self.delta_v_m_s[member],
+            interval_s=frozen(interval),
+            delta_theta_imu_rad=theta,
+            delta_v_imu_m_s=velocity,
             command_kind="jets" if self.vehicle.jets else "wrench",
             command=self.issued[member],
             attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
-            notices=(),
+            notices=tuple(saturation(self.vehicle, theta / interval[:, None], velocity / interval[:, None])),
         )
 
 
