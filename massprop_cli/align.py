@@ -73,12 +73,12 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
     end = log.time_s.reshape(-1, records)[:, -1]
     start = end - per_cycle
     delay_s = delay_cycles * vehicle.cycle.period_s
-    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.lag_s
+    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
     usable = start >= start[0] + memory_s - 1e-6 * vehicle.cycle.period_s
     if usable.sum() < 2:
         raise InputError(
             f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{vehicle.thrust.lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     integral, rising = _channels(log, vehicle, start, per_cycle, delay_s)
     wrench = channel_wrench(log, vehicle)
@@ -173,7 +173,7 @@ def _executed(log: Log, vehicle: Vehicle, begin_s: Array, edges_s: Array) -> tup
         signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(log.command.T, vehicle.jets, strict=True)]
     else:
         signals = [held(begin_s, value) for value in log.command.T]
-    found = [window_integrals(signal, edges_s, vehicle.thrust.lag_s) for signal in signals]
+    found = [window_integrals(signal, edges_s, vehicle.thrust.stated_lag_s) for signal in signals]
     return np.stack([integral for integral, _ in found], 1), np.stack([moment for _, moment in found], 1)
 
 

@@ -10,21 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli import delay, diagnose, estimate, noise, thesis, vehicle
-from massprop_cli.align import Aligned, align
+from massprop_cli import diagnose, estimate, noise, thesis, timing, vehicle
+from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, compensate
+from massprop_cli.compensate import Samples
 from massprop_cli.conclude import Conclusion, conclude
-from massprop_cli.delay import Delay
 from massprop_cli.docking import Docked, docked_object
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
+from massprop_cli.start import first_reference
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
+from massprop_cli.timing import Found, Timing
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 ROUNDS = 6
 """How often disturbances may be raised until the innovations are explained."""
+FEWER_ROUNDS = 3
+"""... before the first causal run."""
+_NAMES = {"delay": "command delay", "lag": "thrust lag"}
 Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""
 
@@ -38,9 +42,10 @@ class Analysis:
     vehicle: Vehicle
     """As used: with the noise levels and disturbances that a first pass set."""
     samples: Samples
-    delay_cycles: float
-    detected_delay: Delay | None
-    """What the log says of it."""
+    timing: Timing
+    """Delay and lag as used, cycles."""
+    detected: Found | None
+    """What the log says of them."""
     histories: tuple[History, ...]
     settled: tuple[History, ...]
     """The same about their final estimates: their innovations say whether the model holds."""
@@ -64,25 +69,24 @@ def analyse(
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
     """The same from a log at hand."""
     say = progress or (lambda *_: None)
-    stated = source.vehicle.cycle.command_delay_cycles
-    detected = _found_delay(log, source, say) if stated == "auto" else None
-    used_delay = detected.cycles if detected is not None else float(stated)
-    aligned = align(log, source.vehicle, used_delay)
-    samples = compensate(aligned, source.vehicle)
-    phases = _phases(log, source.vehicle, aligned)
-    used, histories, settled, notices = _estimates(samples, phases, source.vehicle, say)
-    if source.vehicle.estimator.refine and settled:
+    detected = _found_timing(log, source, say)
+    used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
+    stated = timing.with_lag(source.vehicle, used_timing.lag * source.vehicle.cycle.period_s)
+    samples = used_timing.of(log, stated)
+    phases = _phases(log, stated, samples.executed)
+    used, histories, settled, notices = _estimates(samples, phases, stated, say)
+    if stated.estimator.refine and settled:
         histories = tuple(settled)
     conclusions = tuple(conclude(history, used) for history in histories)
     docked = docked_object(conclusions, used)
     if detected is None and settled:
         say("checking the delay", 1.0)
-        detected = _checked_delay(log, _undisturbed(used, source.vehicle), settled, used_delay)
-        notices = delay.mismatch(used_delay, detected) + notices
+        detected = _checked_timing(log, _undisturbed(used, stated), settled, used_timing)
+        notices = timing.mismatch(used_timing.delay, detected) + notices
     explained = {"delay-mismatch", "gyro-saturated", "accelerometer-saturated"} & {notice.code for notice in (*notices, *log.notices)}
-    if notices and not explained and source.vehicle.estimator.method == "default":
+    if notices and not explained and stated.estimator.method == "default":
         say("looking for the cause", 1.0)
-        explained_by = diagnose.diagnose(log, _undisturbed(used, source.vehicle), used_delay, [cycles for _, cycles in phases])
+        explained_by = diagnose.diagnose(log, _undisturbed(used, stated), used_timing.delay, [cycles for _, cycles in phases])
         changed = next((e for e in explained_by if e.change_s is not None), None)
         if changed is not None and changed.change_s is not None and source.vehicle.estimator.split_on_change:
             split = replace(source, vehicle=_split(source.vehicle, [phase for phase, _ in phases], changed.change_s))
@@ -91,7 +95,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
         notices = [e.notice for e in explained_by] + notices
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
     judged = tuple(settled) or histories
-    return Analysis(log, source, used, samples, used_delay, detected, histories, judged, conclusions, docked, found, tuple(assignments))
+    return Analysis(log, source, used, samples, used_timing, detected, histories, judged, conclusions, docked, found, tuple(assignments))
 
 
 def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
@@ -111,31 +115,44 @@ def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:
     return used.model_copy(update={"environment": stated.environment, "estimator": stated.estimator})
 
 
-def _found_delay(log: Log, source: VehicleSource, say: Progress) -> Delay:
-    """The delay of a log whose vehicle file says "auto"."""
-    say("finding the delay", 0.0)
-    coarse = delay.search(log, source.vehicle)
+def _stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:
+    """Delay and lag of the vehicle file in cycles, with ``instead`` where it says "auto"."""
+    delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
+    return Timing(instead if delay == "auto" else delay, instead if lag == "auto" else lag / stated.cycle.period_s)
+
+
+def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
+    """What the vehicle file leaves to be found ("auto"); None where it states both delay and lag."""
+    automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
+    unknown = [name for name, auto in automatic.items() if auto]
+    if not unknown:
+        return None
+    say("finding delay and lag", 0.0)
+    given = _stated_timing(source.vehicle)
+    lags = timing.LAGS if automatic["lag"] else (given.lag,)
+    coarse = timing.search(log, source.vehicle, lags, timing.DELAYS if automatic["delay"] else (given.delay,))
     found = None
     if coarse is not None:
-        aligned = align(log, source.vehicle, coarse)
-        samples = compensate(aligned, source.vehicle)
-        pieces = [cycles for _, cycles in _phases(log, source.vehicle, aligned)]
-        used, _ = noise.with_noise_levels(samples, pieces, source.vehicle)
-        found = delay.detect(log, used, pieces, coarse)
+        vehicle = timing.with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
+        samples = coarse.of(log, vehicle)
+        pieces = [cycles for _, cycles in _phases(log, vehicle, samples.executed)]
+        used, _ = noise.with_noise_levels(samples, pieces, vehicle)
+        found = timing.detect(log, used, pieces, coarse, unknown)
     if found is None:
+        remedy = {"delay": "the delay in cycles (--delay 2.0, or cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise InputError(
-            f"{log.path}: the command delay can't be told from this log; its commands explain too little of its motion. "
-            "State it in cycles (--delay 2.0, or cycle.command_delay_cycles)"
+            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
+            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
         )
     return found
 
 
-def _checked_delay(log: Log, used: Vehicle, settled: Sequence[History], stated: float) -> Delay | None:
+def _checked_timing(log: Log, used: Vehicle, settled: Sequence[History], stated: Timing) -> Found | None:
     """What the log says of a stated delay; None where nothing is known of the vehicle to tell it by."""
     known = [(history.cycles, history.reference) for history in settled if history.reference is not None]
     if not known:
         return None
-    return delay.detect(log, used, [cycles for cycles, _ in known], stated, [reference for _, reference in known])
+    return timing.detect(log, used, [cycles for cycles, _ in known], stated, ["delay"], [reference for _, reference in known])
 
 
 def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:
@@ -172,13 +189,29 @@ def _estimates(
         sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
         if histories and sized == used:
             break
-        used = sized
+        used = sized if np.isnan(excess).all() else _sized(samples, phases, sized)
         histories = tuple(
             estimate.replay(samples, cycles, phase, used, partial(say, f"estimating, phase {phase.name}")) for phase, cycles in phases
         )
-        settled = [estimate.settle(samples, phase, history, used) for (phase, _), history in zip(phases, histories, strict=True)]
+        settled = [h if h.reference is None else estimate.settle(samples, h.cycles, h.phase, h.reference, used) for h in histories]
         excess = noise.misfit(settled, used)
     return used, histories, settled, notices + noise.disturbance_notices(stated, used, excess)
+
+
+def _sized(samples: Samples, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> Vehicle:
+    """The vehicle with disturbances raised until off-line fits explain the log: a causal run for every size tried would take long."""
+    for _ in range(FEWER_ROUNDS):
+        references = [first_reference(samples, cycles, vehicle) for _, cycles in phases]
+        settled = [
+            estimate.settle(samples, cycles, phase, reference, vehicle)
+            for (phase, cycles), reference in zip(phases, references, strict=True)
+            if reference is not None
+        ]
+        raised = noise.with_disturbances(samples, [cycles for _, cycles in phases], noise.misfit(settled, vehicle), vehicle)
+        if raised == vehicle:
+            break
+        vehicle = raised
+    return vehicle
 
 
 def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
@@ -233,7 +266,7 @@ def nearest_consistent(inertia: Array) -> Array:
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
     """Dotted keys and values which, given back with ``--set``, reproduce the result."""
     used = analysis.vehicle
-    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.delay_cycles}
+    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": used.thrust.lag_s}
     for section, names in (
         ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2")),
         ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),

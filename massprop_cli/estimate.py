@@ -87,14 +87,12 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
     return _history(samples, cycles, phase, vehicle, rows)
 
 
-def settle(samples: Samples, phase: Phase, history: History, vehicle: Vehicle) -> History:
-    """The off-line fit: the filter about its own last estimate, with the whole phase at hand.
+def settle(samples: Samples, cycles: slice, phase: Phase, reference: Reference, vehicle: Vehicle) -> History:
+    """The off-line fit: the filter with the whole phase at hand, from ``reference`` on.
 
-    Repeated until the reference stands still, that is Gauss–Newton on the likelihood of all data; its rows are not causal.
+    Repeated about its own last estimate until that stands still, which is Gauss–Newton on the likelihood of all data; its rows are not
+    causal.
     """
-    cycles, reference = history.cycles, history.reference
-    if reference is None:
-        return history
     for _ in range(SETTLINGS):
         run, rows = _from_start(samples, cycles, reference, vehicle)
         if not _stale(run.state, reference, samples, cycles, vehicle):

@@ -91,7 +91,14 @@ class Thrust(Section):
 
     scale_sigma: NonNegative = Field(0.0, description="common relative uncertainty of all forces and torques")
     pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
-    lag_s: NonNegative = Field(0.0, description="first-order lag of thrust or wrench")
+    lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
+
+    @property
+    def stated_lag_s(self) -> float:
+        """The lag as a number; ValueError where it is still to be found."""
+        if self.lag_s == "auto":
+            raise ValueError("the lag is not found yet")
+        return self.lag_s
 
 
 class Jet(Section):

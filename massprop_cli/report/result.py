@@ -73,6 +73,14 @@ class Delay(Item):
     sigma_cycles: float | None = None
 
 
+class Lag(Item):
+    """First-order lag of the thrust."""
+
+    lag_s: float
+    source: Literal["vehicle", "option", "detected"]
+    sigma_s: float | None = None
+
+
 class Conventions(Item):
     """How inertia is to be read."""
 
@@ -171,6 +179,7 @@ class Result(Item):
     vehicle: VehicleInfo
     log: LogInfo
     delay: Delay
+    lag: Lag
     conventions: Conventions
     phases: list[PhaseItem]
     docked_object: DockedObject | None
@@ -200,6 +209,7 @@ def result(analysis: Analysis) -> Result:
             cycle_s=float(np.median(aligned.duration_s)),
         ),
         delay=_delay(analysis),
+        lag=_lag(analysis),
         conventions=Conventions(),
         phases=[
             _phase(conclusion, analysis.vehicle.nominal, history)
@@ -226,17 +236,28 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
 
 def _delay(analysis: Analysis) -> Delay:
     automatic = analysis.source.vehicle.cycle.command_delay_cycles == "auto"
-    found = analysis.detected_delay
+    found = analysis.detected
+    told = found is not None and found.sigma.delay > 0
     return Delay(
-        cycles=analysis.delay_cycles,
-        source="detected" if automatic else "option" if _delay_overridden(analysis) else "vehicle",
-        detected_cycles=None if found is None else found.cycles,
-        sigma_cycles=None if found is None else found.sigma,
+        cycles=analysis.timing.delay,
+        source="detected" if automatic else "option" if _overridden(analysis, "cycle.command_delay_cycles") else "vehicle",
+        detected_cycles=found.at.delay if found is not None and told else None,
+        sigma_cycles=found.sigma.delay if found is not None and told else None,
     )
 
 
-def _delay_overridden(analysis: Analysis) -> bool:
-    return any(assignment.startswith("cycle.command_delay_cycles=") for assignment in analysis.assignments)
+def _lag(analysis: Analysis) -> Lag:
+    automatic = analysis.source.vehicle.thrust.lag_s == "auto"
+    found, period = analysis.detected, analysis.source.vehicle.cycle.period_s
+    return Lag(
+        lag_s=analysis.vehicle.thrust.stated_lag_s,
+        source="detected" if automatic else "option" if _overridden(analysis, "thrust.lag_s") else "vehicle",
+        sigma_s=found.sigma.lag * period if automatic and found is not None else None,
+    )
+
+
+def _overridden(analysis: Analysis, key: str) -> bool:
+    return any(assignment.startswith(f"{key}=") for assignment in analysis.assignments)
 
 
 def _phase(conclusion: Conclusion, nominal: Nominal, settled: History) -> PhaseItem:

@@ -37,7 +37,7 @@ class Actuators:
         self.rise_s = np.array([jet.rise_s for jet in jets]) if jets else np.zeros(6)
         self.fall_s = np.array([jet.fall_s for jet in jets]) if jets else np.zeros(6)
         lag = self.scenario.actuators.lag_s
-        self.lag_s = self.scenario.vehicle.thrust.lag_s if lag is None else lag
+        self.lag_s = self.scenario.vehicle.thrust.stated_lag_s if lag is None else lag
         self.issued = np.zeros((members, cycles, channels))
         """on-times in s, or values of a wrench command."""
         self._lagged = np.zeros((members, channels))

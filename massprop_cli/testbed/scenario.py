@@ -205,7 +205,7 @@ class Scenario(Timed):
         if self.cycles * (10 * records + 4 * max(len(self.vehicle.jets), 6)) > MOST_NUMBERS:
             raise ValueError(f"{self.cycles} cycles of {records} records are too long for one log; shorten it")
         for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
-            if lag is not None and lag > SLOWEST_LAG * period:
+            if isinstance(lag, float) and lag > SLOWEST_LAG * period:
                 raise ValueError(f"{name} = {lag:g} s is more than {SLOWEST_LAG:g} cycles; is it in seconds?")
         for failure in self.actuators.failures:
             if failure.start_s >= self.cycles * period or (failure.end_s is not None and failure.end_s <= failure.start_s):
@@ -240,6 +240,8 @@ class Scenario(Timed):
                 raise ValueError(f"jet {jet.name!r}: a rise or fall longer than the control cycle of {period:g} s can't be simulated")
         if self.vehicle.cycle.command_delay_cycles == "auto" and self.actuators.delay_cycles is None:
             raise ValueError('cycle.command_delay_cycles is "auto": give the true delay as actuators.delay_cycles')
+        if self.vehicle.thrust.lag_s == "auto" and self.actuators.lag_s is None:
+            raise ValueError('thrust.lag_s is "auto": give the true lag as actuators.lag_s')
         for event in self.events:
             if event.at(period) >= self.cycles:
                 raise ValueError(f"event {event.kind!r} at cycle {event.at(period)} comes after the end at cycle {self.cycles}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_cli import analysis, delay
+from massprop_cli import analysis, timing
 from massprop_cli.errors import InputError
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.vehicle import VehicleSource
@@ -22,10 +22,10 @@ def flown(true: float, seed: int, *more: str) -> simulate.Flight:
 def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(true: float) -> None:
     flight = flown(true, 4)
     found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
-    assert found.detected_delay is not None
-    assert found.delay_cycles == found.detected_delay.cycles
-    assert abs(found.delay_cycles - true) < 0.002
-    assert abs(found.delay_cycles - true) < 4.5 * found.detected_delay.sigma + 1e-3 * (true == 0)
+    assert found.detected is not None
+    assert found.timing.delay == found.detected.at.delay
+    assert abs(found.timing.delay - true) < 0.002
+    assert abs(found.timing.delay - true) < 4.5 * found.detected.sigma.delay + 1e-3 * (true == 0)
     for name, estimate in found.conclusions[0].estimates.items():
         assert estimate.value is not None
         assert estimate.sigma is not None
@@ -36,9 +36,9 @@ def test_the_found_delays_scatter_as_their_sigma_says() -> None:
     z = []
     for seed in range(8):
         flight = flown(1.6, seed)
-        found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", "")).detected_delay
+        found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", "")).detected
         assert found is not None
-        z.append((found.cycles - 1.6) / found.sigma)
+        z.append((found.at.delay - 1.6) / found.sigma.delay)
     assert 8 * np.mean(np.square(z)) < 26.1  # chi-square, 8 degrees of freedom, 1 in 1000
 
 
@@ -48,9 +48,9 @@ def test_a_stated_delay_is_contradicted_only_where_it_is_wrong(stated: float, wa
     found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
     codes = [notice.code for notice in found.notices]
     assert ("delay-mismatch" in codes) is warned
-    assert found.delay_cycles == stated
-    assert found.detected_delay is not None
-    assert abs(found.detected_delay.cycles - 2.0) < 0.01
+    assert found.timing.delay == stated
+    assert found.detected is not None
+    assert abs(found.detected.at.delay - 2.0) < 0.01
     if warned:
         message = next(notice.message for notice in found.notices if notice.code == "delay-mismatch")
         assert f"command_delay_cycles = {stated:g}" in message
@@ -65,4 +65,4 @@ def test_a_log_that_cannot_tell_its_delay_is_refused() -> None:
 
 def test_the_search_alone_finds_the_whole_cycle() -> None:
     flight = flown(7.0, 2)
-    assert delay.search(flight.log(0), flight.vehicle) == 7.0
+    assert timing.search(flight.log(0), flight.vehicle, [0.0]) == (7.0, 0.0)
