@@ -208,7 +208,7 @@ def window_integrals(signal: Signal, edges_s: Array, lag_s: float = 0.0) -> tupl
         return integral, first_moment
     bin_end = edges_s[np.clip(bin_of + 1, 0, bins)]
     decay = np.exp(-length / lag_s)
-    forced = (value * (1 - decay) + slope * (length - lag_s * (1 - decay))) * np.exp(-(bin_end - time[1:]) / lag_s)
+    forced = (value * (1 - decay) + slope * (length - lag_s * (1 - decay))) * np.exp(-np.maximum(bin_end - time[1:], 0.0) / lag_s)
     y = _lagged_at_edges(float(forced[before].sum()), per_bin(forced), np.exp(-np.diff(edges_s) / lag_s))
     lagged = integral - lag_s * np.diff(y)
     return lagged, first_moment - lag_s * (np.diff(edges_s) * y[1:] - lagged)

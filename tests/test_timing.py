@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -66,3 +68,35 @@ def test_a_log_that_cannot_tell_its_delay_is_refused() -> None:
 def test_the_search_alone_finds_the_whole_cycle() -> None:
     flight = flown(7.0, 2)
     assert timing.search(flight.log(0), flight.vehicle, [0.0]) == (7.0, 0.0)
+
+
+@pytest.mark.parametrize(("true_s", "unknown"), [(0.03, ["lag"]), (0.0, ["lag"]), (0.08, ["lag", "delay"])])
+def test_an_unknown_lag_is_found_alone_and_with_the_delay(true_s: float, unknown: list[str]) -> None:
+    keys = ["vehicle.thrust.lag_s=auto", f"actuators.lag_s={true_s}"]
+    keys += [f"vehicle.cycle.command_delay_cycles={'auto' if 'delay' in unknown else 1.3}"]
+    flight = flown(1.3, 3, *keys)
+    found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
+    assert found.detected is not None
+    period = flight.vehicle.cycle.period_s
+    assert abs(found.timing.lag * period - true_s) < max(4.5 * found.detected.sigma.lag * period, 1e-6)
+    assert found.detected.sigma.lag * period < 1e-4
+    assert found.vehicle.thrust.lag_s == pytest.approx(found.timing.lag * period)
+    assert abs(found.timing.delay - 1.3) <= 4.5 * found.detected.sigma.delay
+    assert (found.detected.sigma.delay > 0) is ("delay" in unknown)
+    errors = found.conclusions[0].values - flight.truth[0, 0]
+    assert np.abs(errors / np.sqrt(found.conclusions[0].covariance.diagonal())).max() < 4.5
+    assert found.notices == ()
+
+
+def test_a_lag_that_is_not_stated_is_pointed_at() -> None:
+    flight = flown(2.0, 1, "vehicle.cycle.command_delay_cycles=2.0", "actuators.lag_s=0.04")
+    notices = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", "")).notices
+    (said,) = [notice.message for notice in notices if notice.code == "delay-mismatch"]
+    assert "A lag of the thrust" in said
+    assert "thrust.lag_s=auto" in said
+
+
+def test_a_real_flight_that_cannot_tell_delay_from_lag_is_refused() -> None:
+    flight = Path(__file__).parents[1] / "sample_logs" / "crazyflie" / "yaw.parquet"
+    with pytest.raises(InputError, match="the command delay and the thrust lag can't be told from this log"):
+        analysis.analyse(flight, None, ['thrust.lag_s="auto"', 'cycle.command_delay_cycles="auto"'])
