@@ -216,7 +216,8 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
 def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
     """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m, pooled over axes and phases.
 
-    From the structure function of the residual torque e: ``E (e[k+n] − e[k])² = n walk² + 2 (white² + gyro noise)`` for n ≥ 2.
+    From the structure function of the residual torque e, a mean over two cycles: ``E (e[k+n] − e[k])² = n walk² + white² + 2 gyro noise``
+    for n ≥ 2.
     """
     walks, whites = [], []
     for piece in cycles:
@@ -229,7 +230,7 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
         walk = (far - near) / (LAGS[1] - LAGS[0])
         gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / float(np.median(duration)) ** 2
         walks.append(walk)
-        whites.append(near / 2 - LAGS[0] / 2 * walk - gyro)
+        whites.append(near - LAGS[0] * walk - 2 * gyro)
     if not walks:
         return 0.0, 0.0
     return float(np.sqrt(max(np.mean(whites), 0.0))), float(np.sqrt(max(np.mean(walks), 0.0)))
