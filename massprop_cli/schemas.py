@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "result")
+NAMES = ("log", "vehicle", "scenario", "expect", "result")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -23,6 +23,10 @@ def schema(name: str) -> dict[str, Any]:
         found = scenario.schema()
     elif name == "log":
         found = _log()
+    elif name == "expect":
+        from massprop_cli import expect
+
+        found = expect.schema()
     else:
         from massprop_cli.report import result
 

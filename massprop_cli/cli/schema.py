@@ -17,6 +17,7 @@ class SchemaName(StrEnum):
     log = "log"
     vehicle = "vehicle"
     scenario = "scenario"
+    expect = "expect"
     result = "result"
 
 
