@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from massprop_cli import QUANTITIES
-from massprop_cli.cli.guard import EXIT_NOT_CONVERGED, fail, folder_of_its_own, guarded
+from massprop_cli.cli.guard import EXIT_NOT_CONVERGED, EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, warn
 from massprop_cli.errors import InputError, UsageError
 
@@ -42,6 +42,10 @@ def estimate(
     require: Annotated[
         str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")
     ] = None,
+    expect: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
     no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
@@ -49,15 +53,17 @@ def estimate(
     """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
 
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
-    not converged.
+    not converged, 5 a value is missing or outside its expectation.
     """
     required = _required(require)
     import numpy as np
 
-    from massprop_cli import analysis, store
+    from massprop_cli import analysis, judge, store
+    from massprop_cli import expect as expectations
     from massprop_cli.report import result
 
     folder_of_its_own(out)
+    expected = expectations.load(expect) if expect is not None else None
     options = {
         "method": [f'estimator.method="{method.value}"'] if method else [],
         "refine": ["estimator.refine=true"] if refine else [],
@@ -69,14 +75,20 @@ def estimate(
     # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         found = analysis.analyse(log, vehicle, assignments, told)
-    text = result.to_json(result.result(found))
+    judged = result.result(found)
+    if expected is not None:
+        judged = judge.judge(judged, expected)
+    text = result.to_json(judged)
     store.write(out or Path("massprop-out") / log.stem, found, text)
     warn(found.notices, quiet)
     if as_json:
         sys.stdout.write(text)
     elif not quiet:
-        show(found, no_color)
+        show(judged, no_color)
     _check_required(found, required)
+    missed = judge.missed(judged)
+    if missed:
+        fail(f"not as expected: {'; '.join(missed)}", EXIT_NOT_EXPECTED)
 
 
 def _delay(text: str) -> str:

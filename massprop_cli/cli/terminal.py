@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from massprop_cli.analysis import Analysis
+    from massprop_cli.report.result import Result
     from massprop_cli.telemetry import Notice
 
 
@@ -28,7 +28,7 @@ def progress(silent: bool) -> Iterator[Callable[[str, float], None] | None]:
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
-def show(found: Analysis, no_color: bool) -> None:
+def show(found: Result, no_color: bool) -> None:
     """The tables on stdout."""
     from rich.console import Console
 

@@ -3,55 +3,66 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
-from massprop_cli.analysis import Analysis
-from massprop_cli.conclude import Estimate
 from massprop_cli.report import words
-from massprop_cli.vehicle import Nominal
+from massprop_cli.report.result import EstimateItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "unobservable": "red"}
+_NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
 
 
-def show(analysis: Analysis, console: Console) -> None:
+def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
-    for conclusion in analysis.conclusions:
-        phase = conclusion.phase
-        title = f"{analysis.log.path.name}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
-        console.print(_table(title, conclusion.estimates, analysis.vehicle.nominal))
-    if analysis.docked is not None:
-        docked = analysis.docked
+    for phase in found.phases:
+        title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
+        console.print(_table(title, phase.estimates))
+    if found.docked_object is not None:
+        docked = found.docked_object
         console.print(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates))
-    for line in _legend(analysis):
-        console.print(line)
+    for line in _legend(found):
+        console.print(escape(line))
 
 
-def _legend(analysis: Analysis) -> list[str]:
-    bearing = analysis.vehicle.on_air_bearing
+def _legend(found: Result) -> list[str]:
+    vehicle = found.vehicle
+    bearing = vehicle.environment == "air_bearing"
+    method = found.provenance.settings.get("estimator.method")
     lines = [
-        f"{analysis.vehicle.name}, --method {analysis.vehicle.estimator.method}. Inertia of the "
-        f"{'rotating body' if bearing else 'body'} about its CG in body axes; products are the tensor's own elements,",
+        f"{vehicle.name}, --method {method}. Inertia of the {'rotating body' if bearing else 'body'} about its CG in body axes; "
+        "products are the tensor's own elements,",
         "ixy = −Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
         + (" Mass includes the bearing's." if bearing else ""),
     ]
-    if analysis.vehicle.estimator.method == "thesis":
+    if method == "thesis":
         lines.append("Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors.")
-    elif analysis.vehicle.thrust.scale_sigma == 0 and not analysis.vehicle.known:
+    elif vehicle.thrust_scale_sigma == 0 and not vehicle.known:
         lines.append("Mass and inertia are proportional to the thrust that the vehicle file states; no uncertainty of it is stated.")
     return lines
 
 
-def _table(title: str, estimates: dict[str, Estimate], nominal: Nominal | None = None) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for name in ("quantity", "value", "± sigma", "unit", "verdict", "final at"):
-        table.add_column(name, justify="right" if name in ("value", "± sigma", "final at") else "left")
-    stated = {name: nominal.value(name) if nominal else None for name in estimates}
-    if any(value is not None for value in stated.values()):
-        table.add_column("nominal", justify="right")
-    for name, estimate in estimates.items():
-        value, sigma = words.numbers(estimate.value, estimate.sigma)
-        final = "" if estimate.final_at_s is None else f"{estimate.final_at_s:.2f} s"
-        verdict = f"[{_STYLE[estimate.verdict]}]{estimate.verdict}[/]"
-        cells = [] if len(table.columns) == 6 else ["" if stated[name] is None else f"{stated[name]:g}"]
-        table.add_row(name, value, sigma, words.unit(estimate.unit), verdict, final, *cells)
+def _table(title: str, estimates: dict[str, EstimateItem]) -> Table:
+    table = Table(title=escape(title), title_justify="left", title_style="bold")
+    nominal = any(item.nominal is not None for item in estimates.values())
+    expected = any(item.expected is not None for item in estimates.values())
+    names = ["quantity", "value", "± sigma", "unit", "verdict", "final at"]
+    for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
+        table.add_column(name, justify="right" if name in _NUMBERS else "left")
+    for name, item in estimates.items():
+        value, sigma = words.numbers(item.value, item.sigma)
+        final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
+        verdict = f"[{_STYLE[item.verdict]}]{item.verdict}[/]"
+        cells = [*([_nominal(item)] if nominal else []), *(_expected(item) if expected else [])]
+        table.add_row(name, value, sigma, words.unit(item.unit), verdict, final, *cells)
     return table
+
+
+def _nominal(item: EstimateItem) -> str:
+    return "" if item.nominal is None else f"{item.nominal:g}"
+
+
+def _expected(item: EstimateItem) -> tuple[str, str, str]:
+    if item.expected is None:
+        return "", "", ""
+    return f"{item.expected.value:.9g}", words.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"
