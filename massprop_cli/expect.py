@@ -150,6 +150,7 @@ def load(path: Path) -> Expectations:
     text = configfile.read_text(path, "expect file")
     as_json = path.suffix.lower() == ".json"
     data = tables(text, str(path), as_json)
+    _check_place(data, str(path))
     truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
     file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
@@ -190,6 +191,16 @@ def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError(f"{source}: holds a {type(data).__name__}, not a table of expectations; see massprop schema expect")
     return data
+
+
+def _check_place(data: Mapping[str, Any], source: str) -> None:
+    """Refuse what stands where it can't be read, with what to write instead."""
+    loose = next((key for key in data if key in QUANTITIES), None)
+    if loose is not None:
+        raise InputError(f"{source}: {loose} stands outside any table; write it under [all], [[phases]] or [docked]")
+    if isinstance(data.get("phases"), dict) and data["phases"]:
+        first = next(iter(data["phases"]))
+        raise InputError(f'{source}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')
 
 
 def _spelt_out(data: Mapping[str, Any]) -> dict[str, Any]:
