@@ -1,0 +1,114 @@
+"""Results as JUnit XML, which test dashboards read: a suite for each log, a test case for each quantity.
+
+With expectations a test case stands for each expected quantity and fails if the value is outside its tolerance. Without, one stands for
+each of the ten and passes if it is converged. Either is skipped, with the reason, where the motion did not tell the quantity. A log that
+could not be used is an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+from massprop_cli.judge import INFORMED, parts, why
+from massprop_cli.report import words
+from massprop_cli.report.foreign import line
+from massprop_cli.report.gaps import gap
+from massprop_cli.report.labels import labels
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import EstimateItem, Result
+
+_COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one log: a result, or the message of why there is none."""
+
+    name: str
+    result: Result | None = None
+    error: str | None = None
+
+
+def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
+    """Of results that were read back."""
+    return [Outcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
+
+
+def text(found: Sequence[Outcome]) -> str:
+    """One document of all outcomes; same outcomes, same bytes."""
+    suites = [_suite(outcome) for outcome in found]
+    root = ET.Element("testsuites", {"name": "massprop"})
+    for key in ("tests", "failures", "errors"):
+        root.set(key, str(sum(int(suite.get(key, "0")) for suite in suites)))
+    root.extend(suites)
+    ET.indent(root, " ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _suite(outcome: Outcome) -> ET.Element:
+    cases = [_error(outcome)] if outcome.result is None else _cases(outcome.name, outcome.result)
+    suite = ET.Element("testsuite", {"name": line(outcome.name), "tests": str(len(cases))})
+    for key, tag in _COUNTED.items():
+        suite.set(key, str(sum(case.find(tag) is not None for case in cases)))
+    if outcome.result is not None:
+        suite.append(_properties(outcome.result))
+    suite.extend(cases)
+    if outcome.result is not None and outcome.result.warnings:
+        warnings = ET.SubElement(suite, "system-err")
+        warnings.text = "\n".join(f"warning: {line(warning.message)} [{line(warning.code)}]" for warning in outcome.result.warnings)
+    return suite
+
+
+def _error(outcome: Outcome) -> ET.Element:
+    case = _case(outcome.name, "log", "usable")
+    _say(case, "error", outcome.error or "no result", "unusable input")
+    return case
+
+
+def _properties(found: Result) -> ET.Element:
+    stated = {
+        "log": found.log.path,
+        "vehicle": found.vehicle.name,
+        "method": str(found.provenance.settings.get("estimator.method", "")),
+        "massprop": found.provenance.massprop,
+        "input_sha256": found.provenance.input_sha256,
+        "conventions": " ".join(words.conventions(found)),
+    }
+    properties = ET.Element("properties")
+    for name, value in stated.items():
+        ET.SubElement(properties, "property", {"name": name, "value": line(value)})
+    return properties
+
+
+def _cases(name: str, found: Result) -> list[ET.Element]:
+    held = found.expectations is not None
+    return [
+        _quantity(_case(name, part, quantity), quantity, item)
+        for part, body in parts(found)
+        for quantity, item in body.estimates.items()
+        if not held or item.expected is not None
+    ]
+
+
+def _case(name: str, part: str, quantity: str) -> ET.Element:
+    # a dot parts packages from classes in a class name
+    return ET.Element("testcase", {"classname": line(f"{name.replace('.', '_')}.{part.replace('.', '_')}"), "name": quantity})
+
+
+def _quantity(case: ET.Element, quantity: str, item: EstimateItem) -> ET.Element:
+    if item.expected is not None:
+        if item.verdict not in INFORMED:
+            _say(case, "skipped", why(item), item.verdict)
+        elif not item.expected.met:
+            _say(case, "failure", why(item), "not as expected")
+    elif item.verdict != "converged":
+        _say(case, "skipped", gap(quantity, item), item.verdict)
+    value, sigma = words.numbers(item.value, item.sigma)
+    ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {words.unit(item.unit)}, {item.verdict}"
+    return case
+
+
+def _say(case: ET.Element, tag: str, message: str, kind: str) -> None:
+    ET.SubElement(case, tag, {"message": line(message), "type": kind}).text = line(message)

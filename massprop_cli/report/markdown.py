@@ -1,0 +1,162 @@
+"""Results as Markdown, for summaries of jobs and merge requests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from massprop_cli.judge import missed, parts
+from massprop_cli.report import words
+from massprop_cli.report.foreign import markdown as shown
+from massprop_cli.report.gaps import gaps
+from massprop_cli.report.labels import labels
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
+
+LARGEST = 200_000
+"""Bytes of UTF-8, however many the results: more is cut off by those who show summaries of jobs."""
+OVERVIEW = 50_000
+"""Of these for the table of all results."""
+_ROOM = 500
+"""Of these for saying what was left out."""
+
+
+def text(recorded: Sequence[Recorded]) -> str:
+    """One document: an overview where there are several results, then each with its tables, gaps, warnings and conventions."""
+    names = labels(recorded)
+    head = ["# Mass properties", ""] + (_overview(recorded, names) if len(recorded) > 1 else [])
+    left = LARGEST - _ROOM - _size(head)
+    found, whole = [*head], 0
+    for item, name in zip(recorded, names, strict=True):
+        blocks = _sections(item.result, name)
+        if sum(_size(block) for block in blocks) > left:
+            found += _beginning(blocks, left, name) if whole == 0 else []
+            break
+        found += [line for block in blocks for line in block]
+        left -= sum(_size(block) for block in blocks)
+        whole += 1
+    if whole < len(recorded):
+        found += [f"{len(recorded) - whole} of {len(recorded)} results are left out here or cut short, to keep this page short.", ""]
+    return "\n".join(found).rstrip("\n") + "\n"
+
+
+def _size(lines: Iterable[str]) -> int:
+    return sum(len(line.encode()) + 1 for line in lines)
+
+
+def _beginning(blocks: list[list[str]], left: int, name: str) -> list[str]:
+    """As many whole sections of a result as there is room for."""
+    found: list[str] = []
+    for block in blocks:
+        if _size(found) + _size(block) > left:
+            break
+        found += block
+    return found or [f"## {shown(name)}", ""]
+
+
+def _overview(recorded: Sequence[Recorded], names: Sequence[str]) -> list[str]:
+    wrong = sum(bool(missed(item.result)) for item in recorded)
+    held = sum(item.result.expectations is not None for item in recorded)
+    said = f"{held} held against expectations, {wrong} of them not as expected" if held else "none held against expectations"
+    rows, left = [], OVERVIEW
+    for item, name in zip(recorded, names, strict=True):
+        row = _row([shown(name), shown(item.result.log.path), shown(item.result.vehicle.name), *_summary(item.result)])
+        left -= _size([row])
+        if left < 0:
+            break
+        rows.append(row)
+    more = len(recorded) - len(rows)
+    cut = [f"{more} more of {len(recorded)} results are left out of this table.", ""] if more else []
+    header = _table(["result", "log", "vehicle", "converged", "as expected", "warnings"], "lllrrr")
+    return [f"{len(recorded)} results, {said}.", "", *header, *rows, "", *cut]
+
+
+def _summary(found: Result) -> list[str]:
+    items = [item for _, body in parts(found) for item in body.estimates.values()]
+    held = [item.expected for item in items if item.expected is not None]
+    converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}"
+    sign = "✓" if all(expected.met for expected in held) else "✗"
+    met = f"{sign} {sum(expected.met for expected in held)} of {len(held)}" if held else "–"
+    return [converged, met, str(len(found.warnings))]
+
+
+def _sections(found: Result, name: str) -> list[list[str]]:
+    """A result in sections, so that a long one can be cut between two of them."""
+    return [
+        [f"## {shown(name)}", "", _origin(found), "", *_verdict(found)],
+        *(_part(part, body) for part, body in parts(found)),
+        _list("Not converged, and the motion that would tell it:", gaps(found)),
+        *_warnings(found),
+        _list("Conventions:", words.conventions(found)),
+    ]
+
+
+def _origin(found: Result) -> str:
+    method = found.provenance.settings.get("estimator.method", "default")
+    log = found.log
+    return (
+        f"Log {shown(log.path)} ({log.duration_s:.6g} s, {log.cycles} cycles), vehicle {shown(found.vehicle.name)}, "
+        f"method {shown(str(method))}, command delay {found.delay.cycles:.6g} cycles ({found.delay.source}), "
+        f"massprop {shown(found.provenance.massprop)}."
+    )
+
+
+def _verdict(found: Result) -> list[str]:
+    if found.expectations is None:
+        return []
+    wrong = missed(found)
+    against = f"held against {shown(found.expectations.path)}"
+    if not wrong:
+        return [f"**✓ All as expected** ({against}).", ""]
+    return _list(f"**✗ {len(wrong)} not as expected** ({against}):", wrong)
+
+
+def _part(part: str, body: PhaseItem | DockedObject) -> list[str]:
+    span = f", {body.start_s:.6g} to {body.end_s:.6g} s" if isinstance(body, PhaseItem) else ""
+    nominal = any(item.nominal is not None for item in body.estimates.values())
+    held = any(item.expected is not None for item in body.estimates.values())
+    columns = ["quantity", "value", "± sigma", "unit", "verdict", "final at"]
+    columns += (["nominal"] if nominal else []) + (["expected", "tolerance", "met"] if held else [])
+    alignment = "lrrllr" + ("r" if nominal else "") + ("rrl" if held else "")
+    rows = [
+        _row(_cells(name, item) + (_nominal(item) if nominal else []) + (_expected(item) if held else []))
+        for name, item in body.estimates.items()
+    ]
+    note = [f"Physical consistency: {shown(body.physical.note)}.", ""] if isinstance(body, PhaseItem) and body.physical.note else []
+    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_table(columns, alignment), *rows, "", *note]
+
+
+def _cells(name: str, item: EstimateItem) -> list[str]:
+    value, sigma = words.numbers(item.value, item.sigma)
+    final = "–" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
+    return [shown(name), value, sigma, words.unit(item.unit), f"{words.SIGNS[item.verdict]} {item.verdict.replace('_', ' ')}", final]
+
+
+def _nominal(item: EstimateItem) -> list[str]:
+    return ["–" if item.nominal is None else f"{item.nominal:.9g}"]
+
+
+def _expected(item: EstimateItem) -> list[str]:
+    if item.expected is None:
+        return ["–", "–", "–"]
+    return [f"{item.expected.value:.9g}", shown(words.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
+
+
+def _warnings(found: Result) -> list[list[str]]:
+    """Each in a section of its own but for the first, which has the title."""
+    return [
+        [*(["Warnings:", ""] if number == 0 else []), f"- {shown(warning.message)} ({shown(warning.code)})"]
+        + ([""] if number == len(found.warnings) - 1 else [])
+        for number, warning in enumerate(found.warnings)
+    ]
+
+
+def _list(title: str, lines: Sequence[str]) -> list[str]:
+    return [title, "", *(f"- {shown(line)}" for line in lines), ""] if lines else []
+
+
+def _table(columns: Sequence[str], alignment: str) -> list[str]:
+    return [_row(columns), _row(["--:" if side == "r" else "---" for side in alignment])]
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
