@@ -66,11 +66,11 @@ class Body(Section, json_schema_extra=_numbers_too):
             if problem:
                 raise PydanticCustomError("unit", "{problem}", {configfile.KEY: name, "problem": problem})
         if self.tolerance and self.tolerance.kind == "absolute":
-            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": _NOT_FOR_ALL})
+            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
         return self
 
 
-_NOT_FOR_ALL = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
+NOT_FOR_ALL = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
 
 
 class PhaseBody(Body):
@@ -98,7 +98,7 @@ class ExpectFile(Section):
         if twice:
             raise ValueError(f"phase name {twice[0]!r} is used twice; write its expectations in one table")
         if self.tolerance and self.tolerance.kind == "absolute":
-            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": _NOT_FOR_ALL})
+            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
         return self
 
 
@@ -150,7 +150,7 @@ def load(path: Path) -> Expectations:
     text = configfile.read_text(path, "expect file")
     as_json = path.suffix.lower() == ".json"
     data = tables(text, str(path), as_json)
-    _check_place(data, str(path))
+    check_place(data, str(path))
     truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
     model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
     file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
@@ -193,7 +193,7 @@ def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
     return data
 
 
-def _check_place(data: Mapping[str, Any], source: str) -> None:
+def check_place(data: Mapping[str, Any], source: str) -> None:
     """Refuse what stands where it can't be read, with what to write instead."""
     loose = next((key for key in data if key in QUANTITIES), None)
     if loose is not None:

@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "expect", "result")
+NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -27,6 +27,14 @@ def schema(name: str) -> dict[str, Any]:
         from massprop_cli import expect
 
         found = expect.schema()
+    elif name == "tolerance":
+        from massprop_cli import gate
+
+        found = gate.schema()
+    elif name == "compare":
+        from massprop_cli.report import compare
+
+        found = compare.schema()
     else:
         from massprop_cli.report import result
 

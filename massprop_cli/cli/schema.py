@@ -19,6 +19,8 @@ class SchemaName(StrEnum):
     scenario = "scenario"
     expect = "expect"
     result = "result"
+    tolerance = "tolerance"
+    compare = "compare"
 
 
 @guarded

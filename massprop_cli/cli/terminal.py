@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from massprop_cli.report.result import Result
     from massprop_cli.telemetry import Notice
 
@@ -28,14 +30,18 @@ def progress(silent: bool) -> Iterator[Callable[[str, float], None] | None]:
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
-def show(found: Result, no_color: bool) -> None:
-    """The tables on stdout."""
+def console(no_color: bool) -> Console:
+    """On stdout; as wide as the widest table where that is no terminal."""
     from rich.console import Console
 
+    return Console(no_color=no_color or None, width=None if sys.stdout.isatty() else 132, highlight=False)
+
+
+def show(found: Result, no_color: bool) -> None:
+    """The tables on stdout."""
     from massprop_cli.report import table
 
-    terminal = sys.stdout.isatty()
-    table.show(found, Console(no_color=no_color or None, width=None if terminal else 132, highlight=False))
+    table.show(found, console(no_color))
 
 
 def warn(notices: Iterable[Notice], quiet: bool) -> None:

@@ -1,0 +1,49 @@
+"""``massprop compare``."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, guarded
+from massprop_cli.cli.terminal import console
+from massprop_cli.errors import UsageError
+
+
+@guarded
+def compare(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)],
+    baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="The same, to compare with.", show_default=False)],
+    max_sigma: Annotated[float, typer.Option(min=0, help="A difference may be so many of its sigmas.")] = 4.0,
+    tolerance: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What is allowed instead, quantity by quantity (TOML or JSON).", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """Hold a result against a baseline: differences in units and sigmas, for regression in CI.
+
+    Writes nothing. Exit 0 if every difference is within --max-sigma, or what the tolerance file allows, 3 if the two can't be compared,
+    5 if one is beyond, or a value of the baseline is missing.
+    """
+    if not math.isfinite(max_sigma):
+        raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
+    from massprop_cli import gate
+    from massprop_cli.report import compare as comparison
+    from massprop_cli.report import difference_table, read
+
+    allowed = gate.load(tolerance, max_sigma)
+    found = comparison.compare(read.read(result), read.read(baseline), allowed)
+    if as_json:
+        sys.stdout.write(comparison.to_json(found))
+    elif not quiet:
+        difference_table.show(found, console(no_color))
+    beyond = comparison.beyond(found)
+    if beyond:
+        fail(f"beyond the baseline: {'; '.join(beyond)}", EXIT_NOT_EXPECTED)
