@@ -9,7 +9,9 @@ from typing import Annotated
 import typer
 
 from massprop_cli import __version__
+from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
+from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
 from massprop_cli.cli.simulate import simulate
 
@@ -20,7 +22,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, simulate, schema):
+for _command in (estimate, report, compare, simulate, schema):
     app.command()(_command)
 
 

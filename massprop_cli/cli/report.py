@@ -1,0 +1,152 @@
+"""``massprop report``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
+from massprop_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from massprop_cli.expect import Expectations
+    from massprop_cli.report.read import Recorded
+
+TEXTS = {"html": "report.html", "md": "report.md", "csv": "report.csv", "junit": "report.junit.xml"}
+"""Formats of text and the files that they are written to."""
+FIGURES: tuple[Literal["svg", "png"], ...] = ("svg", "png")
+"""Formats of figures."""
+NAMED = 50
+"""Missed expectations that the last line names."""
+
+
+@guarded
+def report(
+    results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)],
+    format_: Annotated[
+        str | None,
+        typer.Option("--format", metavar="html,md,csv,junit", help="Formats (default html); svg, png for figures.", show_default=False),
+    ] = None,
+    figure: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Draw this figure, or 'all'; may be repeated.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder (default: of one result its own, of several massprop-out).", envvar="MASSPROP_OUT", show_default=False),
+    ] = None,
+    expect: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not print the paths that were written.")] = False,
+) -> None:
+    """Render results: report.html, report.md, report.csv, report.junit.xml, and figures as NAME.svg or NAME.png.
+
+    One file tells of all results; figures of several are called FOLDER-NAME.svg. Prints the paths that it wrote. Exit 0 done, 3 a result
+    can't be read, 5 a value is missing or outside what was expected of it, by --expect or when it was estimated.
+    """
+    texts, kinds = _formats(format_, bool(figure))
+    folder_of_its_own(out)
+    from massprop_cli import expect as expectations
+    from massprop_cli import judge
+    from massprop_cli.report import read
+    from massprop_cli.report.labels import labels
+
+    wanted = expectations.load(expect) if expect is not None else None
+    once = {path.resolve(): path for path in results}
+    recorded = [_held(read.read(path), wanted) for path in once.values()]
+    files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
+    folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
+    for path in _write(folder, files):
+        if not quiet:
+            typer.echo(str(path))
+    names = labels(recorded)
+    missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
+    if missed:
+        more = f"; and {len(missed) - NAMED} more" if len(missed) > NAMED else ""
+        fail(f"not as expected: {'; '.join(missed[:NAMED])}{more}", EXIT_NOT_EXPECTED)
+
+
+def _formats(given: str | None, with_figures: bool) -> tuple[list[str], list[Literal["svg", "png"]]]:
+    """Formats of text and of figures, each once, in the order of the tables above."""
+    if given is None:
+        return ([], ["svg"]) if with_figures else (["html"], [])
+    names = [name.strip() for name in given.split(",")]
+    for name in names:
+        if name not in (*TEXTS, *FIGURES):
+            raise UsageError(f"--format {name}: no such format; choose from {', '.join((*TEXTS, *FIGURES))}")
+    kinds = [name for name in FIGURES if name in names]
+    if kinds and not with_figures:
+        raise UsageError(f"--format {kinds[0]}: is for figures; name one with --figure, or --figure all")
+    return [name for name in TEXTS if name in names], kinds or (["svg"] if with_figures else [])
+
+
+def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
+    """The result held against ``--expect``; without, as it was when it was estimated."""
+    from dataclasses import replace
+
+    from massprop_cli import judge
+
+    return item if wanted is None else replace(item, result=judge.judge(item.result, wanted))
+
+
+def _texts(recorded: Sequence[Recorded], formats: Sequence[str]) -> dict[str, bytes]:
+    return {TEXTS[name]: _writer(name)(recorded).encode() for name in formats}
+
+
+def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:
+    if name == "html":
+        from massprop_cli.report import html
+
+        return lambda recorded: html.page(list(recorded))
+    if name == "md":
+        from massprop_cli.report import markdown
+
+        return markdown.text
+    if name == "csv":
+        from massprop_cli.report import rows
+
+        return rows.text
+    from massprop_cli.report import junit
+
+    return lambda recorded: junit.text(junit.outcomes(recorded))
+
+
+def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence[Literal["svg", "png"]]) -> dict[str, bytes]:
+    if not asked:
+        return {}
+    from massprop_cli.report import figures
+    from massprop_cli.report.labels import labels
+
+    names = list(figures.NAMES) if "all" in asked else list(dict.fromkeys(asked))
+    titles = [""] if len(recorded) == 1 else [f"{label.replace('/', '-')}-" for label in labels(recorded)]
+    return {
+        f"{title}{name}.{kind}": figures.draw(name, item, kind)
+        for item, title in zip(recorded, titles, strict=True)
+        for name in names
+        for kind in kinds
+    }
+
+
+def _write(folder: Path, contents: dict[str, bytes]) -> list[Path]:
+    """Every file whole; none where one of them can't be."""
+    from massprop_cli import files
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in contents:
+            if (folder / name).is_dir():
+                raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+        for name, content in contents.items():
+            files.whole(folder / name, partial(_save, content))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+    return [folder / name for name in contents]
+
+
+def _save(content: bytes, path: Path) -> None:
+    path.write_bytes(content)
