@@ -124,6 +124,8 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
 
     names = list(figures.NAMES) if "all" in asked else list(dict.fromkeys(asked))
     titles = [""] if len(recorded) == 1 else [f"{label.replace('/', '-')}-" for label in labels(recorded)]
+    if len(set(titles)) < len(titles):
+        titles = [f"{number}-{title}" for number, title in enumerate(titles, 1)]
     return {
         f"{title}{name}.{kind}": figures.draw(name, item, kind)
         for item, title in zip(recorded, titles, strict=True)

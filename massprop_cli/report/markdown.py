@@ -35,7 +35,11 @@ def text(recorded: Sequence[Recorded]) -> str:
         left -= sum(_size(block) for block in blocks)
         whole += 1
     if whole < len(recorded):
-        found += [f"{len(recorded) - whole} of {len(recorded)} results are left out here or cut short, to keep this page short.", ""]
+        found += [
+            "",
+            f"{len(recorded) - whole} of {len(recorded)} results are left out here or cut short, to keep this page under 200 kB.",
+            "",
+        ]
     return "\n".join(found).rstrip("\n") + "\n"
 
 
@@ -84,9 +88,9 @@ def _sections(found: Result, name: str) -> list[list[str]]:
     return [
         [f"## {shown(name)}", "", _origin(found), "", *_verdict(found)],
         *(_part(part, body) for part, body in parts(found)),
+        _list("Conventions:", words.conventions(found)),
         _list("Not converged, and the motion that would tell it:", gaps(found)),
         *_warnings(found),
-        _list("Conventions:", words.conventions(found)),
     ]
 
 
