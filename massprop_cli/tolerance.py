@@ -5,7 +5,6 @@ A number is absolute in the quantity's unit; texts are ``"2 %"``, ``"4 sigma"`` 
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -55,7 +54,7 @@ FOUR_SIGMA = Tolerance(4.0, "sigma")
 def parse(given: object) -> Tolerance:
     """A tolerance from a number or a text; ValueError says how to write one."""
     if isinstance(given, (int, float)) and not isinstance(given, bool):
-        return Tolerance(_amount(float(given)), "absolute")
+        return Tolerance(_amount(given), "absolute")
     found = _TEXT.fullmatch(given) if isinstance(given, str) else None
     if found is None:
         raise ValueError(f"not a tolerance; {_REMEDY}")
@@ -72,9 +71,9 @@ def parse(given: object) -> Tolerance:
 
 
 def _amount(number: float) -> float:
-    if not 0 <= number < math.inf:
+    if not 0 <= number < 1e300:
         raise ValueError("a tolerance is 0 or more and finite")
-    return number
+    return float(number)
 
 
 Stated = Annotated[Tolerance, PlainValidator(parse, json_schema_input_type=float | str)]

@@ -145,6 +145,8 @@ HOSTILE = [
     "# heading",
     "- item",
     "1. item",
+    "1234) item",
+    "0.1.0",
     "> quote",
     "---",
     "=",
@@ -165,7 +167,7 @@ def test_a_hostile_name_is_shown_as_it_is_and_does_nothing(name: str) -> None:
     assert {len(row) for row in overview} == {6}
     assert {len(row) for row in first} == {6}
     html = rendered(text)
-    assert not re.search(r"<(script|a|img|b|code|em|blockquote|hr|s)\b", html)
+    assert not re.search(r"<(script|a|img|b|code|em|blockquote|hr|s|ol)\b", html)
     assert f"{line(name)} (c)" in items(text)
 
 

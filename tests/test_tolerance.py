@@ -39,6 +39,7 @@ def test_a_tolerance_is_read(given: object, expected: Tolerance) -> None:
         (float("nan"), "0 or more"),
         (float("inf"), "finite"),
         ("1e999 kg", "finite"),
+        (10**400, "finite"),
         (True, "not a tolerance"),
         (None, "not a tolerance"),
         ([1], "not a tolerance"),
@@ -58,7 +59,7 @@ def test_a_tolerance_is_refused_with_what_to_write(given: object, says: str) -> 
     assert says in str(refusal.value)
 
 
-amounts = st.floats(min_value=0, allow_infinity=False, allow_nan=False)
+amounts = st.floats(min_value=0, max_value=1e299)
 
 
 @given(amounts, st.sampled_from(["absolute", "relative", "sigma"]), st.sampled_from(QUANTITIES))

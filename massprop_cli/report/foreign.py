@@ -10,8 +10,10 @@ LONGEST = 2000
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn")
 """Unicode categories that are not shown as they are: control, format (direction overrides), surrogates, unassigned."""
 _FORMULA = ("=", "+", "-", "@")
-_MARKDOWN = re.compile(r"([\\`*\[\]#|~$@]|(?<![^\W_])_|_(?![^\W_])|:(?=//)|(?<=www)\.|^[-+=]|(?<=^\d)[.)]|(?<=^\d\d)[.)])")
+_MARKDOWN = re.compile(r"([\\`*\[\]#|~$@]|(?<![^\W_])_|_(?![^\W_])|:(?=//)|(?<=www)\.|^[-+=])")
 """What means something anywhere, or at the beginning of a line, or makes a link."""
+_NUMBERED = re.compile(r"^(\d+)([.)])(?=\s|$)")
+"""What makes an item of a numbered list."""
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
@@ -23,7 +25,7 @@ def line(text: str) -> str:
 
 def markdown(text: str) -> str:
     """The text as it stands, in a Markdown paragraph, heading or table cell."""
-    return _MARKDOWN.sub(r"\\\1", line(text).translate(_ENTITIES))
+    return _NUMBERED.sub(r"\1\\\2", _MARKDOWN.sub(r"\\\1", line(text).translate(_ENTITIES)))
 
 
 def cell(text: str) -> str:
