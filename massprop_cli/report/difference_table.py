@@ -8,6 +8,7 @@ from rich.table import Table
 
 from massprop_cli.report import words
 from massprop_cli.report.compare import Comparison, Difference, Part
+from massprop_cli.report.table import fitted
 
 _NUMBERS = ("result", "baseline", "difference", "± sigma", "sigmas", "allowed")
 
@@ -16,7 +17,7 @@ def show(found: Comparison, console: Console) -> None:
     """Print one table per phase and docked object, with what the numbers mean below."""
     console.print(escape(f"{found.result.path} against the baseline {found.baseline.path}"))
     for part in found.parts:
-        console.print(_table(part))
+        fitted(_table(part), console)
     for line in _legend(found):
         console.print(escape(line))
 
@@ -33,7 +34,7 @@ def _table(part: Part) -> Table:
     title = f"phase {part.name}" if part.part == "phase" else part.name
     table = Table(title=escape(title), title_justify="left", title_style="bold")
     for name in ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within"):
-        table.add_column(name, justify="right" if name in _NUMBERS else "left")
+        table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=name != "within")
     for name, d in part.differences.items():
         sign = "[green]✓[/]" if d.within else "[red]✗[/]"
         table.add_row(name, *_cells(d), words.unit(d.unit), words.unit(d.stated), f"{sign} {escape(d.note)}".rstrip())

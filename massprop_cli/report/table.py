@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
 from massprop_cli.report import words
@@ -17,12 +18,23 @@ def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for phase in found.phases:
         title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
-        console.print(_table(title, phase.estimates))
+        fitted(_table(title, phase.estimates), console)
     if found.docked_object is not None:
         docked = found.docked_object
-        console.print(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates))
+        fitted(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates), console)
     for line in _legend(found):
         console.print(escape(line))
+
+
+def fitted(table: Table, console: Console) -> None:
+    """Print a table; without its lines where the terminal is too narrow for them, and beyond its edge before a number is cut short."""
+    wide = console.options.update(width=10_000)
+    terminal = console.width
+    if Measurement.get(console, wide, table).maximum > terminal:
+        table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
+    console.width = max(terminal, Measurement.get(console, wide, table).minimum)
+    console.print(table)
+    console.width = terminal
 
 
 def _legend(found: Result) -> list[str]:
@@ -48,7 +60,7 @@ def _table(title: str, estimates: dict[str, EstimateItem]) -> Table:
     expected = any(item.expected is not None for item in estimates.values())
     names = ["quantity", "value", "± sigma", "unit", "verdict", "final at"]
     for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
-        table.add_column(name, justify="right" if name in _NUMBERS else "left")
+        table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
     for name, item in estimates.items():
         value, sigma = words.numbers(item.value, item.sigma)
         final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from massprop_cli import QUANTITIES
+from massprop_cli.expect import Expectations, Wanted
+from massprop_cli.gate import Gate
+from massprop_cli.judge import judge
+from massprop_cli.report import difference_table, table, words
+from massprop_cli.report.compare import compare
+from massprop_cli.report.result import Result
+from massprop_cli.tolerance import FOUR_SIGMA, Tolerance
+from tests import recorded
+
+
+def held() -> Result:
+    wanted = {"ixx": Wanted(0.5, FOUR_SIGMA), "mass": Wanted(22.5, Tolerance(5.0, "relative"))}
+    return judge(recorded.result(), Expectations("expect.toml", "c" * 64, wanted, (), {}))
+
+
+def printed(found: Result, width: int = 132) -> str:
+    out = io.StringIO()
+    table.show(found, Console(file=out, width=width, no_color=True, highlight=False))
+    return out.getvalue()
+
+
+def cells(text: str, quantity: str) -> list[str]:
+    row = next(line for line in text.splitlines() if line.strip("│ ").startswith(quantity))
+    return [cell.strip() for cell in row.strip("│").split("│")]
+
+
+def test_expectations_stand_beside_the_values_with_a_sign() -> None:
+    text = printed(held())
+    assert cells(text, "ixx") == ["ixx", "0.620", "0.010", "kg m²", "converged", "12.50 s", "0.5", "4 sigma", "✗"]
+    assert cells(text, "mass")[6:] == ["22.5", "5 %", "✓"]
+    assert cells(text, "izz")[6:] == ["", "", ""]
+
+
+def test_without_expectations_there_are_no_columns_for_them() -> None:
+    assert cells(printed(recorded.result()), "mass") == ["mass", "22.00", "0.25", "kg", "converged", "12.50 s"]
+
+
+@pytest.mark.parametrize("width", [20, 40, 79, 80, 100])
+def test_no_number_is_cut_short_however_narrow_the_terminal(width: int) -> None:
+    text = printed(held(), width)
+    out = io.StringIO()
+    docked = recorded.result([recorded.phase("a"), recorded.phase("b")], docked_object=recorded.docked())
+    found = compare(recorded.recorded(docked), recorded.recorded(docked), Gate())
+    difference_table.show(found, Console(file=out, width=width, no_color=True, highlight=False))
+    for name in QUANTITIES:
+        for number in words.numbers(recorded.VALUES[name], recorded.SIGMAS[name]):
+            assert number in text
+        assert words.numbers(recorded.VALUES[name], recorded.SIGMAS[name])[0] in out.getvalue()
+
+
+def test_names_with_markup_are_shown_as_they_are() -> None:
+    data = recorded.result([recorded.phase("[bold]x[/nope]")]).model_dump(by_alias=True)
+    found = Result.model_validate(data | {"vehicle": data["vehicle"] | {"name": "[red]tug"}})
+    text = printed(found)
+    assert "phase [bold]x[/nope]" in text
+    assert "[red]tug" in text
