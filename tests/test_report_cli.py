@@ -113,7 +113,11 @@ REFUSED = {
     "a folder without a result": (("empty", "--format", "md"), 3, ("empty", "holds no result.json")),
     "a result of another version": (("other", "--format", "md"), 3, ("massprop/result/9", "massprop/result/1")),
     "an expect file that is not there": (("run", "--format", "md", "--expect", "no.toml"), 3, ("no.toml", "no such expect file")),
-    "an expect file of another phase": (("run", "--format", "md", "--expect", "other.toml"), 3, ("other.toml", "'cruise'", "'all'")),
+    "an expect file of another phase": (
+        ("run", "--format", "md", "--expect", "other.toml"),
+        3,
+        ("run/result.json: other.toml", "'cruise'", "'all'"),
+    ),
 }
 
 

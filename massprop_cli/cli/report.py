@@ -91,7 +91,10 @@ def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
 
     from massprop_cli import judge
 
-    return item if wanted is None else replace(item, result=judge.judge(item.result, wanted))
+    try:
+        return item if wanted is None else replace(item, result=judge.judge(item.result, wanted))
+    except InputError as error:
+        raise InputError(f"{item.path}: {error}") from None
 
 
 def _texts(recorded: Sequence[Recorded], formats: Sequence[str]) -> dict[str, bytes]:
