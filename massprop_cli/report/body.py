@@ -1,0 +1,116 @@
+"""What follows from the ten quantities for the body: principal moments and axes, inertia about O, the equivalent ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.dynamics import tensor
+from massprop_cli.report.result import EstimateItem, Matrix, PhaseItem
+
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Places of ixx ixy ixz iyy iyz izz in the matrix."""
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Principal moments, ascending, with their sigmas and axes."""
+
+    moments: Array
+    """(3,) kg m²."""
+    sigmas: Array
+    """(3,) kg m²; NaN where nothing can be said."""
+    axes: Array
+    """(3, 3); column i is the unit vector of moment i in body axes, its largest component positive."""
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """The homogeneous ellipsoid with this mass, CG and inertia."""
+
+    semi_axes: Array
+    """(3,) m, of the principal axes, ascending moments; without a mass in parts of the largest."""
+    axes: Array
+    """(3, 3) columns are unit vectors in body axes."""
+    center_m: Array
+    """(3,) the CG from O; NaN where not known."""
+    to_scale: bool
+    """Whether semi_axes are in metres."""
+    mended: bool
+    """Whether it stands for the nearest consistent inertia, because no body could have the estimated one."""
+
+    @property
+    def shape(self) -> Array:
+        """(3, 3) A in xᵀ A⁻¹ x = 1; the block of two axes is the outline seen along the third."""
+        found: Array = (self.axes * self.semi_axes**2) @ self.axes.T
+        return found
+
+
+def values(estimates: dict[str, EstimateItem]) -> Array:
+    """(10,) with NaN for what is not known."""
+    return np.array([np.nan if item.value is None else item.value for item in estimates.values()])
+
+
+def inertia(phase: PhaseItem) -> Array:
+    """(3, 3) about the CG, kg m²."""
+    return tensor(values(phase.estimates)[:6])
+
+
+def principal(phase: PhaseItem) -> Principal | None:
+    """Eigenvalues and eigenvectors; the variance of λ = vᵀ I v to first order is gᵀ P g with g = ∂λ/∂(ixx … izz)."""
+    matrix = inertia(phase)
+    if not np.isfinite(matrix).all():
+        return None
+    moments, axes = np.linalg.eigh(matrix)
+    axes = axes * np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
+    covariance = np.array(phase.covariance, dtype=float)[:6, :6]
+    gradients = np.array([[(1 if i == j else 2) * v[i] * v[j] for i, j in UPPER] for v in axes.T])
+    variance = np.einsum("ai,ij,aj->a", gradients, covariance, gradients)
+    return Principal(moments, np.sqrt(np.maximum(variance, 0.0)), axes)
+
+
+def about_origin_sigmas(phase: PhaseItem, bearing_mass_kg: float) -> Array:
+    """(3, 3) sigmas of I + m (c·c 1 − c cᵀ) to first order from the covariance; NaN where nothing can be said."""
+    found = values(phase.estimates)
+    c, mass = found[6:9], found[9] - bearing_mass_kg
+    covariance = np.array(phase.covariance, dtype=float)
+    sigmas = np.full((3, 3), np.nan)
+    for row, (i, j) in enumerate(UPPER):
+        gradient = np.zeros(10)
+        gradient[row] = 1.0
+        for k in range(3):
+            gradient[6 + k] = mass * (2 * c[k] * (i == j) - c[j] * (i == k) - c[i] * (j == k))
+        gradient[9] = (c @ c) * (i == j) - c[i] * c[j]
+        sigmas[i, j] = sigmas[j, i] = np.sqrt(max(gradient @ covariance @ gradient, 0.0))
+    return sigmas
+
+
+def array(matrix: Matrix | None) -> Array:
+    """(3, 3) or (10, 10) of a result, NaN for null."""
+    return np.full((3, 3), np.nan) if matrix is None else np.array(matrix, dtype=float)
+
+
+def other_convention(matrix: Array) -> Array:
+    """The same inertia with products in the positive-integral convention."""
+    turned: Array = matrix * (2 * np.eye(3) - 1)
+    return turned
+
+
+def ellipsoid(phase: PhaseItem, bearing_mass_kg: float) -> Ellipsoid | None:
+    """Semi-axes a with a² = 5 p / m, p the second moment ∫ x² dm = (sum of the moments) / 2 − own moment."""
+    mended = phase.physical.nearest_consistent is not None
+    matrix = array(phase.physical.nearest_consistent) if mended else inertia(phase)
+    if not np.isfinite(matrix).all():
+        return None
+    moments, axes = np.linalg.eigh(matrix)
+    second = np.maximum(moments.sum() / 2 - moments, 0.0)
+    if not second.max() > 0:
+        return None
+    found = values(phase.estimates)
+    mass = found[9] - bearing_mass_kg
+    to_scale = bool(mass > 0)
+    semi_axes = np.sqrt(5 * second / mass) if to_scale else np.sqrt(second / second.max())
+    axes = axes * np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
+    return Ellipsoid(semi_axes, axes, found[6:9], to_scale, mended)

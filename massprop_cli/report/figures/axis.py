@@ -1,0 +1,93 @@
+"""Axes that a reader finds their way on: unit in the heading, plain numbers on the ticks, phases shaded and named."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from massprop_cli.report.figures import palette
+from massprop_cli.report.figures.panel import LEFT
+from massprop_cli.report.figures.series import Limits
+from massprop_cli.report.words import clean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from massprop_cli.arrays import Array
+    from massprop_cli.report.result import PhaseItem
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def title(axes: Axes, text: str) -> None:
+    """Left above the axes, from the figure's edge."""
+    inches = axes.bbox.width / axes.figure.dpi
+    axes.set_title(text, x=(0.1 - LEFT) / inches)
+
+
+def heading(axes: Axes, text: str, unit: str, exponent: int = 0) -> None:
+    """What is drawn, and its unit."""
+    power = f"10{str(exponent).translate(_SUPERSCRIPT)} " if exponent else ""
+    title(axes, f"{clean(text, 60)} [{power}{unit}]")
+
+
+def values(axes: Axes, limits: Limits, text: str, unit: str) -> None:
+    """Set the value axis: a power of ten common to all ticks goes into the heading if they are very large or small."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
+
+    largest = max(abs(limits.low), abs(limits.high))
+    exponent = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
+    exponent = exponent if exponent < -3 or exponent > 3 else 0
+    ticks = [float(tick) for tick in MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
+    decimals = _decimals([tick / 10.0**exponent for tick in ticks])
+    axes.set_ylim(limits.low, limits.high)
+    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if limits.hold(tick)]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: _plain(tick / 10.0**exponent, decimals)))
+    heading(axes, text, unit, exponent)
+
+
+def beginning(phase: PhaseItem, time_s: Array) -> float:
+    """Where a phase's time axis begins: at its start, unless its first cycles were not used for long."""
+    first, last = float(time_s[0]), float(time_s[-1])
+    return phase.start_s if 0 <= first - phase.start_s <= 0.1 * (last - first) else first
+
+
+def time(axes: Axes, start_s: float, end_s: float) -> None:
+    """Set the time axis."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_xlim(start_s, end_s if end_s > start_s else start_s + 1.0)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 2.5, 5, 10]))
+    axes.set_xlabel("time [s]", labelpad=2)
+
+
+def phases(axes: Axes, found: Sequence[PhaseItem]) -> None:
+    """Shade and name the phases, if there are several; their names stand above the data."""
+    if len(found) < 2:
+        return
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + 0.12 * (top - bottom))
+    low, high = axes.get_xlim()
+    for number, phase in enumerate(found):
+        start, end = max(phase.start_s, low), min(phase.end_s, high)
+        if end <= start:
+            continue
+        axes.axvspan(start, end, color=palette.SHADE, alpha=1.0 - 0.5 * (number % 2), zorder=0, linewidth=0)
+        axes.axvline(start, color=palette.MUTED, linewidth=0.6, linestyle=":")
+        longest = max(3, int(40 * (end - start) / (high - low)))
+        place = axes.get_xaxis_transform()
+        said = clean(phase.name, longest)
+        axes.text(start + 0.01 * (high - low), 0.985, said, transform=place, va="top", ha="left", fontsize=7, color=palette.MUTED)
+
+
+def _plain(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}".replace("-", "−")
+    return text.replace("−", "") if float(text.replace("−", "-")) == 0 else text
+
+
+def _decimals(ticks: list[float]) -> int:
+    """As many as tell neighbouring ticks exactly."""
+    step = ticks[1] - ticks[0]
+    return next((d for d in range(12) if abs(round(step, d) - step) < 1e-3 * step), 12)

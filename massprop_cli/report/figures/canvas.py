@@ -1,0 +1,106 @@
+"""Panels to SVG or PNG: same panels, same bytes.
+
+Every pair of axes in an SVG carries how to read its series back: ``data-x="a b"`` means x = a + b · (SVG's x), and so ``data-y``. Lines
+carry ids such as ``ixx-value-1``; the number is the phase's.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from massprop_cli.report.figures import palette
+from massprop_cli.report.figures.panel import BOTTOM, LEFT, RIGHT, TOP, Panel
+from massprop_cli.report.words import clean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Kind = Literal["svg", "png"]
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none", "svg.hashsalt": "massprop", "text.parse_math": False, "path.simplify": False, "agg.path.chunksize": 20000,
+    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 8, "axes.titlesize": 8.5, "axes.labelsize": 8,
+    "xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "legend.fontsize": 7.5, "axes.titlelocation": "left", "axes.titlepad": 5,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.linewidth": 0.6, "axes.linewidth": 0.7,
+    "lines.linewidth": 1.2, "axes.axisbelow": True, "legend.frameon": False, "axes.unicode_minus": True, "axes.formatter.useoffset": False,
+    "text.color": palette.INK, "axes.labelcolor": palette.INK, "axes.edgecolor": palette.MUTED, "xtick.color": palette.MUTED,
+    "ytick.color": palette.MUTED, "xtick.labelcolor": palette.INK, "ytick.labelcolor": palette.INK, "grid.color": palette.GRID,
+    "figure.facecolor": palette.PAPER, "axes.facecolor": palette.PAPER, "savefig.facecolor": palette.PAPER,
+    "xtick.major.size": 2.5, "ytick.major.size": 2.5, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
+}  # fmt: skip
+HEADING = 0.3
+"""Inches above all panels of a titled figure."""
+
+
+def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "") -> bytes:
+    """The panels in rows of ``columns``, under a title if there is one."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        # names in a script that the font lacks are drawn as boxes in a PNG, and right in an SVG
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        figure = _figure(panels, min(columns, len(panels)), title)
+        stream = io.BytesIO()
+        if kind == "svg":
+            figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+            return _readable(stream.getvalue().decode(), figure, title or "; ".join(panel.says for panel in panels)).encode()
+        FigureCanvasAgg(figure)
+        figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
+        return stream.getvalue()
+
+
+def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    rows = [panels[start : start + columns] for start in range(0, len(panels), columns)]
+    width = max(sum(panel.size[0] for panel in row) for row in rows)
+    heights = [max(panel.size[1] for panel in row) for row in rows]
+    height = sum(heights) + (HEADING if title else 0)
+    figure = Figure(figsize=(width, height))
+    if title:
+        figure.text(0.12 / width, 1 - 0.1 / height, clean(title, 110), va="top", fontsize=10, fontweight="bold")
+    top = height - (HEADING if title else 0)
+    for row, row_height in zip(rows, heights, strict=True):
+        left = 0.0
+        for panel in row:
+            wide, high = panel.size
+            box = (left + LEFT, top - high + BOTTOM, wide - LEFT - RIGHT, high - BOTTOM - TOP)
+            axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height), gid=f"axes-{panel.key}")
+            panel.paint(axes)
+            left += wide
+        top -= row_height
+    return figure
+
+
+def _readable(svg: str, figure: Figure, says: str) -> str:
+    """Without what points elsewhere, shorter, with scales on every pair of axes and a title."""
+    svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
+    svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
+    svg = re.sub(r'(?<= d=")[^"]*', lambda path: _rounded(path[0]), svg)
+    for axes in figure.axes:
+        svg = svg.replace(f'<g id="{axes.get_gid()}">', f'<g id="{axes.get_gid()}" {_scales(axes, figure)}>', 1)
+    return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{_escaped(says)}</title>", svg, count=1)
+
+
+def _rounded(path: str) -> str:
+    """A path with coordinates to a hundredth of a point."""
+    text = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), path)
+    return " ".join(text.split())
+
+
+def _scales(axes: Axes, figure: Figure) -> str:
+    """From the SVG's coordinates to the data's: x = a + b · (SVG's x); y likewise, which points down in an SVG."""
+    points = 72 / figure.dpi
+    height = figure.get_figheight() * 72
+    (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)]) * points
+    bx, by = 1 / (x1 - x0), -1 / (y1 - y0)
+    return f'data-x="{-x0 * bx:.17g} {bx:.17g}" data-y="{-(height - y0) * by:.17g} {by:.17g}"'
+
+
+def _escaped(text: str) -> str:
+    return clean(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

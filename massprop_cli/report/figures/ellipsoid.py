@@ -1,0 +1,139 @@
+"""The body as its equivalent inertia ellipsoid: from an oblique direction, and along each body axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.report import body, words
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.read import Recorded
+    from massprop_cli.report.result import PhaseItem
+
+SIDE = 3.0
+"""Inches."""
+_AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
+OBLIQUE = np.array(
+    [
+        [-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0],
+        [-np.sin(_ELEVATION) * np.cos(_AZIMUTH), -np.sin(_ELEVATION) * np.sin(_AZIMUTH), np.cos(_ELEVATION)],
+    ]
+)
+VIEWS = {
+    "oblique": ("Oblique", "", OBLIQUE),
+    "top": ("From +Z", "XY", np.eye(3)[[0, 1]]),
+    "side": ("From −Y", "XZ", np.eye(3)[[0, 2]]),
+    "front": ("From +X", "YZ", np.eye(3)[[1, 2]]),
+}
+"""Name to what it says, the body axes to the right and up, and these two directions (2, 3)."""
+_STYLES = ("-", (0, (5, 2)), (0, (1, 1.2)))
+
+
+def picture(recorded: Recorded) -> Picture:
+    """Four views of each phase."""
+    phases, bearing_mass = recorded.result.phases, recorded.result.vehicle.bearing_mass_kg
+    found = [(number, phase, body.ellipsoid(phase, bearing_mass)) for number, phase in enumerate(phases, 1)]
+    panels = tuple(_panel(number, phase, seen, view, len(phases) > 1) for number, phase, seen in found for view in VIEWS)
+    return Picture("Equivalent inertia ellipsoid", _caption([seen for *_, seen in found]), panels, 4)
+
+
+def outline(seen: body.Ellipsoid, directions: Array, points: int = 97) -> Array:
+    """(points, 2) the ellipsoid's outline about its centre, seen along what both ``directions`` (2, 3) are normal to."""
+    flat, turn = np.linalg.eigh(directions @ seen.shape @ directions.T)
+    angle = np.linspace(0, 2 * np.pi, points)
+    edge: Array = np.column_stack([np.cos(angle), np.sin(angle)]) * np.sqrt(np.maximum(flat, 0.0)) @ turn.T
+    return edge
+
+
+def _caption(found: list[body.Ellipsoid | None]) -> str:
+    said = (
+        "The homogeneous ellipsoid that has the estimated mass, CG and inertia: it shows proportions and attitude of the mass, not the "
+        "body's outline. Lines through it are the principal axes: 1 (solid) with the least moment, 2 dashed, 3 dotted. "
+        "Dot: CG. Cross: origin O of the body axes."
+    )
+    if any(seen is not None and seen.mended for seen in found):
+        said += " No body could have the estimated inertia; the nearest that one could have is drawn."
+    if any(seen is not None and not seen.to_scale for seen in found):
+        said += " Without a mass its size is not known; lengths are in parts of the longest semi-axis, and O is not drawn."
+    return said
+
+
+def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str, several: bool) -> Panel:
+    label, letters, directions = VIEWS[view]
+    name = f", {words.clean(phase.name, 16)}" if several else ""
+
+    def paint(axes: Axes) -> None:
+        unit = "m" if seen is None or seen.to_scale else "parts"
+        axis.heading(axes, f"{label}{name}{f': {letters[0]} right, {letters[1]} up' if letters else ''}", unit)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.12)
+        if seen is None:
+            axes.set_xticks([])
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "inertia is not known", transform=axes.transAxes, ha="center", color=palette.MUTED)
+            return
+        _draw(axes, seen, directions, f"{view}-{{}}-{number}")
+        if view == "oblique":
+            axes.set_xticks([])
+            axes.set_yticks([])
+            _sections(axes, seen, directions)
+        else:
+            axes.locator_params(nbins=5)
+
+    return Panel(f"{view}-{number}", _says(phase, seen, label), paint, (SIDE, SIDE))
+
+
+def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None:
+    located = seen.to_scale and bool(np.isfinite(seen.center_m).all())
+    centre = directions @ seen.center_m if located else np.zeros(2)
+    edge = centre + outline(seen, directions)
+    axes.fill(edge[:, 0], edge[:, 1], facecolor=palette.BLUE, alpha=0.16, linewidth=0)
+    axes.plot(edge[:, 0], edge[:, 1], color=palette.BLUE, gid=gid.format("outline"))
+    for i in range(3):
+        reach = directions @ (seen.axes[:, i] * seen.semi_axes[i])
+        ends = np.array([centre - reach, centre + reach])
+        axes.plot(ends[:, 0], ends[:, 1], color=palette.ORANGE, linestyle=_STYLES[i], linewidth=1.0)
+        if np.linalg.norm(reach) > 0.25 * np.abs(edge - centre).max():
+            _label(axes, ends[1], f"{i + 1}", palette.ORANGE)
+    axes.plot(*centre, marker="o", markersize=4, color=palette.INK, linestyle="")
+    if located:
+        axes.plot(0, 0, marker="+", markersize=8, markeredgewidth=1.4, color=palette.GREEN, linestyle="")
+        _body_axes(axes, directions, 0.45 * float(np.abs(edge - centre).max()))
+
+
+def _body_axes(axes: Axes, directions: Array, length: float) -> None:
+    for i, letter in enumerate("XYZ"):
+        tip = directions[:, i] * length
+        if np.linalg.norm(tip) > 0.05 * length:
+            axes.plot([0, tip[0]], [0, tip[1]], color=palette.GREEN, linewidth=1.2)
+            _label(axes, 1.18 * tip, letter, palette.GREEN)
+
+
+def _sections(axes: Axes, seen: body.Ellipsoid, directions: Array) -> None:
+    """The three sections through two principal axes each."""
+    centre = directions @ seen.center_m if seen.to_scale and np.isfinite(seen.center_m).all() else np.zeros(2)
+    angle = np.linspace(0, 2 * np.pi, 73)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        edges = seen.axes[:, [i, j]] * seen.semi_axes[[i, j]] @ np.array([np.cos(angle), np.sin(angle)])
+        drawn = centre[:, None] + directions @ edges
+        axes.plot(drawn[0], drawn[1], color=palette.BLUE, linewidth=0.6, alpha=0.8)
+
+
+def _label(axes: Axes, place: Array, text: str, colour: str) -> None:
+    ground = {"boxstyle": "circle,pad=0.12", "facecolor": palette.PAPER, "linewidth": 0, "alpha": 0.85}
+    axes.text(place[0], place[1], text, color=colour, fontsize=7.5, fontweight="bold", ha="center", va="center", bbox=ground)
+
+
+def _says(phase: PhaseItem, seen: body.Ellipsoid | None, label: str) -> str:
+    start = f"Equivalent inertia ellipsoid, phase {words.clean(phase.name)}, {label.lower()}"
+    if seen is None:
+        return f"{start}: the inertia is not known"
+    unit = "m" if seen.to_scale else "of the longest"
+    return f"{start}: semi-axes {', '.join(f'{a:.3g}' for a in seen.semi_axes)} {unit}"

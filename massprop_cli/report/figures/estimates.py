@@ -1,0 +1,143 @@
+"""Each estimate against time with its sigma band: inertia, CG, mass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.report import words
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.recording import Columns, covered
+from massprop_cli.report.figures.series import Limits, padded, row_at, settled, thin
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.read import Recorded
+    from massprop_cli.report.result import EstimateItem, PhaseItem
+
+FAR = 3.0
+"""An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""
+
+
+def picture(recorded: Recorded, names: Sequence[str], title: str, columns: int) -> Picture:
+    """A panel for each quantity and phase."""
+    several = len(recorded.history) > 1
+    found = [
+        _panel(name, number, phase, columns_of, several, recorded)
+        for name in names
+        for number, phase, columns_of in covered(recorded)
+    ]  # fmt: skip
+    return Picture(title, _caption(recorded), tuple(found), len(covered(recorded)) if several else columns)
+
+
+def _caption(recorded: Recorded) -> str:
+    sigma = "precision, which is no error" if _thesis(recorded) else "standard deviation"
+    return (
+        f"Line: the estimate after each cycle. Band: ± one sigma ({sigma}). Point with bars at the right: the reported value. "
+        "Dashed upright line: from there on the value was final. The range fits the settled part; what came before may run out of it."
+    )
+
+
+def _thesis(recorded: Recorded) -> bool:
+    return recorded.result.provenance.settings.get("estimator.method") == "thesis"
+
+
+def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, recorded: Recorded) -> Panel:
+    item = phase.estimates[name]
+    value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
+    final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
+    limits = _limits(settled(value, sigma, final), item)
+    heading = f"{words.SYMBOLS[name]}{f', phase {words.clean(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
+        if limits is None:
+            _nothing(axes, item, heading)
+            return
+        axis.values(axes, limits, heading, words.unit(item.unit))
+        _series(axes, f"{name}-{{}}-{number}", time_s, value, sigma, item, final)
+        _references(axes, f"{name}-{{}}-{number}", item, limits)
+        if any(axes.get_legend_handles_labels()[1]):
+            axes.legend(loc="best", borderaxespad=0.2, handlelength=1.8)
+
+    return Panel(f"{name}-{number}", _says(name, phase, columns, limits), paint)
+
+
+def _frame(name: str, recorded: Recorded) -> str:
+    bearing = recorded.result.vehicle.environment == "air_bearing"
+    if name == "mass":
+        return "with the bearing's" if bearing else "of the vehicle"
+    return "from O, body axes" if name.startswith("cg") else "about the CG, body axes"
+
+
+def _limits(found: Limits | None, item: EstimateItem) -> Limits | None:
+    """The settled range, stretched to what is reported and to references that aren't far off."""
+    if found is None:
+        return None
+    height = found.high - found.low
+    wanted = [found.low, found.high]
+    if item.value is not None and item.sigma is not None:
+        wanted += [item.value - item.sigma, item.value + item.sigma]
+    references = [item.nominal, item.expected.value if item.expected else None]
+    wanted += [r for r in references if r is not None and found.low - FAR * height <= r <= found.high + FAR * height]
+    return found if min(wanted) >= found.low and max(wanted) <= found.high else padded(min(wanted), max(wanted), 0.04)
+
+
+def _series(axes: Axes, gid: str, time_s: Array, value: Array, sigma: Array, item: EstimateItem, final: int | None) -> None:
+    rows = thin(value, [] if final is None else [final])
+    colour = palette.VERDICT[item.verdict]
+    banded = rows[np.isfinite(sigma[rows])]
+    low, high = value[banded] - sigma[banded], value[banded] + sigma[banded]
+    axes.fill_between(time_s[banded], low, high, color=colour, alpha=0.25, linewidth=0, gid=gid.format("band"))
+    axes.plot(time_s[rows], value[rows], color=colour, gid=gid.format("value"))
+    if final is not None and item.final_at_s is not None:
+        axes.axvline(item.final_at_s, color=palette.MUTED, linestyle=(0, (4, 3)), linewidth=0.9, gid=gid.format("final"))
+    if item.value is not None:
+        at, bars = [time_s[-1]], [item.sigma or 0.0]
+        drawn = axes.errorbar(at, [item.value], bars, fmt="o", markersize=3.5, capsize=2.5, color=palette.INK, clip_on=False, zorder=5)
+        drawn.lines[0].set_gid(gid.format("reported"))
+
+
+def _references(axes: Axes, gid: str, item: EstimateItem, limits: Limits) -> None:
+    expected = item.expected
+    if expected is not None:
+        label = f"expected {expected.value:.6g} {'✓' if expected.met else '✕'}"
+        _reference(axes, gid.format("expected"), expected.value, label, limits, palette.GREEN, (0, (6, 2)))
+        for edge in [expected.value - expected.tolerance, expected.value + expected.tolerance] if expected.tolerance else []:
+            if limits.hold(edge):
+                axes.axhline(edge, color=palette.GREEN, linestyle=":", linewidth=0.9)
+    if item.nominal is not None:
+        label = f"nominal {item.nominal:.6g}"
+        _reference(axes, gid.format("nominal"), item.nominal, label, limits, palette.MUTED, (0, (1, 1.5)))
+
+
+def _reference(axes: Axes, gid: str, at: float, label: str, limits: Limits, colour: str, style: tuple[int, tuple[float, ...]]) -> None:
+    if limits.hold(at):
+        axes.axhline(at, color=colour, linestyle=style, linewidth=1.1, label=label, gid=gid)
+    else:
+        axes.plot([], [], color=colour, linestyle=style, label=f"{label}, {'above' if at > limits.high else 'below'} this picture")
+
+
+def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
+    axis.heading(axes, heading, words.unit(item.unit))
+    axes.set_yticks([])
+    note = f"nothing can be said:\n{item.verdict.replace('_', ' ')}"
+    axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+
+
+def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) -> str:
+    item, value = phase.estimates[name], columns[name]
+    start = f"{words.SYMBOLS[name]} against time, phase {words.clean(phase.name)}: "
+    if limits is None:
+        return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
+    told = "no value is reported" if item.value is None else "ends at {} ± {} {}".format(*words.numbers(item.value, item.sigma), item.unit)
+    final = "" if item.final_at_s is None else f", final from {item.final_at_s:.2f} s on"
+    finite = np.flatnonzero(np.isfinite(value))
+    outside = finite[(value[finite] < limits.low) | (value[finite] > limits.high)]
+    cut = f"; before {columns['time_s'][outside[-1]]:.2f} s it runs out of the picture" if outside.size else ""
+    return f"{start}{told}{final}, {item.verdict.replace('_', ' ')}{cut}"

@@ -1,0 +1,122 @@
+"""Excitation against time: which motion informed which quantity, and when."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_cli import QUANTITIES
+from massprop_cli.arrays import Array
+from massprop_cli.report import words
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
+from massprop_cli.report.figures.recording import Columns, covered
+from massprop_cli.report.result import AXES, SIGNALS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.read import Recorded
+    from massprop_cli.report.result import PhaseItem
+
+BINS = 60
+"""Parts of a phase."""
+COMMANDS = [f"{kind}_{letter}" for kind in ("torque", "force") for letter in AXES]
+ROW = 0.21
+"""Inches."""
+
+
+class Strips(NamedTuple):
+    """What the picture's rows show, over (BINS + 1,) edges."""
+
+    edges_s: Array
+    commands: Array
+    """(6, BINS) rms executed torque and force, each kind over its largest."""
+    information: Array
+    """(10, BINS) the share of all that was learnt of a quantity (growth of 1/σ²) in each part; NaN where nothing was learnt."""
+
+
+def picture(recorded: Recorded) -> Picture:
+    """A panel for each phase."""
+    parts = covered(recorded)
+    several = len(parts) > 1
+    panels = tuple(_panel(number, phase, strips(columns), several) for number, phase, columns in parts)
+    caption = (
+        "Above: how strongly torque and force executed (rms, each kind over its largest). Below: when each quantity was learnt, as the "
+        "share of its information 1/σ² that came in then; every row is scaled to its own peak. A peak under a burst of torque or force "
+        "says which motion told it."
+    )
+    return Picture("Excitation", caption, panels, 2)
+
+
+def strips(columns: Columns) -> Strips:
+    """Commands and information over equal parts of a phase."""
+    time_s = columns["time_s"]
+    edges = np.linspace(time_s[0] - (time_s[1] - time_s[0] if len(time_s) > 1 else 1.0), time_s[-1], BINS + 1)
+    part: NDArray[np.intp] = np.clip(np.searchsorted(edges, time_s, side="left") - 1, 0, BINS - 1)
+    count = np.maximum(np.bincount(part, minlength=BINS), 1)
+    squares = [columns[f"{name}_{SIGNALS[name.split('_')[0]]}"] ** 2 for name in COMMANDS]
+    commands = np.sqrt([np.bincount(part, np.nan_to_num(square), BINS) / count for square in squares])
+    for kind in (slice(0, 3), slice(3, 6)):
+        commands[kind] /= commands[kind].max() or 1.0
+    return Strips(edges, commands, np.array([_information(columns[f"{name}_sigma"], part) for name in QUANTITIES]))
+
+
+def _information(sigma: Array, part: NDArray[np.intp]) -> Array:
+    """(BINS,) shares of the growth of 1/σ²; what a random walk takes away again counts as nothing."""
+    with np.errstate(divide="ignore"):
+        information = np.where(np.isfinite(sigma), 1 / sigma**2, 0.0)
+    gained = np.maximum(np.diff(information, prepend=0.0), 0.0)
+    total = gained.sum()
+    if not (np.isfinite(total) and total > 0):
+        return np.full(BINS, np.nan)
+    return np.asarray(np.bincount(part, gained / total, BINS), dtype=float)
+
+
+def learnt_by(found: Strips, row: int, share: float) -> float | None:
+    """The moment by which this share of the information on a quantity was in."""
+    shares = found.information[row]
+    if not np.isfinite(shares).all():
+        return None
+    return float(found.edges_s[1 + np.searchsorted(np.cumsum(shares), share - 1e-9)])
+
+
+def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel:
+    labels = [*(f"{name.split('_')[0].capitalize()} {name[-1]}" for name in COMMANDS), *(words.SYMBOLS[name] for name in QUANTITIES)]
+    heights = [*found.commands, *(_peaked(shares) for shares in found.information)]
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, found.edges_s[0], found.edges_s[-1])
+        axis.title(axes, f"Commands, and when each quantity was learnt{f': {words.clean(phase.name, 24)}' if several else ''}")
+        base = [-row - (0.7 if row >= len(COMMANDS) else 0.0) for row in range(len(labels))]
+        for row, (height, bottom) in enumerate(zip(heights, base, strict=True)):
+            told, colour = row >= len(COMMANDS), palette.BLUE if row >= len(COMMANDS) else palette.MUTED
+            name = QUANTITIES[row - len(COMMANDS)] if told else COMMANDS[row]
+            top = bottom + 0.85 * np.nan_to_num(height)
+            axes.fill_between(
+                found.edges_s, bottom, [*top, top[-1]], step="post", color=colour, alpha=0.75, linewidth=0,
+                gid=f"{name}-{'information' if told else 'command'}-{number}",
+            )  # fmt: skip
+            if np.isnan(height).any():
+                axes.text(found.edges_s[1], bottom + 0.1, "never", fontsize=7, color=palette.MUTED)
+        axes.set_yticks([bottom + 0.3 for bottom in base], labels)
+        axes.set_ylim(base[-1] - 0.25, 1.1)
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0)
+
+    return Panel(f"excitation-{number}", _says(phase, found), paint, (LENGTH * 1.5, ROW * len(labels) + 0.9))
+
+
+def _peaked(shares: Array) -> Array:
+    peaked: Array = shares / shares.max() if np.isfinite(shares).all() else shares
+    return peaked
+
+
+def _says(phase: PhaseItem, found: Strips) -> str:
+    told = []
+    for row, name in enumerate(QUANTITIES):
+        moment = learnt_by(found, row, 0.5)
+        told.append(f"{words.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
+    return f"When each quantity was learnt in phase {words.clean(phase.name)}, beside the executing torque and force: {', '.join(told)}"

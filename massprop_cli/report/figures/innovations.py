@@ -1,0 +1,84 @@
+"""Innovations with their bounds: measured less predicted, in torque and force."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.recording import Covered, covered, extent
+from massprop_cli.report.figures.series import Limits, padded, thin
+from massprop_cli.report.result import AXES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.read import Recorded
+
+UNITS = {"torque": "N m", "force": "N"}
+BOUND = 2.0
+"""Sigmas; 95.4 % of normal innovations lie within."""
+
+
+def picture(recorded: Recorded) -> Picture:
+    """Three torque channels, three force channels, over all phases."""
+    parts = covered(recorded)
+    panels = tuple(_panel(kind, letter, parts) for kind in UNITS for letter in AXES)
+    caption = (
+        "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "
+        "Where model and noise levels hold, 95 % lie between the dashed lines, without trend or pattern."
+    )
+    return Picture("Innovations", caption, panels)
+
+
+def share_inside(values: Array, sigmas: Array) -> float | None:
+    """The share of innovations within the bounds; ``None`` without any."""
+    told = np.isfinite(values) & np.isfinite(sigmas)
+    return float((np.abs(values[told]) <= BOUND * sigmas[told]).mean()) if told.any() else None
+
+
+def _panel(kind: str, letter: str, parts: list[Covered]) -> Panel:
+    column = f"innovation_{kind}_{letter}"
+    heading = f"{kind.capitalize()} {letter.upper()}, body"
+    limits = _limits(column, parts)
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, *extent(parts))
+        axis.values(axes, limits, heading, UNITS[kind])
+        axis.phases(axes, [phase for _, phase, _ in parts])
+        for number, _, columns in parts:
+            _series(axes, column, number, columns["time_s"], columns[column], columns[f"{column}_sigma"])
+
+    return Panel(column, _says(kind, letter, column, parts), paint)
+
+
+def _series(axes: Axes, column: str, number: int, time_s: Array, values: Array, sigmas: Array) -> None:
+    rows = thin(values)
+    axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
+    rows = thin(sigmas, buckets=60)
+    for sign, side in ((1, "upper"), (-1, "lower")):
+        bound = sign * BOUND * sigmas[rows]
+        axes.plot(time_s[rows], bound, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=f"{column}-{side}-{number}")
+
+
+def _limits(column: str, parts: list[Covered]) -> Limits:
+    """Symmetric; wide enough for the bounds and nearly all innovations of the last four fifths of each phase."""
+    reach = []
+    for *_, columns in parts:
+        values, sigmas = columns[column], columns[f"{column}_sigma"]
+        told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
+        tail = told[len(told) // 5 :]
+        if tail.size:
+            reach.append(max(1.6 * BOUND * np.quantile(sigmas[tail], 0.9), np.quantile(np.abs(values[tail]), 0.999)))
+    return padded(-max(reach), max(reach), 0.02) if reach else Limits(-1.0, 1.0)
+
+
+def _says(kind: str, letter: str, column: str, parts: list[Covered]) -> str:
+    values = np.concatenate([columns[column] for *_, columns in parts])
+    sigmas = np.concatenate([columns[f"{column}_sigma"] for *_, columns in parts])
+    inside = share_inside(values, sigmas)
+    told = "none" if inside is None else f"{inside:.1%} lie within ± 2 sigma; 95 % are expected"
+    return f"Innovations in {kind} about axis {letter.upper()} against time: {told}"

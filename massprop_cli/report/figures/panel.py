@@ -1,0 +1,39 @@
+"""A panel is one pair of axes with what it says in words; a picture is the panels that belong together under one name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LENGTH, HEIGHT = 4.0, 2.1
+"""Inches of an ordinary panel; its text is readable at the width of a phone."""
+LEFT, RIGHT, BOTTOM, TOP = 0.64, 0.12, 0.42, 0.28
+"""Inches around a panel's axes."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes."""
+
+    key: str
+    """Names the axes within the picture: ``axes-KEY`` is its id in the SVG."""
+    says: str
+    """What is seen, in words."""
+    paint: Callable[[Axes], None]
+    size: tuple[float, float] = (LENGTH, HEIGHT)
+    """Width and height, inches."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Panels that belong together."""
+
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+    columns: int = 3
+    """Of panels side by side where there is room."""

@@ -1,0 +1,42 @@
+"""The history of a result, asked for by a figure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError, UsageError
+from massprop_cli.report.figures.axis import beginning
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import PhaseItem
+
+Columns = dict[str, Array]
+Covered = tuple[int, PhaseItem, Columns]
+
+
+def covered(recorded: Recorded) -> list[Covered]:
+    """Number (from 1), phase and columns of every phase with rows; :class:`InputError` without a history."""
+    phases = recorded.result.phases
+    numbered = [(number, phase, recorded.history.get(phase.name, {})) for number, phase in enumerate(phases, 1)]
+    found = [part for part in numbered if len(part[2].get("time_s", ()))]
+    if not found:
+        missing = recorded.path.with_name("history.parquet")
+        raise InputError(f"{missing}: missing; figures against time need it. Make the result again with massprop estimate")
+    return found
+
+
+def only(recorded: Recorded, phase: str) -> Recorded:
+    """The same result with one of its phases; :class:`UsageError` names the phases there are."""
+    found = [item for item in recorded.result.phases if item.name == phase]
+    if not found:
+        known = ", ".join(item.name for item in recorded.result.phases)
+        raise UsageError(f"no phase {phase!r} in {recorded.path}; there are {known}")
+    history = {name: columns for name, columns in recorded.history.items() if name == phase}
+    return replace(recorded, result=recorded.result.model_copy(update={"phases": found}), history=history)
+
+
+def extent(parts: list[Covered]) -> tuple[float, float]:
+    """From the first to the last moment of all phases."""
+    return min(beginning(phase, columns["time_s"]) for _, phase, columns in parts), max(
+        float(columns["time_s"][-1]) for *_, columns in parts
+    )

@@ -1,0 +1,80 @@
+"""What the vehicle was told and felt, against time: executed torque and force, rate, compensated acceleration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.recording import Covered, covered, extent
+from massprop_cli.report.figures.series import span, thin
+from massprop_cli.report.result import AXES, SIGNALS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.read import Recorded
+
+
+@dataclass(frozen=True)
+class Signal:
+    """How a kind of column is named and explained."""
+
+    title: str
+    heading: str
+    caption: str
+    unit: str
+
+
+KINDS = {
+    "torque": Signal(
+        "Control torques",
+        "Torque about O, body",
+        "Mean torque about O that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
+        "N m",
+    ),
+    "force": Signal(
+        "Force commands",
+        "Force, body",
+        "Mean force that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
+        "N",
+    ),
+    "rate": Signal("Rates", "Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
+    "acceleration": Signal(
+        "Compensated accelerations",
+        "Acceleration of {point}, body",
+        "What the accelerometer felt, carried from the IMU to {point}: lever arm, rotation and gravity taken out; body axes.",
+        "m/s²",
+    ),
+}
+
+
+def picture(recorded: Recorded, kind: str) -> Picture:
+    """X, Y and Z, over all phases."""
+    parts, signal = covered(recorded), KINDS[kind]
+    point = "the bearing" if recorded.result.vehicle.environment == "air_bearing" else "O"
+    panels = tuple(_panel(kind, letter, signal.heading.format(point=point), parts) for letter in AXES)
+    return Picture(signal.title, signal.caption.format(point=point), panels)
+
+
+def _panel(kind: str, letter: str, heading: str, parts: list[Covered]) -> Panel:
+    column = f"{kind}_{letter}_{SIGNALS[kind]}"
+    values = np.concatenate([columns[column] for *_, columns in parts])
+    limits, unit = span(values), KINDS[kind].unit
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, *extent(parts))
+        axis.values(axes, limits, f"{heading} {letter.upper()}", unit)
+        axis.phases(axes, [phase for _, phase, _ in parts])
+        for number, _, columns in parts:
+            rows = thin(columns[column])
+            axes.plot(
+                columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=f"{kind}_{letter}-value-{number}"
+            )
+
+    finite = values[np.isfinite(values)]
+    told = f"from {finite.min():.3g} to {finite.max():.3g} {unit}, rms {np.sqrt((finite**2).mean()):.3g}" if finite.size else "not known"
+    return Panel(f"{kind}_{letter}", f"{heading} axis {letter.upper()} against time: {told}", paint)
