@@ -49,8 +49,9 @@ def conventions(result: Result) -> list[str]:
         f"Inertia is the {'rotating body' if bearing else 'body'}'s about its CG, in body axes.",
         "Products are the tensor's own elements, ixy = −Σ m x y; in the positive-integral convention they have the opposite sign.",
         "CG is from O, the vehicle's declared reference point, in body axes.",
-        "± is one standard deviation.",
     ]
+    if result.provenance.settings.get("estimator.method") != "thesis":
+        lines.append("± is one standard deviation.")
     if bearing:
         lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
     return [*lines, thrust_scale(result)]
@@ -81,3 +82,12 @@ def numbers(value: float | None, sigma: float | None) -> tuple[str, str]:
     if decimals > 7:
         return f"{value:.{max(decimals + math.floor(math.log10(abs(value) or 1)), 1)}e}", f"{sigma:.1e}"
     return f"{value:.{max(decimals, 0)}f}", f"{sigma:.{max(decimals, 0)}f}"
+
+
+def remedy(quantity: str, verdict: str) -> str:
+    """What to do about a quantity that is not converged."""
+    if verdict == "not_converged":
+        return f"a longer log, with more {cure(quantity)}"
+    if verdict == "unobservable":
+        return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
+    return f"{cure(quantity)}"

@@ -17,21 +17,23 @@ from massprop_cli.report.figures.panel import Picture
 from massprop_cli.report.figures.recording import only
 from massprop_cli.report.read import Recorded
 
-_PICTURES: dict[str, Callable[[Recorded], Picture]] = {
-    "inertia": lambda recorded: estimates.picture(recorded, INERTIA, "Inertia against time", 3),
-    "cg": lambda recorded: estimates.picture(recorded, CG, "Centre of gravity against time", 3),
-    "mass": lambda recorded: estimates.picture(recorded, ("mass",), "Mass against time", 1),
-    "torque": lambda recorded: signals.picture(recorded, "torque"),
-    "force": lambda recorded: signals.picture(recorded, "force"),
-    "rate": lambda recorded: signals.picture(recorded, "rate"),
-    "acceleration": lambda recorded: signals.picture(recorded, "acceleration"),
-    "innovations": innovations.picture,
-    "excitation": excitation.picture,
-    "correlation": correlation.picture,
-    "ellipsoid": ellipsoid.picture,
+_PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
+    "inertia": ("Inertia against time", lambda recorded: estimates.picture(recorded, INERTIA, 3)),
+    "cg": ("Centre of gravity against time", lambda recorded: estimates.picture(recorded, CG, 3)),
+    "mass": ("Mass against time", lambda recorded: estimates.picture(recorded, ("mass",), 1)),
+    "torque": ("Control torques", lambda recorded: signals.picture(recorded, "torque")),
+    "force": ("Force commands", lambda recorded: signals.picture(recorded, "force")),
+    "rate": ("Rates", lambda recorded: signals.picture(recorded, "rate")),
+    "acceleration": ("Compensated accelerations", lambda recorded: signals.picture(recorded, "acceleration")),
+    "innovations": ("Innovations", innovations.picture),
+    "excitation": ("Excitation", excitation.picture),
+    "correlation": ("Correlation of the estimates", correlation.picture),
+    "ellipsoid": ("Equivalent inertia ellipsoid", ellipsoid.picture),
 }
 NAMES: tuple[str, ...] = tuple(_PICTURES)
 """Figures there are."""
+TITLES = {name: title for name, (title, _) in _PICTURES.items()}
+"""What each is called."""
 
 
 def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
@@ -43,15 +45,15 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
         nearest = difflib.get_close_matches(name, NAMES, n=1)
         meant = f"; did you mean {nearest[0]}?" if nearest else ""
         raise UsageError(f"no figure {name!r}{meant} There are {', '.join(NAMES)}")
-    return _PICTURES[name](recorded if phase is None else only(recorded, phase))
+    return _PICTURES[name][1](recorded if phase is None else only(recorded, phase))
 
 
 def draw(name: str, recorded: Recorded, kind: Kind, phase: str | None = None) -> bytes:
     """The figure as SVG or PNG; same result, same bytes. Errors as :func:`picture`."""
     found = picture(name, recorded, phase)
     of_phase = f", phase {words.clean(phase, 24)}" if phase is not None else ""
-    title = f"{found.title}: {words.clean(recorded.result.vehicle.name, 40)}, {words.clean(recorded.result.log.path, 40)}{of_phase}"
+    title = f"{TITLES[name]}: {words.clean(recorded.result.vehicle.name, 40)}, {words.clean(recorded.result.log.path, 40)}{of_phase}"
     return canvas.render(found.panels, kind, found.columns, title)
 
 
-__all__ = ["NAMES", "Kind", "Picture", "draw", "picture"]
+__all__ = ["NAMES", "TITLES", "Kind", "Picture", "draw", "picture"]

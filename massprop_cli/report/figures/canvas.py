@@ -30,7 +30,7 @@ STYLE: dict[Any, Any] = {
     "text.color": palette.INK, "axes.labelcolor": palette.INK, "axes.edgecolor": palette.MUTED, "xtick.color": palette.MUTED,
     "ytick.color": palette.MUTED, "xtick.labelcolor": palette.INK, "ytick.labelcolor": palette.INK, "grid.color": palette.GRID,
     "figure.facecolor": palette.PAPER, "axes.facecolor": palette.PAPER, "savefig.facecolor": palette.PAPER,
-    "xtick.major.size": 2.5, "ytick.major.size": 2.5, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
+    "xtick.bottom": False, "ytick.left": False,
 }  # fmt: skip
 HEADING = 0.3
 """Inches above all panels of a titled figure."""
@@ -88,9 +88,9 @@ def _readable(svg: str, figure: Figure, says: str) -> str:
 
 
 def _rounded(path: str) -> str:
-    """A path with coordinates to a hundredth of a point."""
+    """A path with coordinates to a hundredth of a point; lines follow one another without a letter."""
     text = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), path)
-    return " ".join(text.split())
+    return re.sub(r"(?<=\d) L (?=-?\d)", " ", " ".join(text.split()))
 
 
 def _scales(axes: Axes, figure: Figure) -> str:

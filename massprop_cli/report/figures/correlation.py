@@ -29,7 +29,7 @@ def picture(recorded: Recorded) -> Picture:
     """A panel for each phase."""
     phases = recorded.result.phases
     panels = tuple(_panel(number, phase, len(phases) > 1) for number, phase in enumerate(phases, 1))
-    return Picture("Correlation of the estimates", CAPTION, panels, 2)
+    return Picture(CAPTION, panels, 2)
 
 
 def correlation(covariance: Matrix) -> Array:

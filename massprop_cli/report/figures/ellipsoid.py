@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import PhaseItem
 
-SIDE = 3.0
+SIDE = 2.5
 """Inches."""
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
 OBLIQUE = np.array(
@@ -41,10 +41,10 @@ def picture(recorded: Recorded) -> Picture:
     phases, bearing_mass = recorded.result.phases, recorded.result.vehicle.bearing_mass_kg
     found = [(number, phase, body.ellipsoid(phase, bearing_mass)) for number, phase in enumerate(phases, 1)]
     panels = tuple(_panel(number, phase, seen, view, len(phases) > 1) for number, phase, seen in found for view in VIEWS)
-    return Picture("Equivalent inertia ellipsoid", _caption([seen for *_, seen in found]), panels, 4)
+    return Picture(_caption([seen for *_, seen in found]), panels, 4)
 
 
-def outline(seen: body.Ellipsoid, directions: Array, points: int = 97) -> Array:
+def outline(seen: body.Ellipsoid, directions: Array, points: int = 65) -> Array:
     """(points, 2) the ellipsoid's outline about its centre, seen along what both ``directions`` (2, 3) are normal to."""
     flat, turn = np.linalg.eigh(directions @ seen.shape @ directions.T)
     angle = np.linspace(0, 2 * np.pi, points)
@@ -119,7 +119,7 @@ def _body_axes(axes: Axes, directions: Array, length: float) -> None:
 def _sections(axes: Axes, seen: body.Ellipsoid, directions: Array) -> None:
     """The three sections through two principal axes each."""
     centre = directions @ seen.center_m if seen.to_scale and np.isfinite(seen.center_m).all() else np.zeros(2)
-    angle = np.linspace(0, 2 * np.pi, 73)
+    angle = np.linspace(0, 2 * np.pi, 49)
     for i, j in ((0, 1), (0, 2), (1, 2)):
         edges = seen.axes[:, [i, j]] * seen.semi_axes[[i, j]] @ np.array([np.cos(angle), np.sin(angle)])
         drawn = centre[:, None] + directions @ edges

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_cli.arrays import Array
 from massprop_cli.report import words
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Columns, covered
-from massprop_cli.report.figures.series import Limits, padded, row_at, settled, thin
+from massprop_cli.report.figures.recording import Columns, Covered, covered
+from massprop_cli.report.figures.series import Limits, padded, parts_of, row_at, settled, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,23 +25,33 @@ FAR = 3.0
 """An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""
 
 
-def picture(recorded: Recorded, names: Sequence[str], title: str, columns: int) -> Picture:
+def picture(recorded: Recorded, names: Sequence[str], columns: int) -> Picture:
     """A panel for each quantity and phase."""
-    several = len(recorded.history) > 1
-    found = [
-        _panel(name, number, phase, columns_of, several, recorded)
-        for name in names
-        for number, phase, columns_of in covered(recorded)
-    ]  # fmt: skip
-    return Picture(title, _caption(recorded), tuple(found), len(covered(recorded)) if several else columns)
+    parts = covered(recorded)
+    several = len(parts) > 1
+    found = [_panel(name, *part, several, recorded) for name in names for part in parts]
+    return Picture(_caption(recorded, names, parts), tuple(found), len(parts) if several else columns)
 
 
-def _caption(recorded: Recorded) -> str:
-    sigma = "precision, which is no error" if _thesis(recorded) else "standard deviation"
-    return (
-        f"Line: the estimate after each cycle. Band: ± one sigma ({sigma}). Point with bars at the right: the reported value. "
-        "Dashed upright line: from there on the value was final. The range fits the settled part; what came before may run out of it."
+def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> str:
+    sigma = "the thesis's “precision”, which is no error" if _thesis(recorded) else "one standard deviation"
+    said = (
+        f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
+        "from there on. The range fits the settled part."
     )
+    cuts = [(words.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
+    told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
+    return f"{said} The start runs out of the picture: {', '.join(told)}." if told else said
+
+
+def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
+    """The last moment at which the estimate is outside its panel; ``None`` if it never is."""
+    limits = _limits(settled(columns[name], columns[f"{name}_sigma"]), phase.estimates[name])
+    if limits is None:
+        return None
+    with np.errstate(invalid="ignore"):
+        outside = np.flatnonzero((columns[name] < limits.low) | (columns[name] > limits.high))
+    return float(columns["time_s"][outside[-1]]) if outside.size else None
 
 
 def _thesis(recorded: Recorded) -> bool:
@@ -51,7 +62,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     item = phase.estimates[name]
     value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
     final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
-    limits = _limits(settled(value, sigma, final), item)
+    limits = _limits(settled(value, sigma), item)
     heading = f"{words.SYMBOLS[name]}{f', phase {words.clean(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
 
     def paint(axes: Axes) -> None:
@@ -60,7 +71,9 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
             _nothing(axes, item, heading)
             return
         axis.values(axes, limits, heading, words.unit(item.unit))
-        _series(axes, f"{name}-{{}}-{number}", time_s, value, sigma, item, final)
+        rows = thin(value, [] if final is None else [final], parts_of(len(recorded.history)))
+        _series(axes, f"{name}-{{}}-{number}", time_s, value, sigma, rows)
+        _outcome(axes, f"{name}-{{}}-{number}", time_s[-1], item)
         _references(axes, f"{name}-{{}}-{number}", item, limits)
         if any(axes.get_legend_handles_labels()[1]):
             axes.legend(loc="best", borderaxespad=0.2, handlelength=1.8)
@@ -88,18 +101,19 @@ def _limits(found: Limits | None, item: EstimateItem) -> Limits | None:
     return found if min(wanted) >= found.low and max(wanted) <= found.high else padded(min(wanted), max(wanted), 0.04)
 
 
-def _series(axes: Axes, gid: str, time_s: Array, value: Array, sigma: Array, item: EstimateItem, final: int | None) -> None:
-    rows = thin(value, [] if final is None else [final])
-    colour = palette.VERDICT[item.verdict]
+def _series(axes: Axes, gid: str, time_s: Array, value: Array, sigma: Array, rows: NDArray[np.intp]) -> None:
     banded = rows[np.isfinite(sigma[rows])]
     low, high = value[banded] - sigma[banded], value[banded] + sigma[banded]
-    axes.fill_between(time_s[banded], low, high, color=colour, alpha=0.25, linewidth=0, gid=gid.format("band"))
-    axes.plot(time_s[rows], value[rows], color=colour, gid=gid.format("value"))
-    if final is not None and item.final_at_s is not None:
+    axes.fill_between(time_s[banded], low, high, color=palette.BLUE, alpha=0.25, linewidth=0, gid=gid.format("band"))
+    axes.plot(time_s[rows], value[rows], color=palette.BLUE, gid=gid.format("value"))
+
+
+def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
+    if item.final_at_s is not None:
         axes.axvline(item.final_at_s, color=palette.MUTED, linestyle=(0, (4, 3)), linewidth=0.9, gid=gid.format("final"))
     if item.value is not None:
-        at, bars = [time_s[-1]], [item.sigma or 0.0]
-        drawn = axes.errorbar(at, [item.value], bars, fmt="o", markersize=3.5, capsize=2.5, color=palette.INK, clip_on=False, zorder=5)
+        spread = [item.sigma or 0.0]
+        drawn = axes.errorbar([end_s], [item.value], spread, fmt="o", markersize=3.5, capsize=2.5, color=palette.INK, zorder=5)
         drawn.lines[0].set_gid(gid.format("reported"))
 
 
@@ -131,13 +145,11 @@ def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
 
 
 def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) -> str:
-    item, value = phase.estimates[name], columns[name]
+    item, cut = phase.estimates[name], cut_off_s(name, phase, columns)
     start = f"{words.SYMBOLS[name]} against time, phase {words.clean(phase.name)}: "
     if limits is None:
         return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
     told = "no value is reported" if item.value is None else "ends at {} ± {} {}".format(*words.numbers(item.value, item.sigma), item.unit)
     final = "" if item.final_at_s is None else f", final from {item.final_at_s:.2f} s on"
-    finite = np.flatnonzero(np.isfinite(value))
-    outside = finite[(value[finite] < limits.low) | (value[finite] > limits.high)]
-    cut = f"; before {columns['time_s'][outside[-1]]:.2f} s it runs out of the picture" if outside.size else ""
-    return f"{start}{told}{final}, {item.verdict.replace('_', ' ')}{cut}"
+    early = "" if cut is None else f"; before {cut:.2f} s it runs out of the picture"
+    return f"{start}{told}{final}, {item.verdict.replace('_', ' ')}{early}"

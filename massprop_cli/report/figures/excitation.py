@@ -48,7 +48,7 @@ def picture(recorded: Recorded) -> Picture:
         "share of its information 1/σ² that came in then; every row is scaled to its own peak. A peak under a burst of torque or force "
         "says which motion told it."
     )
-    return Picture("Excitation", caption, panels, 2)
+    return Picture(caption, panels, 2)
 
 
 def strips(columns: Columns) -> Strips:
@@ -84,21 +84,22 @@ def learnt_by(found: Strips, row: int, share: float) -> float | None:
 
 
 def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel:
-    labels = [*(f"{name.split('_')[0].capitalize()} {name[-1]}" for name in COMMANDS), *(words.SYMBOLS[name] for name in QUANTITIES)]
+    labels = [
+        *(f"{name.split('_')[0].capitalize()} {name[-1].upper()}" for name in COMMANDS),
+        *(words.SYMBOLS[name] for name in QUANTITIES),
+    ]
     heights = [*found.commands, *(_peaked(shares) for shares in found.information)]
 
     def paint(axes: Axes) -> None:
-        axis.time(axes, found.edges_s[0], found.edges_s[-1])
+        axis.time(axes, axis.beginning(phase, found.edges_s), found.edges_s[-1])
         axis.title(axes, f"Commands, and when each quantity was learnt{f': {words.clean(phase.name, 24)}' if several else ''}")
         base = [-row - (0.7 if row >= len(COMMANDS) else 0.0) for row in range(len(labels))]
         for row, (height, bottom) in enumerate(zip(heights, base, strict=True)):
             told, colour = row >= len(COMMANDS), palette.BLUE if row >= len(COMMANDS) else palette.MUTED
             name = QUANTITIES[row - len(COMMANDS)] if told else COMMANDS[row]
             top = bottom + 0.85 * np.nan_to_num(height)
-            axes.fill_between(
-                found.edges_s, bottom, [*top, top[-1]], step="post", color=colour, alpha=0.75, linewidth=0,
-                gid=f"{name}-{'information' if told else 'command'}-{number}",
-            )  # fmt: skip
+            gid = f"{name}-{'information' if told else 'command'}-{number}"
+            axes.fill(*_steps(found.edges_s, top, bottom), color=colour, alpha=0.75, linewidth=0, gid=gid)
             if np.isnan(height).any():
                 axes.text(found.edges_s[1], bottom + 0.1, "never", fontsize=7, color=palette.MUTED)
         axes.set_yticks([bottom + 0.3 for bottom in base], labels)
@@ -107,6 +108,14 @@ def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel
         axes.tick_params(axis="y", length=0)
 
     return Panel(f"excitation-{number}", _says(phase, found), paint, (LENGTH * 1.5, ROW * len(labels) + 0.9))
+
+
+def _steps(edges: Array, tops: Array, bottom: float) -> tuple[Array, Array]:
+    """The outline of a histogram: up at the first edge, down at the last."""
+    x, y = np.repeat(edges, 2), np.concatenate([[bottom], np.repeat(tops, 2), [bottom]])
+    turns = np.ones(len(y), dtype=bool)
+    turns[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
+    return x[turns], y[turns]
 
 
 def _peaked(shares: Array) -> Array:

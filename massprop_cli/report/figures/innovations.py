@@ -9,8 +9,8 @@ import numpy as np
 from massprop_cli.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, extent
-from massprop_cli.report.figures.series import Limits, padded, thin
+from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
+from massprop_cli.report.figures.series import Limits, padded, parts_of, thin
 from massprop_cli.report.result import AXES
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def picture(recorded: Recorded) -> Picture:
         "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "
         "Where model and noise levels hold, 95 % lie between the dashed lines, without trend or pattern."
     )
-    return Picture("Innovations", caption, panels)
+    return Picture(caption, panels)
 
 
 def share_inside(values: Array, sigmas: Array) -> float | None:
@@ -50,29 +50,30 @@ def _panel(kind: str, letter: str, parts: list[Covered]) -> Panel:
         axis.values(axes, limits, heading, UNITS[kind])
         axis.phases(axes, [phase for _, phase, _ in parts])
         for number, _, columns in parts:
-            _series(axes, column, number, columns["time_s"], columns[column], columns[f"{column}_sigma"])
+            _series(axes, column, number, columns, parts_of(len(parts)))
 
     return Panel(column, _says(kind, letter, column, parts), paint)
 
 
-def _series(axes: Axes, column: str, number: int, time_s: Array, values: Array, sigmas: Array) -> None:
-    rows = thin(values)
+def _series(axes: Axes, column: str, number: int, columns: Columns, buckets: int) -> None:
+    time_s, values, sigmas = columns["time_s"], columns[column], columns[f"{column}_sigma"]
+    rows = thin(values, buckets=buckets)
     axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.6, gid=f"{column}-value-{number}")
-    rows = thin(sigmas, buckets=60)
+    rows = thin(sigmas, buckets=buckets // 3)
     for sign, side in ((1, "upper"), (-1, "lower")):
         bound = sign * BOUND * sigmas[rows]
         axes.plot(time_s[rows], bound, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=f"{column}-{side}-{number}")
 
 
 def _limits(column: str, parts: list[Covered]) -> Limits:
-    """Symmetric; wide enough for the bounds and nearly all innovations of the last four fifths of each phase."""
+    """Symmetric; wide enough for the bounds and nearly all innovations after the first fifth of each phase."""
     reach = []
     for *_, columns in parts:
         values, sigmas = columns[column], columns[f"{column}_sigma"]
         told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
         tail = told[len(told) // 5 :]
         if tail.size:
-            reach.append(max(1.6 * BOUND * np.quantile(sigmas[tail], 0.9), np.quantile(np.abs(values[tail]), 0.999)))
+            reach.append(max(1.6 * BOUND * np.median(sigmas[tail]), 1.2 * np.quantile(np.abs(values[tail]), 0.98)))
     return padded(-max(reach), max(reach), 0.02) if reach else Limits(-1.0, 1.0)
 
 

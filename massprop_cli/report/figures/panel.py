@@ -32,7 +32,6 @@ class Panel:
 class Picture:
     """Panels that belong together."""
 
-    title: str
     caption: str
     panels: tuple[Panel, ...]
     columns: int = 3

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from massprop_cli import QUANTITIES
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError, UsageError
 from massprop_cli.report.figures.axis import beginning
 from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import PhaseItem
+from massprop_cli.report.result import AXES, SIGNALS, PhaseItem
 
 Columns = dict[str, Array]
 Covered = tuple[int, PhaseItem, Columns]
+_INNOVATIONS = [f"innovation_{kind}_{letter}" for kind in ("torque", "force") for letter in AXES]
+COLUMNS = (
+    *(f"{name}{part}" for name in (*QUANTITIES, *_INNOVATIONS) for part in ("", "_sigma")),
+    *(f"{kind}_{letter}_{unit}" for kind, unit in SIGNALS.items() for letter in AXES),
+)
+"""What figures draw of history.parquet."""
 
 
 def covered(recorded: Recorded) -> list[Covered]:
@@ -22,6 +29,10 @@ def covered(recorded: Recorded) -> list[Covered]:
     if not found:
         missing = recorded.path.with_name("history.parquet")
         raise InputError(f"{missing}: missing; figures against time need it. Make the result again with massprop estimate")
+    for _, phase, columns in found:
+        absent = [name for name in COLUMNS if name not in columns]
+        if absent:
+            raise InputError(f"{recorded.path.with_name('history.parquet')}: phase {phase.name} lacks {absent[0]}; make the result again")
     return found
 
 
@@ -37,6 +48,5 @@ def only(recorded: Recorded, phase: str) -> Recorded:
 
 def extent(parts: list[Covered]) -> tuple[float, float]:
     """From the first to the last moment of all phases."""
-    return min(beginning(phase, columns["time_s"]) for _, phase, columns in parts), max(
-        float(columns["time_s"][-1]) for *_, columns in parts
-    )
+    start = min(beginning(phase, columns["time_s"]) for _, phase, columns in parts)
+    return start, max(float(columns["time_s"][-1]) for *_, columns in parts)

@@ -12,8 +12,12 @@ from massprop_cli.arrays import Array
 
 BUCKETS = 150
 """Parts of a series, each drawn by its least and its largest value; about what a panel's width can show."""
-SETTLED = (0.5, 0.8)
-"""The range of an estimate's panel fits what comes after the value was final, but from no earlier and no later part of the phase on."""
+LEAST = 30
+"""Parts of a phase among many."""
+SETTLED = (0.5, 0.6, 0.7, 0.8)
+"""Parts of a phase after which an estimate may be called settled, for the range of its panel."""
+COARSE = 6.0
+"""A range this many times that of the last part would hide the end; a later part is taken."""
 
 
 @dataclass(frozen=True)
@@ -39,27 +43,33 @@ def thin(values: Array, keep: Iterable[int] = (), buckets: int = BUCKETS) -> NDA
     return np.unique(np.array([finite[0], *extremes, *kept, finite[-1]], dtype=np.intp))
 
 
+def parts_of(phases: int) -> int:
+    """Parts into which each of so many phases is thinned, that a page of many stays small."""
+    return max(LEAST, 2 * BUCKETS // (1 + phases))
+
+
 def row_at(time_s: Array, moment_s: float) -> int:
     """The row whose time is nearest."""
     return int(np.argmin(np.abs(time_s - moment_s)))
 
 
-def settled(values: Array, sigmas: Array, final_row: int | None, sigma_count: float = 3.0) -> Limits | None:
+def settled(values: Array, sigmas: Array, sigma_count: float = 3.0) -> Limits | None:
     """The range in which the settled part can be read: values ± a few sigmas; ``None`` if nothing is finite."""
-    finite = np.isfinite(values) & np.isfinite(sigmas)
-    if not finite.any():
+    told = np.flatnonzero(np.isfinite(values) & np.isfinite(sigmas))
+    if not told.size:
         return None
-    rows = len(values)
-    early, late = (int(part * rows) for part in SETTLED)
-    start = early if final_row is None else min(max(final_row, early), late)
-    tail = finite & (np.arange(rows) >= min(start, int(np.flatnonzero(finite)[-1])))
-    return padded((values[tail] - sigma_count * sigmas[tail]).min(), (values[tail] + sigma_count * sigmas[tail]).max())
+    tails = [told[told >= min(int(part * len(values)), told[-1])] for part in SETTLED]
+    low = [float((values[tail] - sigma_count * sigmas[tail]).min()) for tail in tails]
+    high = [float((values[tail] + sigma_count * sigmas[tail]).max()) for tail in tails]
+    finest = high[-1] - low[-1]
+    first = next(n for n in range(len(tails)) if high[n] - low[n] <= COARSE * finest)
+    return padded(low[first], high[first])
 
 
-def span(values: Array) -> Limits:
-    """The range of the finite values, zero included."""
+def span(values: Array, least: float = 0.0) -> Limits:
+    """The range of the finite values, zero included, and ± ``least``."""
     finite = values[np.isfinite(values)]
-    return padded(min(finite.min(initial=0.0), 0.0), max(finite.max(initial=0.0), 0.0))
+    return padded(min(finite.min(initial=0.0), -least), max(finite.max(initial=0.0), least))
 
 
 def padded(low: float, high: float, part: float = 0.06) -> Limits:

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
-from massprop_cli.report.figures.series import span, thin
+from massprop_cli.report.figures.series import parts_of, span, thin
 from massprop_cli.report.result import AXES, SIGNALS
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 class Signal:
     """How a kind of column is named and explained."""
 
-    title: str
     heading: str
     caption: str
     unit: str
@@ -31,20 +30,17 @@ class Signal:
 
 KINDS = {
     "torque": Signal(
-        "Control torques",
         "Torque about O, body",
         "Mean torque about O that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
         "N m",
     ),
     "force": Signal(
-        "Force commands",
         "Force, body",
         "Mean force that was executing in each cycle, in body axes: the commands after delay, rise and fall of the thrust.",
         "N",
     ),
-    "rate": Signal("Rates", "Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
+    "rate": Signal("Rate, body", "Mean rate over each cycle, in body axes.", "rad/s"),
     "acceleration": Signal(
-        "Compensated accelerations",
         "Acceleration of {point}, body",
         "What the accelerometer felt, carried from the IMU to {point}: lever arm, rotation and gravity taken out; body axes.",
         "m/s²",
@@ -52,25 +48,31 @@ KINDS = {
 }
 
 
+NOTHING = 1e-3
+"""The least range of a panel over the largest value of the three axes: rounding errors are no signal."""
+
+
 def picture(recorded: Recorded, kind: str) -> Picture:
     """X, Y and Z, over all phases."""
     parts, signal = covered(recorded), KINDS[kind]
     point = "the bearing" if recorded.result.vehicle.environment == "air_bearing" else "O"
-    panels = tuple(_panel(kind, letter, signal.heading.format(point=point), parts) for letter in AXES)
-    return Picture(signal.title, signal.caption.format(point=point), panels)
+    columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in AXES for *_, columns in parts]
+    largest = max(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in columns)
+    panels = tuple(_panel(kind, letter, signal.heading.format(point=point), parts, NOTHING * largest) for letter in AXES)
+    return Picture(signal.caption.format(point=point), panels)
 
 
-def _panel(kind: str, letter: str, heading: str, parts: list[Covered]) -> Panel:
+def _panel(kind: str, letter: str, heading: str, parts: list[Covered], least: float) -> Panel:
     column = f"{kind}_{letter}_{SIGNALS[kind]}"
     values = np.concatenate([columns[column] for *_, columns in parts])
-    limits, unit = span(values), KINDS[kind].unit
+    limits, unit = span(values, least), KINDS[kind].unit
 
     def paint(axes: Axes) -> None:
         axis.time(axes, *extent(parts))
         axis.values(axes, limits, f"{heading} {letter.upper()}", unit)
         axis.phases(axes, [phase for _, phase, _ in parts])
         for number, _, columns in parts:
-            rows = thin(columns[column])
+            rows = thin(columns[column], buckets=parts_of(len(parts)))
             axes.plot(
                 columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=f"{kind}_{letter}-value-{number}"
             )

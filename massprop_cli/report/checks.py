@@ -1,0 +1,60 @@
+"""What the log says about the model: whitened innovations and the delay, each beside what is expected of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.report.result import Delay, Innovations
+
+CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
+COUNT = 3.3
+"""Sigmas of the sampling scatter that are allowed: one check in a thousand is outside by chance."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A statistic and the range that chance leaves it."""
+
+    what: str
+    value: float
+    expected: float
+    allowance: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether it is what the model expects."""
+        return abs(self.value - self.expected) <= self.allowance
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """What, value and expectation as text."""
+        return self.what, f"{self.value:.3g}".replace("-", "−"), f"{self.expected:g} ± {self.allowance:.2g}"
+
+
+def innovations(found: Innovations) -> list[Check]:
+    """Scatter over N independent normal cycles: 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one."""
+    n = found.cycles
+    checks = [Check("normalised innovation squared, all six channels", found.nis, 6.0, COUNT * np.sqrt(12 / n))]
+    checks += [Check(f"variance, {name}", v, 1.0, COUNT * np.sqrt(2 / n)) for name, v in zip(CHANNELS, found.channel_variance, strict=True)]
+    return checks + [
+        Check(f"correlation from cycle to cycle, {name}", c, 0.0, COUNT / np.sqrt(n))
+        for name, c in zip(CHANNELS, found.lag_one_correlation, strict=True)
+    ]
+
+
+SOURCES = {"vehicle": "stated by the vehicle file", "option": "stated by an option", "detected": "detected from the log"}
+
+
+def delay(found: Delay) -> list[tuple[str, str]]:
+    """What was used, what the log says, and how far apart they are."""
+    rows = [("used", f"{found.cycles:.6g} cycles, {SOURCES[found.source]}")]
+    if found.detected_cycles is None:
+        return [*rows, ("detected in the log", "not looked for, or not to be seen")]
+    spread = "" if found.sigma_cycles is None else f" ± {found.sigma_cycles:.2g}"
+    rows.append(("detected in the log", f"{found.detected_cycles:.6g}{spread} cycles"))
+    if found.source != "detected" and found.sigma_cycles:
+        off = (found.detected_cycles - found.cycles) / found.sigma_cycles
+        rows.append(("detected less used", f"{found.detected_cycles - found.cycles:+.2g} cycles, {off:+.1f} sigma".replace("-", "−")))
+    return rows

@@ -1,0 +1,90 @@
+"""Several results side by side: each quantity with error bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from massprop_cli import QUANTITIES
+from massprop_cli.conclude import Verdict
+from massprop_cli.report import words
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.series import Limits, padded
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.report.result import EstimateItem
+
+MARKERS: dict[Verdict, tuple[str, bool]] = {
+    "converged": ("o", True),
+    "not_converged": ("D", False),
+    "not_excited": ("o", False),
+    "unobservable": ("x", True),
+}
+"""Marker of each verdict, and whether it is filled."""
+
+
+def picture(found: Sequence[dict[str, EstimateItem]]) -> Picture:
+    """A panel for each quantity; results are numbered from 1 as they come."""
+    caption = (
+        "Each result's value with a bar of ± one sigma, over its number in the table. Filled circle: converged; open diamond: not "
+        "converged; open circle: not excited. Dashes: what was expected of it. The range fits the converged values; others may lie outside."
+    )
+    return Picture(caption, tuple(_panel(name, [items[name] for items in found]) for name in QUANTITIES))
+
+
+def _panel(name: str, items: list[EstimateItem]) -> Panel:
+    limits = _limits(items)
+
+    def paint(axes: Axes) -> None:
+        from matplotlib.ticker import MaxNLocator
+
+        if limits is not None:
+            axis.values(axes, limits, words.SYMBOLS[name], words.unit(items[0].unit))
+        else:
+            axis.heading(axes, words.SYMBOLS[name], words.unit(items[0].unit))
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "no result has a value", transform=axes.transAxes, ha="center", color=palette.MUTED)
+        axes.set_xlim(0.5, len(items) + 0.5)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
+        axes.set_xlabel("result", labelpad=2)
+        for verdict in MARKERS:
+            _points(axes, name, verdict, items)
+        _expectations(axes, items)
+
+    return Panel(name, _says(name, items), paint)
+
+
+def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) -> None:
+    drawn = [(n, i.value, i.sigma or 0.0) for n, i in enumerate(items, 1) if i.verdict == verdict and i.value is not None]
+    if not drawn:
+        return
+    (marker, filled), colour = MARKERS[verdict], palette.VERDICT[verdict]
+    at, values, sigmas = (list(column) for column in zip(*drawn, strict=True))
+    face = colour if filled else palette.PAPER
+    size, cap = (4.0, 2.0) if len(items) <= 40 else (2.5, 0.0)
+    bars = axes.errorbar(at, values, sigmas, fmt=marker, markersize=size, color=colour, markerfacecolor=face, capsize=cap)
+    bars.lines[0].set_gid(f"{name}-{verdict}")
+
+
+def _expectations(axes: Axes, items: list[EstimateItem]) -> None:
+    for number, item in enumerate(items, 1):
+        if item.expected is not None:
+            ends = [number - 0.4, number + 0.4]
+            axes.plot(ends, [item.expected.value] * 2, color=palette.GREEN, linewidth=1.1, linestyle=(0, (3, 1.5)))
+
+
+def _limits(items: list[EstimateItem]) -> Limits | None:
+    told = [item for item in items if item.value is not None]
+    shown = [item for item in told if item.verdict == "converged"] or told
+    ends = [item.value + sign * (item.sigma or 0.0) for item in shown if item.value is not None for sign in (-1, 1)]
+    ends += [item.expected.value for item in shown if item.expected is not None]
+    return padded(min(ends), max(ends), 0.1) if ends else None
+
+
+def _says(name: str, items: list[EstimateItem]) -> str:
+    told = [item.value for item in items if item.value is not None]
+    among = f", from {min(told):.5g} to {max(told):.5g} {items[0].unit}" if told else ""
+    return f"{words.SYMBOLS[name]} of {len(items)} results with error bars: {len(told)} have a value{among}"

@@ -1,0 +1,181 @@
+"""One self-contained page: a report of one result, or a comparison of several. Same results, same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.errors import InputError
+from massprop_cli.report import body, checks, figures, view, words
+from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
+from massprop_cli.report.inline import inline
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import PhaseItem, Result
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+MISSING = (
+    "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
+    "Make the result again with massprop estimate, and the report from its folder."
+)
+OF_PHASE = ("inertia", "cg", "mass")
+OF_LOG = ("torque", "force", "rate", "acceleration", "innovations")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture in the page, or why it isn't there."""
+
+    name: str
+    anchor: str
+    title: str
+    caption: str
+    panels: tuple[Markup, ...]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What the page says of one phase, beside its table."""
+
+    anchor: str
+    title: str
+    grids: list[view.Grid]
+    axes: list[view.Axis]
+    note: str
+    nearest: tuple[tuple[str, ...], ...] | None
+    ellipsoid: Figure
+    excitation: Figure
+    correlation: Figure
+    correlations: list[tuple[str, list[str]]]
+    against_time: list[Figure]
+    checks: list[checks.Check]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One of several results."""
+
+    anchor: str
+    name: str
+    result: Result
+    tables: list[view.Table]
+
+
+def page(recorded: Sequence[Recorded]) -> str:
+    """A full report of one result; several are compared. The page loads nothing from anywhere."""
+    if not recorded:
+        raise ValueError("a page needs a result")
+    environment = _environment()
+    if len(recorded) == 1:
+        return environment.get_template("report.html.j2").render(_report(recorded[0]))
+    return environment.get_template("comparison.html.j2").render(_comparison(recorded))
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    found = Environment(
+        loader=PackageLoader("massprop_cli.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_clean,
+    )
+    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": words, "view": view}
+    return found
+
+
+def _clean(value: object) -> object:
+    return words.clean(value) if type(value) is str else value
+
+
+def _report(recorded: Recorded) -> Mapping[str, Any]:
+    result = recorded.result
+    tables = view.tables(result)
+    return {
+        "result": result,
+        "tables": tables,
+        "conventions": words.conventions(result),
+        "phases": [
+            _phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)
+        ],
+        "signals": [_figure(name, recorded, name) for name in OF_LOG],
+        "delay": checks.delay(result.delay),
+        "settings": settings(result),
+        "verdicts": view.signs(tables),
+    }
+
+
+def settings(result: Result) -> list[tuple[str, str, str]]:
+    """Key, value and where it came from."""
+    sources = result.provenance.setting_sources
+    return [(key, _setting(value), sources.get(key, "")) for key, value in result.provenance.settings.items()]
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, bool) or value is None:
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_setting(part) for part in value)
+    return str(value)
+
+
+def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> Phase:
+    bearing_mass = recorded.result.vehicle.bearing_mass_kg
+    nearest = item.physical.nearest_consistent
+    found = correlation.correlation(item.covariance)
+    return Phase(
+        anchor=table.anchor,
+        title=table.title,
+        grids=view.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
+        axes=view.axes(item),
+        note=item.physical.note,
+        nearest=None if nearest is None else view.grid(body.array(nearest), np.full((3, 3), np.nan)),
+        ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
+        excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
+        correlation=_figure("correlation", recorded, f"correlation{number}", item.name),
+        correlations=[(words.SYMBOLS[name], [_two(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)],
+        against_time=[_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
+        checks=checks.innovations(item.innovations) if item.innovations else [],
+    )
+
+
+def _two(value: float) -> str:
+    return view.ABSENT if np.isnan(value) else view.minus(f"{value:.2f}")
+
+
+def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None) -> Figure:
+    try:
+        return _drawn(name, figures.TITLES[name], figures.picture(name, recorded, phase), prefix)
+    except InputError:
+        return Figure(name, f"figure-{prefix}", figures.TITLES[name], MISSING, ())
+
+
+def _drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
+    from markupsafe import Markup
+
+    svgs = [canvas.render([panel], "svg") for panel in picture.panels]
+    panels = [inline(svg, f"{prefix}-{n}", panel.says) for n, (svg, panel) in enumerate(zip(svgs, picture.panels, strict=True), 1)]
+    # our own drawing, with its texts escaped
+    return Figure(name, f"figure-{prefix}", title, picture.caption, tuple(Markup(panel) for panel in panels))
+
+
+def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
+    entries = [Entry(f"result-{n}", one.name, one.result, view.tables(one.result)) for n, one in enumerate(recorded, 1)]
+    rows = [(entry, table) for entry in entries for table in entry.tables]
+    picture = comparison.picture([table.estimates for _, table in rows])
+    return {
+        "entries": entries,
+        "rows": rows,
+        "figure": _drawn("comparison", "Values side by side", picture, "comparison"),
+        "verdicts": view.signs(table for _, table in rows),
+    }

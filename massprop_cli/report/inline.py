@@ -1,0 +1,37 @@
+"""An SVG made part of a page: ids of its own, the page's font and colours, nothing that reaches outside."""
+
+from __future__ import annotations
+
+import html
+import re
+
+from massprop_cli.report.figures import palette
+from massprop_cli.report.words import clean
+
+_UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
+_COLOUR = re.compile("|".join(palette.NAMES))
+_STYLE = re.compile(r'(?<= style=")[^"]*')
+
+
+def inline(svg: bytes, prefix: str, says: str) -> str:
+    """The ``<svg>`` element alone; ``prefix`` makes its ids unique in the page, ``says`` is its alternative text."""
+    text = svg.decode()
+    text = text[text.index("<svg") :]
+    box = re.search(r'viewBox="[^"]*"', text)
+    body = text[text.index(">") + 1 :].replace("</svg>", "").strip()
+    body = re.sub(r"<title>.*?</title>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r' transform="rotate\(-0 [^"]*"', "", _UNUSED.sub("", body))
+    body = body.replace("xlink:href=", "href=")
+    body = re.sub(r' id="([^"]*)"', rf' id="{prefix}-\1"', body)
+    body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
+    body = _STYLE.sub(lambda style: _themed(style[0]), body)
+    body = re.sub(r">\s+<", "><", body)
+    told = html.escape(clean(says))
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{told}"><title>{told}</title>{body}</svg>'
+
+
+def _themed(style: str) -> str:
+    style = re.sub(r"font-family: [^;]*;?\s*", "", style)
+    style = re.sub(r"(font: [^;']*)'[^;]*", r"\1var(--font)", style)
+    return _COLOUR.sub(lambda colour: f"var(--{palette.NAMES[colour[0]]})", style)
