@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 BINS = 60
 """Parts of a phase."""
 COMMANDS = [f"{kind}_{letter}" for kind in ("torque", "force") for letter in AXES]
+ROUNDING = 1e-12
+"""N m or N; a command below is a sum that should be zero."""
 ROW = 0.21
 """Inches."""
 
@@ -60,7 +62,7 @@ def strips(columns: Columns) -> Strips:
     squares = [columns[f"{name}_{SIGNALS[name.split('_')[0]]}"] ** 2 for name in COMMANDS]
     commands = np.sqrt([np.bincount(part, np.nan_to_num(square), BINS) / count for square in squares])
     for kind in (slice(0, 3), slice(3, 6)):
-        commands[kind] /= commands[kind].max() or 1.0
+        commands[kind] /= max(commands[kind].max(), ROUNDING)
     return Strips(edges, commands, np.array([_information(columns[f"{name}_sigma"], part) for name in QUANTITIES]))
 
 

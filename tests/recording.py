@@ -1,0 +1,63 @@
+"""Results of sample logs as a report reads them, and figures read back from their SVG."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli import analysis, store
+from massprop_cli.arrays import Array
+from massprop_cli.report import read, result
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import EstimateItem
+
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def record(folder: Path, log: str, *assignments: str) -> Recorded:
+    """Estimate a sample log into ``folder`` and read the result back."""
+    with np.errstate(all="ignore"):
+        found = analysis.analyse(SAMPLES / log, None, list(assignments), None)
+    store.write(folder, found, result.to_json(result.result(found)))
+    return read.read(folder)
+
+
+def changed(recorded: Recorded, name: str, item: dict[str, object], phase: int = 0) -> Recorded:
+    """With one estimate's fields changed."""
+    phases = list(recorded.result.phases)
+    estimates = dict(phases[phase].estimates)
+    estimates[name] = EstimateItem.model_validate(estimates[name].model_dump() | item)
+    phases[phase] = phases[phase].model_copy(update={"estimates": estimates})
+    return replace(recorded, result=recorded.result.model_copy(update={"phases": phases}))
+
+
+def drawn(svg: bytes, axes: str, gid: str) -> Array:
+    """(n, 2) points of a series in its data's units, those inside its axes; empty where it isn't drawn."""
+    root = ET.fromstring(svg)
+    (frame,) = [group for group in root.iter(f"{SVG}g") if group.get("id") == f"axes-{axes}"]
+    (a, b), (c, d) = (map(float, frame.attrib[f"data-{letter}"].split()) for letter in "xy")
+    box = _points(next(frame.iter(f"{SVG}path")))
+    series = [group for group in frame.iter(f"{SVG}g") if group.get("id") == gid]
+    if not series:
+        return np.empty((0, 2))
+    points = np.concatenate([_points(path) for path in series[0].iter(f"{SVG}path")])
+    inside = ((points >= box.min(0) - 0.01) & (points <= box.max(0) + 0.01)).all(1)
+    found: Array = points[inside] * [b, d] + [a, c]
+    return found
+
+
+def precision(svg: bytes, axes: str) -> tuple[float, float]:
+    """What a hundredth of a point is in the units of the two axes."""
+    found = re.search(rf'id="axes-{axes}" data-x="\S+ (\S+)" data-y="\S+ (\S+)"', svg.decode())
+    assert found
+    return 0.0101 * abs(float(found[1])), 0.0101 * abs(float(found[2]))
+
+
+def _points(path: ET.Element) -> Array:
+    numbers = re.findall(r"-?\d+(?:\.\d+)?", path.attrib["d"])
+    return np.array(numbers, dtype=float).reshape(-1, 2)

@@ -1,0 +1,395 @@
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli.report import checks, figures, html, view, words
+from massprop_cli.report.figures import palette
+from massprop_cli.report.read import Recorded
+from massprop_cli.report.result import Delay, Innovations, WarningItem
+from tests.recording import changed, record
+
+VOID = {"meta", "link", "br", "img", "hr", "input"}
+
+
+@dataclass
+class Page(HTMLParser):
+    """A page's structure; tags must be balanced."""
+
+    text: str
+    ids: list[str] = field(default_factory=list)
+    links: list[str] = field(default_factory=list)
+    tags: list[tuple[str, dict[str, str | None]]] = field(default_factory=list)
+    tables: list[list[list[str]]] = field(default_factory=list)
+    captions: list[str] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)
+    open: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.feed(self.text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        self.tags.append((tag, found))
+        self.ids += [value for name, value in attrs if name == "id" and value]
+        self.links += [value for name, value in attrs if name == "href" and value]
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+            self.captions.append("")
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" in self.open:
+            return
+        self.words.append(data)
+        if "td" in self.open or ("th" in self.open and "table" in self.open):
+            self.tables[-1][-1][-1] += data
+        elif "caption" in self.open:
+            self.captions[-1] += data
+
+    def said(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+    def table(self, caption: str) -> list[list[str]]:
+        """The one table whose caption begins so; cells without surplus blanks."""
+        (found,) = [t for t, c in zip(self.tables, self.captions, strict=True) if c.strip().startswith(caption)]
+        return [[" ".join(cell.split()) for cell in row] for row in found]
+
+
+@pytest.fixture(scope="module")
+def flyer(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("flyer"), "free-flyer/log.parquet")
+
+
+@pytest.fixture(scope="module")
+def docking(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("docking"), "docking/log.parquet")
+
+
+@pytest.fixture(scope="module")
+def refined(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("refined"), "scenarios/refined/log.parquet")
+
+
+@pytest.fixture(scope="module")
+def bearing(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("bearing"), "air-bearing/log.parquet")
+
+
+@pytest.fixture(scope="module")
+def flyer_page(flyer: Recorded) -> Page:
+    return Page(html.page([flyer]))
+
+
+@pytest.fixture(scope="module")
+def docking_page(docking: Recorded) -> Page:
+    return Page(html.page([docking]))
+
+
+def test_the_first_table_holds_every_value_with_sigma_unit_and_verdict(flyer: Recorded, flyer_page: Page) -> None:
+    header, *rows = flyer_page.table("Whole log, 0 to 60 s")
+    assert header == ["Quantity", "Value", "± sigma", "Unit", "Verdict", "Final at"]
+    assert len(rows) == 10
+    for row, (name, item) in zip(rows, flyer.result.phases[0].estimates.items(), strict=True):
+        value, sigma, final = float(row[1].replace("−", "-")), float(row[2].lstrip("± ")), float(row[5].rstrip(" s"))
+        assert row[0] == words.SYMBOLS[name]
+        assert item.value is not None
+        assert item.sigma is not None
+        assert value == pytest.approx(item.value, abs=0.06 * item.sigma)
+        assert sigma == pytest.approx(item.sigma, rel=0.06)
+        assert row[3].replace("²", "^2") == item.unit
+        assert row[4] == "✓ converged"
+        assert final == pytest.approx(item.final_at_s, abs=0.006)
+
+
+def test_vehicle_verdicts_and_warnings_come_before_the_figures(refined: Recorded) -> None:
+    text = html.page([refined])
+    first = text.index("<svg")
+    for said in (refined.result.vehicle.name, "9 of 10 quantities converged", 'class="glance"', "unphysical-inertia", "± sigma"):
+        assert text.index(said, text.index("<body")) < first
+
+
+def test_what_is_not_converged_is_explained_with_its_cure(flyer: Recorded) -> None:
+    lost = changed(flyer, "izz", {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it"})
+    lost = changed(lost, "cg_x", {"verdict": "unobservable", "value": None, "sigma": None, "final_at_s": None})
+    page = Page(html.page([lost]))
+    _, izz, cg_x = page.table("Quantities that are not converged")
+    assert izz == ["Izz", "○ not excited", "the motion in this phase hardly informed it", "torque about Z"]
+    assert cg_x[:2] == ["CG x", "✕ unobservable"]
+    assert cg_x[3].startswith("force across X (along Y or Z), or fast turns about Y or Z")
+    assert page.table("Whole log")[7][1:3] == ["–", "± –"]
+    assert "8 of 10 quantities converged" in page.said()
+    assert words.VERDICTS["unobservable"] in page.said()
+
+
+def test_nominal_and_expected_values_stand_beside_the_estimate(flyer: Recorded) -> None:
+    wanted = {"value": 0.63, "tolerance": 0.001, "stated": "0.001", "met": False, "difference": -0.01, "sigmas": -2968.2}
+    page = Page(html.page([changed(flyer, "ixx", {"nominal": 0.615, "expected": wanted})]))
+    header, ixx, ixy, *_ = page.table("Whole log")
+    assert header[-3:] == ["Nominal", "Expected", "Off by"]
+    assert ixx[-3:] == ["0.615", "0.63 ± 0.001 ✕ missed", "−2968.2 σ"]
+    assert ixy[-3:] == ["", "", ""]
+    assert "outside its expectation: Ixx" in page.said()
+
+
+def cells(rows: list[list[str]]) -> np.ndarray:
+    return np.array([[float(cell.replace("−", "-")) for cell in row[1:]] for row in rows[1:]])
+
+
+def test_the_matrix_is_printed_about_cg_and_o_in_both_conventions(flyer: Recorded, flyer_page: Page) -> None:
+    about_cg, other = cells(flyer_page.table("About the CG, tensor")), cells(flyer_page.table("About the CG, positive integral"))
+    about_o = cells(flyer_page.table("About O, tensor"))
+    assert about_cg == pytest.approx(about_cg.T)
+    assert about_cg[0] == pytest.approx([0.62, 0.04, -0.07], abs=2e-5)
+    assert np.diag(other) == pytest.approx(np.diag(about_cg))
+    assert other[0, 1:] == pytest.approx(-about_cg[0, 1:])
+    recorded = np.array(flyer.result.phases[0].inertia_about_origin, dtype=float)
+    assert about_o == pytest.approx(recorded, rel=2e-4)
+    c = np.array([-0.018, 0.027, 0.012])
+    assert about_o - about_cg == pytest.approx(22 * (c @ c * np.eye(3) - np.outer(c, c)), rel=0.1, abs=1e-4)
+    assert "products are the tensor's own elements, ixy = −Σ m x y" in flyer_page.said()
+
+
+def test_principal_moments_and_axes_rebuild_the_inertia(flyer_page: Page) -> None:
+    rows = flyer_page.table("Principal moments and axes")[1:]
+    numbers = np.array([[float(cell.replace("−", "-").lstrip("± ")) for cell in row[1:6]] for row in rows])
+    moments, axes = numbers[:, 0], numbers[:, 2:].T
+    assert axes @ np.diag(moments) @ axes.T == pytest.approx(cells(flyer_page.table("About the CG, tensor")), abs=1e-4)
+
+
+def test_an_unphysical_inertia_stands_beside_the_nearest_that_a_body_could_have(refined: Recorded) -> None:
+    page = Page(html.page([refined]))
+    nearest = cells(page.table("Nearest consistent, about the CG, tensor"))
+    low, middle, high = np.linalg.eigvalsh(nearest)
+    assert low + middle >= high * 0.999
+    assert nearest == pytest.approx(np.array(refined.result.phases[0].physical.nearest_consistent, dtype=float), rel=1e-3)
+    assert page.captions.count("About the CG, tensor") == 2
+    assert "No real body has this inertia: the inertia breaks the triangle inequality" in page.said()
+
+
+def test_the_docked_object_has_its_own_table(docking: Recorded, docking_page: Page) -> None:
+    found = docking.result.docked_object
+    assert found is not None
+    mass = docking_page.table("Docked object: combined less single")[10]
+    assert float(mass[1]) == pytest.approx(found.estimates["mass"].value, abs=0.01)
+    assert float(docking_page.table("Phase combined")[10][1]) - float(docking_page.table("Phase single")[10][1]) == pytest.approx(
+        float(mass[1]), abs=0.01
+    )
+
+
+def test_on_a_bearing_the_page_says_whose_mass_and_inertia_these_are(bearing: Recorded) -> None:
+    said = Page(html.page([bearing])).said()
+    assert "Inertia is the rotating body's about its CG" in said
+    assert "Mass includes the bearing's 5 kg, which does not rotate" in said
+    assert "air bearing" in said
+
+
+def test_every_figure_is_there_with_text_for_those_who_dont_see_it(docking_page: Page) -> None:
+    pictures = [found for tag, found in docking_page.tags if tag == "svg"]
+    told = [found["aria-label"] or "" for found in pictures]
+    assert len(pictures) == 2 * (10 + 1 + 1 + 4) + 4 * 3 + 6
+    assert all(found["role"] == "img" for found in pictures)
+    assert all(len(text) > 30 for text in told)
+    assert len(set(told)) == len(told)
+    anchors = {re.sub(r"\d$", "", name) for name in docking_page.ids if name.startswith("figure-")}
+    assert anchors == {f"figure-{name}" for name in figures.NAMES}
+    assert sum(tag == "figcaption" for tag, _ in docking_page.tags) == sum(tag == "figure" for tag, _ in docking_page.tags)
+
+
+def test_ids_are_unique_and_every_reference_meets_one(docking_page: Page) -> None:
+    assert len(set(docking_page.ids)) == len(docking_page.ids)
+    inner = [link[1:] for link in docking_page.links if link.startswith("#")] + re.findall(r"url\(#([^)]*)\)", docking_page.text)
+    assert set(inner) <= set(docking_page.ids)
+
+
+def test_figures_in_the_page_are_whole_and_take_the_pages_colours(docking_page: Page) -> None:
+    svgs = re.findall(r"<svg.*?</svg>", docking_page.text, re.DOTALL)
+    for svg in svgs:
+        ET.fromstring(svg)
+        assert "DejaVu" not in svg
+    drawn = "".join(svgs)
+    assert not re.findall(r"#[0-9a-f]{6}\b", drawn)
+    assert {f"var(--{name})" for name in palette.NAMES.values()} >= set(re.findall(r"var\(--\w+\)", drawn)) - {"var(--font)"}
+
+
+def test_the_page_loads_nothing_and_turns_dark_on_a_screen_only(docking_page: Page) -> None:
+    assert "http" not in docking_page.text.replace("http-equiv", "")
+    assert "default-src 'none'" in docking_page.text
+    assert not [tag for tag, _ in docking_page.tags if tag in ("script", "img", "iframe", "object", "base")]
+    assert all(link.startswith("#") or link == "data:," for link in docking_page.links)
+    assert docking_page.text.count("url(") == docking_page.text.count("url(#")
+    dark = re.search(r"@media screen and \(prefers-color-scheme: dark\) \{ :root \{(.*?)\}", docking_page.text)
+    assert dark
+    assert "--paper: #14181d" in dark[1]
+    assert "@media print" in docking_page.text
+    assert 'name="viewport" content="width=device-width' in docking_page.text
+
+
+def contrast(colour: str, ground: str) -> float:
+    """Ratio of WCAG 2."""
+
+    def luminance(code: str) -> float:
+        parts = np.array([int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    low, high = sorted([luminance(colour), luminance(ground)])
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("colour", [palette.INK, palette.MUTED, palette.BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE])
+def test_text_and_lines_stand_out_from_their_ground_in_light_and_dark(colour: str) -> None:
+    least = 4.5 if colour in (palette.INK, palette.MUTED) else 3.0
+    for ground in (palette.PAPER, palette.SHADE):
+        assert contrast(colour, ground) >= least
+        assert contrast(palette.DARK[colour], palette.DARK[ground]) >= least
+
+
+def test_the_same_result_gives_the_same_bytes_without_where_and_when(flyer: Recorded, flyer_page: Page, tmp_path: Path) -> None:
+    assert html.page([replace(flyer, path=tmp_path / "elsewhere" / "result.json")]) == flyer_page.text
+    assert str(flyer.path.parent) not in flyer_page.text
+
+
+def test_a_log_of_two_thousand_cycles_makes_a_page_below_one_and_a_half_megabytes(docking: Recorded) -> None:
+    """Two phases of a thousand cycles, every column as restless as can be."""
+    rng = np.random.default_rng(3)
+    history = {}
+    for number, phase in enumerate(docking.result.phases):
+        columns = {name: 1 + 0.5 * rng.standard_normal(1000) for name in docking.history[phase.name]}
+        history[phase.name] = columns | {"time_s": 0.05 * np.arange(1, 1001) + 60.0 * number}
+    assert len(html.page([replace(docking, history=history)]).encode()) < 1.5e6
+
+
+def test_without_a_history_the_rest_is_there_and_the_gap_is_named(flyer: Recorded) -> None:
+    page = Page(html.page([replace(flyer, history={})]))
+    assert page.said().count("This figure needs history.parquet") == 4 + 5
+    assert sum(tag == "svg" for tag, _ in page.tags) == 4 + 1
+    assert len(page.table("Whole log")) == 11
+
+
+def test_a_thesis_result_says_that_its_sigmas_are_no_errors(tmp_path: Path) -> None:
+    page = Page(html.page([record(tmp_path, "free-flyer/log.parquet", 'estimator.method="thesis"')]))
+    assert "they shrink with noise alone and are no errors" in page.said()
+    assert "± is one standard deviation" not in page.said()
+    assert "--method thesis" in page.said()
+    assert sum(tag == "svg" for tag, _ in page.tags) == 10 + 1 + 1 + 4 + 4 * 3 + 6
+
+
+HOSTILE = "</title></svg><script>alert(1)</script><img src=x onerror=alert(1)>\"'&{{7*7}}\x00\x1b\u202e\ud800"
+
+
+def test_hostile_names_are_only_text(docking: Recorded) -> None:
+    old = docking.result
+    phases = [phase.model_copy(update={"name": HOSTILE + phase.name}) for phase in old.phases]
+    changes = {
+        "phases": phases,
+        "vehicle": old.vehicle.model_copy(update={"name": HOSTILE}),
+        "log": old.log.model_copy(update={"path": HOSTILE}),
+        "warnings": [WarningItem(code=HOSTILE, message=HOSTILE)],
+        "provenance": old.provenance.model_copy(
+            update={"input_sha256": HOSTILE, "settings": {HOSTILE: HOSTILE}, "versions": {HOSTILE: HOSTILE}}
+        ),
+    }
+    hostile = replace(
+        docking, result=old.model_copy(update=changes), history={HOSTILE + name: columns for name, columns in docking.history.items()}
+    )
+    for text in (html.page([hostile]), html.page([hostile, docking])):
+        page = Page(text)
+        assert not [tag for tag, _ in page.tags if tag in ("script", "img")]
+        assert not [found for _, found in page.tags if "onerror" in found]
+        assert "{{7*7}}" in page.said()
+        assert not set(text) & set("\x00\x1b\u202e\ud800")
+        text.encode()
+        for svg in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
+            ET.fromstring(svg)
+
+
+def test_provenance_names_hashes_versions_and_where_settings_came_from(flyer: Recorded, flyer_page: Page) -> None:
+    provenance = flyer.result.provenance
+    told = flyer_page.table("Provenance")
+    assert [row[1] for row in told[1:3]] == [provenance.input_sha256, provenance.vehicle_sha256]
+    assert all(version in told[3][1] for version in provenance.versions.values())
+    settings = {row[0]: row[1:] for row in flyer_page.table("Settings")[1:]}
+    assert set(settings) == set(provenance.settings)
+    assert settings["imu.gyro_noise_rad_s"] == ["0.0001", "vehicle file"]
+    assert settings["estimator.bins_per_cycle"][1] == "default"
+
+
+def test_innovations_are_held_against_what_chance_leaves(flyer: Recorded, flyer_page: Page) -> None:
+    rows = flyer_page.table("Whitened innovations")[1:]
+    found = flyer.result.phases[0].innovations
+    assert found is not None
+    assert len(rows) == 13
+    assert float(rows[0][1]) == pytest.approx(found.nis, rel=1e-2)
+    assert all(row[3] == "✓" for row in rows)
+    wrong = Innovations(cycles=1000, nis=9.0, channel_variance=[1, 1, 1.4, 1, 1, 1], lag_one_correlation=[0, 0, 0, 0.3, 0, 0])
+    assert [check.what for check in checks.innovations(wrong) if not check.inside] == [
+        "normalised innovation squared, all six channels", "variance, rate Z", "correlation from cycle to cycle, specific force X",
+    ]  # fmt: skip
+
+
+def test_the_allowance_of_a_check_is_that_of_a_random_sample() -> None:
+    z = np.random.default_rng(5).standard_normal((2000, 300, 6))
+    allowed = {
+        check.what: check.allowance / checks.COUNT
+        for check in checks.innovations(Innovations(cycles=300, nis=6.0, channel_variance=[1.0] * 6, lag_one_correlation=[0.0] * 6))
+    }
+    assert allowed["normalised innovation squared, all six channels"] == pytest.approx((z**2).sum(2).mean(1).std(), rel=0.06)
+    assert allowed["variance, rate X"] == pytest.approx((z[..., 0] ** 2).mean(1).std(), rel=0.06)
+    assert allowed["correlation from cycle to cycle, rate X"] == pytest.approx((z[:, 1:, 0] * z[:, :-1, 0]).mean(1).std(), rel=0.06)
+
+
+def test_the_delay_is_shown_with_what_the_log_says_of_it() -> None:
+    rows = dict(checks.delay(Delay(cycles=2.0, source="vehicle", detected_cycles=1.5, sigma_cycles=0.01)))
+    assert rows["used"] == "2 cycles, stated by the vehicle file"
+    assert rows["detected in the log"] == "1.5 ± 0.01 cycles"
+    assert rows["detected less used"] == "−0.5 cycles, −50.0 sigma"
+    assert dict(checks.delay(Delay(cycles=0.0, source="option")))["detected in the log"].startswith("not looked for")
+
+
+def test_several_results_are_compared_and_linked(flyer: Recorded, docking: Recorded, refined: Recorded) -> None:
+    page = Page(html.page([flyer, docking, refined]))
+    header, *rows = page.table("All results")
+    assert header[2:12] == [f"{words.SYMBOLS[name]} [{words.unit(flyer.result.phases[0].estimates[name].unit)}]" for name in QUANTITIES]
+    assert len(rows) == 1 + 3 + 1
+    assert [row[0] for row in rows] == ["1", "2", "3", "4", "5"]
+    value = flyer.result.phases[0].estimates["ixx"].value
+    assert value is not None
+    assert rows[0][2].startswith("✓converged, 0.62000")
+    assert "not converged" in rows[4][11]
+    assert rows[4][12] == "unphysical-inertia"
+    assert {"#result-1", "#result-2", "#result-3"} <= set(page.links)
+    assert {"result-1", "result-2", "result-3"} <= set(page.ids)
+    assert len(set(page.ids)) == len(page.ids)
+    pictures = [found["aria-label"] for tag, found in page.tags if tag == "svg"]
+    assert len(pictures) == 10
+    assert str(pictures[0]).startswith("Ixx of 5 results with error bars: 5 have a value")
+    assert page.text == html.page([flyer, docking, refined])
+
+
+@pytest.mark.parametrize(("text", "shown"), [("-0.00", "0.00"), ("-1e-05", "−1e−05"), ("-0.10", "−0.10"), ("0", "0")])
+def test_minus_signs_are_real_and_zero_has_none(text: str, shown: str) -> None:
+    assert view.minus(text) == shown
