@@ -230,9 +230,12 @@ def test_figures_in_the_page_are_whole_and_take_the_pages_colours(docking_page: 
     for svg in svgs:
         ET.fromstring(svg)
         assert "DejaVu" not in svg
-    drawn = "".join(svgs)
-    assert not re.findall(r"#[0-9a-f]{6}\b", drawn)
-    assert {f"var(--{name})" for name in palette.NAMES.values()} >= set(re.findall(r"var\(--\w+\)", drawn)) - {"var(--font)"}
+    rules = dict(re.findall(r"^\.(d\d+) \{ (.*) \}$", docking_page.text, re.MULTILINE))
+    assert set(re.findall(r'class="(d\d+)"', "".join(svgs))) == set(rules)
+    assert " style=" not in "".join(svgs)
+    assert not re.findall(r"#[0-9a-f]{6}\b", "".join([*svgs, *rules.values()]))
+    tones = set(re.findall(r"var\(--(\w+)\)", "".join(rules.values())))
+    assert {"ink", "paper", "blue"} <= tones <= {*palette.NAMES.values(), "font"}
 
 
 def test_the_page_loads_nothing_and_turns_dark_on_a_screen_only(docking_page: Page) -> None:
@@ -298,7 +301,9 @@ def test_a_thesis_result_says_that_its_sigmas_are_no_errors(tmp_path: Path) -> N
     assert sum(tag == "svg" for tag, _ in page.tags) == 10 + 1 + 1 + 4 + 4 * 3 + 6
 
 
-HOSTILE = "</title></svg><script>alert(1)</script><img src=x onerror=alert(1)>\"'&{{7*7}}\x00\x1b\u202e\ud800"
+HOSTILE = (
+    ' style="x" /* drawings */</style></title></svg><script>alert(1)</script><img src=x onerror=alert(1)>"\'&{{7*7}}\x00\x1b\u202e\ud800'
+)
 
 
 def test_hostile_names_are_only_text(docking: Recorded) -> None:

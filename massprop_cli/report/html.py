@@ -12,7 +12,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.errors import InputError
 from massprop_cli.report import body, checks, figures, view, words
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
-from massprop_cli.report.inline import inline
+from massprop_cli.report.inline import gathered, inline
 from massprop_cli.report.read import Recorded
 from massprop_cli.report.result import PhaseItem, Result
 
@@ -73,8 +73,8 @@ def page(recorded: Sequence[Recorded]) -> str:
         raise ValueError("a page needs a result")
     environment = _environment()
     if len(recorded) == 1:
-        return environment.get_template("report.html.j2").render(_report(recorded[0]))
-    return environment.get_template("comparison.html.j2").render(_comparison(recorded))
+        return gathered(environment.get_template("report.html.j2").render(_report(recorded[0])))
+    return gathered(environment.get_template("comparison.html.j2").render(_comparison(recorded)))
 
 
 def _environment() -> Environment:

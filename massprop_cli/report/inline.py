@@ -26,9 +26,31 @@ def inline(svg: bytes, prefix: str, says: str) -> str:
     body = re.sub(r' id="([^"]*)"', rf' id="{prefix}-\1"', body)
     body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
     body = _STYLE.sub(lambda style: _themed(style[0]), body)
-    body = re.sub(r">\s+<", "><", body)
+    body = _flat(re.sub(r">\s+<", "><", body).strip())
     told = html.escape(clean(says))
     return f'<svg {box[0] if box else ""} role="img" aria-label="{told}"><title>{told}</title>{body}</svg>'
+
+
+def _flat(body: str) -> str:
+    """Without groups that say nothing."""
+    body, changes = body.replace("<g/>", ""), 1
+    while changes:
+        body, changes = re.subn(r"<g>((?:(?!<g[ >]|</g>).)*)</g>", r"\1", body, flags=re.DOTALL)
+    return body
+
+
+def gathered(page: str) -> str:
+    """The page with the styles of all its drawings as classes, whose rules stand where the sheet says ``/* drawings */``.
+
+    Only within tags: a name that looks like a style stays text.
+    """
+    rules: dict[str, str] = {}
+
+    def named(found: re.Match[str]) -> str:
+        return f'{found[1]} class="{rules.setdefault(found[2], f"d{len(rules)}")}"'
+
+    page = re.sub(r'(<[a-z]+(?: [^<>]*?)?) style="([^"]*)"', named, page)
+    return page.replace("/* drawings */", "\n".join(f".{name} {{ {style} }}" for style, name in rules.items()), 1)
 
 
 def _themed(style: str) -> str:

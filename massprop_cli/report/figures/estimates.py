@@ -115,6 +115,7 @@ def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
         spread = [item.sigma or 0.0]
         drawn = axes.errorbar([end_s], [item.value], spread, fmt="o", markersize=3.5, capsize=2.5, color=palette.INK, zorder=5)
         drawn.lines[0].set_gid(gid.format("reported"))
+        drawn.lines[0].set_clip_on(False)
 
 
 def _references(axes: Axes, gid: str, item: EstimateItem, limits: Limits) -> None:

@@ -59,22 +59,23 @@ def strips(columns: Columns) -> Strips:
     edges = np.linspace(time_s[0] - (time_s[1] - time_s[0] if len(time_s) > 1 else 1.0), time_s[-1], BINS + 1)
     part: NDArray[np.intp] = np.clip(np.searchsorted(edges, time_s, side="left") - 1, 0, BINS - 1)
     count = np.maximum(np.bincount(part, minlength=BINS), 1)
-    squares = [columns[f"{name}_{SIGNALS[name.split('_')[0]]}"] ** 2 for name in COMMANDS]
-    commands = np.sqrt([np.bincount(part, np.nan_to_num(square), BINS) / count for square in squares])
+    executed = np.nan_to_num([columns[f"{name}_{SIGNALS[name.split('_')[0]]}"] for name in COMMANDS])
     for kind in (slice(0, 3), slice(3, 6)):
-        commands[kind] /= max(commands[kind].max(), ROUNDING)
+        executed[kind] /= max(np.abs(executed[kind]).max(), ROUNDING)
+    commands = np.sqrt([np.bincount(part, values**2, BINS) / count for values in executed])
+    for kind in (slice(0, 3), slice(3, 6)):
+        commands[kind] /= commands[kind].max() or 1.0
     return Strips(edges, commands, np.array([_information(columns[f"{name}_sigma"], part) for name in QUANTITIES]))
 
 
 def _information(sigma: Array, part: NDArray[np.intp]) -> Array:
     """(BINS,) shares of the growth of 1/σ²; what a random walk takes away again counts as nothing."""
-    with np.errstate(divide="ignore"):
-        information = np.where(np.isfinite(sigma), 1 / sigma**2, 0.0)
-    gained = np.maximum(np.diff(information, prepend=0.0), 0.0)
-    total = gained.sum()
-    if not (np.isfinite(total) and total > 0):
+    told = np.isfinite(sigma) & (sigma > 0)
+    if not told.any():
         return np.full(BINS, np.nan)
-    return np.asarray(np.bincount(part, gained / total, BINS), dtype=float)
+    information = np.where(told, (sigma[told].min() / np.where(told, sigma, 1.0)) ** 2, 0.0)
+    gained = np.maximum(np.diff(information, prepend=0.0), 0.0)
+    return np.asarray(np.bincount(part, gained / gained.sum(), BINS), dtype=float)
 
 
 def learnt_by(found: Strips, row: int, share: float) -> float | None:
