@@ -37,13 +37,12 @@ def covered(recorded: Recorded) -> list[Covered]:
 
 
 def only(recorded: Recorded, phase: str) -> Recorded:
-    """The same result with one of its phases; :class:`UsageError` names the phases there are."""
+    """The same result with one of its phases, history and all; :class:`UsageError` names the phases there are."""
     found = [item for item in recorded.result.phases if item.name == phase]
     if not found:
         known = ", ".join(item.name for item in recorded.result.phases)
         raise UsageError(f"no phase {phase!r} in {recorded.path}; there are {known}")
-    history = {name: columns for name, columns in recorded.history.items() if name == phase}
-    return replace(recorded, result=recorded.result.model_copy(update={"phases": found}), history=history)
+    return replace(recorded, result=recorded.result.model_copy(update={"phases": found}))
 
 
 def extent(parts: list[Covered]) -> tuple[float, float]:
