@@ -61,6 +61,7 @@ def result(phases: list[dict[str, Any]] | None = None, **changes: Any) -> Result
         },
         "log": {"path": "log.parquet", "rows": 1200, "cycles": 1200, "duration_s": 60.0, "cycle_s": 0.05},
         "delay": {"cycles": 2.0, "source": "vehicle", "detected_cycles": None, "sigma_cycles": None},
+        "lag": {"lag_s": 0.0, "source": "vehicle", "sigma_s": None},
         "conventions": {"inertia_about": "cg", "products_of_inertia": "tensor"},
         "phases": phases or [phase()],
         "docked_object": None,
