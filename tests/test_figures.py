@@ -337,7 +337,7 @@ def test_a_png_is_the_same_bytes_twice(flyer: Recorded, name: str) -> None:
 
 
 def test_an_unknown_figure_or_phase_is_refused_with_those_there_are(flyer: Recorded) -> None:
-    with pytest.raises(UsageError, match=r"no figure 'inertai'; did you mean inertia\? There are inertia, cg, mass"):
+    with pytest.raises(UsageError, match=r"no figure 'inertai'; did you mean inertia\? there are inertia, cg, mass"):
         figures.draw("inertai", flyer, "svg")
     with pytest.raises(UsageError, match=r"no phase 'docked' in .*; there are all"):
         figures.draw("inertia", flyer, "svg", "docked")

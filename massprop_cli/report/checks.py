@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.report.result import Delay, Innovations
+from massprop_cli.report.result import Delay, Innovations, Lag
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
 COUNT = 3.3
@@ -58,3 +58,9 @@ def delay(found: Delay) -> list[tuple[str, str]]:
         off = (found.detected_cycles - found.cycles) / found.sigma_cycles
         rows.append(("detected less used", f"{found.detected_cycles - found.cycles:+.2g} cycles, {off:+.1f} sigma".replace("-", "−")))
     return rows
+
+
+def lag(found: Lag) -> tuple[str, str]:
+    """The lag that was used."""
+    spread = "" if found.sigma_s is None else f" ± {found.sigma_s:.2g}"
+    return "lag of the thrust", f"{found.lag_s:.6g}{spread} s, {SOURCES[found.source]}"

@@ -107,7 +107,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
             _phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)
         ],
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
-        "delay": checks.delay(result.delay),
+        "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
         "settings": settings(result),
         "verdicts": view.signs(tables),
     }

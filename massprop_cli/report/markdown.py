@@ -100,6 +100,7 @@ def _origin(found: Result) -> str:
     return (
         f"Log {shown(log.path)} ({log.duration_s:.6g} s, {log.cycles} cycles), vehicle {shown(found.vehicle.name)}, "
         f"method {shown(str(method))}, command delay {found.delay.cycles:.6g} cycles ({found.delay.source}), "
+        f"thrust lag {found.lag.lag_s:.6g} s ({found.lag.source}), "
         f"massprop {shown(found.provenance.massprop)}."
     )
 

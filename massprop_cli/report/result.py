@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,6 +20,11 @@ from massprop_cli.history import History
 from massprop_cli.vehicle import ZERO, Nominal
 
 AXES = ("x", "y", "z")
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+Matrix = list[list[float | None]]
+Matrix3 = Annotated[list[Annotated[list[float | None], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)]
+Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max_length=10)]], Field(min_length=10, max_length=10)]
 
 
 class Item(BaseModel):
@@ -47,7 +52,7 @@ class VehicleInfo(Item):
     name: str
     environment: Literal["free", "air_bearing"]
     bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
-    bearing_position_m: list[float]
+    bearing_position_m: Triple
     commands: Literal["jets", "wrench"]
     jets: list[str]
     thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
@@ -123,14 +128,9 @@ class Physical(Item):
     """Whether a real body could have this inertia."""
 
     consistent: bool | None
-    principal_moments: list[float] | None
+    principal_moments: Triple | None
     note: str
-    nearest_consistent: list[list[float | None]] | None = Field(
-        None, description="the nearest inertia that a body could have, where this is none"
-    )
-
-
-Matrix = list[list[float | None]]
+    nearest_consistent: Matrix3 | None = Field(None, description="the nearest inertia that a body could have, where this is none")
 
 
 class Innovations(Item):
@@ -138,8 +138,8 @@ class Innovations(Item):
 
     cycles: int
     nis: float = Field(description="mean normalised innovation squared of a cycle, all six channels together; 6 is expected")
-    channel_variance: list[float] = Field(description="rate x y z, specific force x y z; 1 is expected")
-    lag_one_correlation: list[float] = Field(description="of each channel from one cycle to the next; 0 is expected")
+    channel_variance: Six = Field(description="rate x y z, specific force x y z; 1 is expected")
+    lag_one_correlation: Six = Field(description="of each channel from one cycle to the next; 0 is expected")
 
 
 class PhaseItem(Item):
@@ -149,8 +149,8 @@ class PhaseItem(Item):
     start_s: float
     end_s: float
     estimates: dict[str, EstimateItem]
-    covariance: Matrix
-    inertia_about_origin: Matrix | None
+    covariance: Matrix10
+    inertia_about_origin: Matrix3 | None
     physical: Physical
     innovations: Innovations | None
 
@@ -161,7 +161,7 @@ class DockedObject(Item):
     before: str
     after: str
     estimates: dict[str, EstimateItem]
-    covariance: Matrix
+    covariance: Matrix10
 
 
 class WarningItem(Item):

@@ -43,8 +43,8 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
     """
     if name not in _PICTURES:
         nearest = difflib.get_close_matches(name, NAMES, n=1)
-        meant = f"; did you mean {nearest[0]}?" if nearest else ""
-        raise UsageError(f"no figure {name!r}{meant} There are {', '.join(NAMES)}")
+        meant = f" did you mean {nearest[0]}?" if nearest else ""
+        raise UsageError(f"no figure {name!r};{meant} there are {', '.join(NAMES)}")
     return _PICTURES[name][1](recorded if phase is None else only(recorded, phase))
 
 
