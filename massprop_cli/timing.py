@@ -35,6 +35,8 @@ PRIOR = 1.0
 """Cycles; one sigma of what a single step may change."""
 LEAP = 0.5
 """Cycles, or this part of the lag; the largest step."""
+SHARPEST = 1e-12
+"""Cycles; no log tells a delay better."""
 STEPS = 6
 MORE_STEPS = 20
 """Most steps for a delay, and for a lag: the two look alike, so that they creep."""
@@ -203,11 +205,12 @@ def _move(
         changes = [_change(at[low], at[high], (low, high), cycles, plain.reference, vehicle) for low, high in sides]
         extra = Extra(np.concatenate([c[0] for c in changes], -1), np.concatenate([c[1] for c in changes], -1), PRIOR)
         moved = fit(at[now], cycles, plain.reference, vehicle, extra, passes=0)
-        if not np.isfinite(plain.chi_square + moved.chi_square):
-            continue
+        spread = moved.extra_covariance * max(moved.chi_square, 1.0)
+        if not np.isfinite(plain.chi_square + spread.sum()) or np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
+            continue  # a response that runs away tells nothing
         count = cycles.stop - cycles.start
         before, after, rows = before + count * plain.chi_square, after + count * moved.chi_square, rows + count
-        part = np.linalg.inv(moved.extra_covariance * max(moved.chi_square, 1.0))
+        part = np.linalg.inv(spread)
         information = information + part
         moment = moment + part @ moved.extra
     if rows == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +101,15 @@ def test_a_real_flight_that_cannot_tell_delay_from_lag_is_refused() -> None:
     flight = Path(__file__).parents[1] / "sample_logs" / "crazyflie" / "yaw.parquet"
     with pytest.raises(InputError, match="the command delay and the thrust lag can't be told from this log"):
         analysis.analyse(flight, None, ['thrust.lag_s="auto"', 'cycle.command_delay_cycles="auto"'])
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("size", [1e60, 1e150])
+def test_a_response_that_runs_away_tells_no_delay(size: float) -> None:
+    flight = flown(2.0, 1, "vehicle.cycle.command_delay_cycles=2.0")
+    log = flight.log(0)
+    found = analysis.examine(log, VehicleSource(flight.vehicle, "t", ""))
+    history = found.histories[0]
+    assert history.reference is not None
+    wild = replace(log, delta_theta_imu_rad=size * log.delta_theta_imu_rad)
+    assert timing.detect(wild, found.vehicle, [history.cycles], found.timing, ["delay"], [history.reference]) is None
