@@ -47,11 +47,7 @@ def _legend(found: Result) -> list[str]:
         "ixy = −Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
         + (" Mass includes the bearing's." if bearing else ""),
     ]
-    if method == "thesis":
-        lines.append("Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors.")
-    elif vehicle.thrust_scale_sigma == 0 and not vehicle.known:
-        lines.append("Mass and inertia are proportional to the thrust that the vehicle file states; no uncertainty of it is stated.")
-    return lines
+    return [*lines, words.thrust_scale(found)]
 
 
 def _table(title: str, estimates: dict[str, EstimateItem]) -> Table:

@@ -65,8 +65,9 @@ def thrust_scale(result: Result) -> str:
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )
-    if vehicle.known:
-        return f"{said}. Here it is calibrated by what is known: {', '.join(vehicle.known)}."
+    calibrating = [name for name in vehicle.known if not name.startswith("cg")]
+    if calibrating:
+        return f"{said}. Here it is calibrated by what is known: {', '.join(calibrating)}."
     if vehicle.thrust_scale_sigma > 0:
         return f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia."
     return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
