@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from commit import commit
 
 from massprop_cli import QUANTITIES, UNITS, __version__, analysis, docking
 from massprop_cli.arrays import Array
@@ -123,7 +124,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--scenario", action="append", choices=SCENARIOS)
     arguments = parser.parse_args()
-    print(HEAD.format(seeds=arguments.seeds, version=__version__))
+    print(HEAD.format(seeds=arguments.seeds, version=__version__, commit=commit()))
     with ProcessPoolExecutor() as pool:
         for name in arguments.scenario or SCENARIOS:
             seeds = range(1, (3 if name == NOISE_FREE else arguments.seeds) + 1)
@@ -132,8 +133,8 @@ def main() -> None:
 
 HEAD = """# Accuracy over {seeds} seeds
 
-Made by `python benchmarks/accuracy.py > docs/accuracy.md` at massprop {version}. Bias is the mean error; rms / bound the root
-mean square error over that of the logs' own Cramér–Rao bounds (from the simulator's sensitivities, initial rates unknown, IMU
+Made by `python benchmarks/accuracy.py > docs/accuracy.md` at commit {commit} (massprop {version}). Bias is the mean error; rms / bound the
+root mean square error over that of the logs' own Cramér–Rao bounds (from the simulator's sensitivities, initial rates unknown, IMU
 noise alone); sigma / bound the median claim over it; z error over claimed sigma (1 is honest); the last column how many of the 95
 % intervals hold the truth (95 % is honest; 3 standard deviations of that share over 200 seeds are 4.6 %). Inertia about the CG in
 body axes, products as tensor elements; CG from O. The thesis's sigma is its "precision", no error. The preliminary scenario has

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from commit import commit
 
 from massprop_cli import __version__, analysis
 from massprop_cli.telemetry import Log
@@ -109,7 +110,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1001)
     parser.add_argument("--fault", type=int, action="append", help="by number, from 0")
     arguments = parser.parse_args()
-    print(HEAD.format(version=__version__, first=arguments.first))
+    print(HEAD.format(version=__version__, commit=commit(), first=arguments.first))
     with ProcessPoolExecutor() as pool:
         seeds = range(arguments.first, arguments.first + arguments.seeds)
         for number in arguments.fault if arguments.fault is not None else range(len(FAULTS)):
@@ -138,8 +139,8 @@ def _by_number(number: int, seed: int) -> tuple[bool, tuple[str, ...]]:
 
 HEAD = """# Faults named, and false alarms
 
-Made by `python benchmarks/faults.py > docs/faults.md` at massprop {version}, seeds from {first} on. A fault counts as named if the warning
-points at it: the code, and the jet, axis, delay or unit in its text.
+Made by `python benchmarks/faults.py > docs/faults.md` at commit {commit} (massprop {version}), seeds from {first} on. A fault
+counts as named if the warning points at it: the code, and the jet, axis, delay or unit in its text.
 
 | fault | warning due | named | other warnings |
 |---|---|--:|---|"""
