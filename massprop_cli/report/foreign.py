@@ -17,10 +17,15 @@ _NUMBERED = re.compile(r"^(\d+)([.)])(?=\s|$)")
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
-def line(text: str) -> str:
-    """The text on one line, what can't be shown as the replacement character; no format of XML, JSON or UTF-8 objects to it."""
-    shown = "".join("\ufffd" if unicodedata.category(c) in _HIDDEN else c for c in " ".join(text.split()))
-    return shown if len(shown) <= LONGEST else f"{shown[:LONGEST]}…"
+def visible(text: str) -> str:
+    """The text with the replacement character for what can't be shown; no format of XML, JSON or UTF-8 objects to it."""
+    return "".join("\ufffd" if unicodedata.category(c) in _HIDDEN and c not in "\t\n" else c for c in text)
+
+
+def line(text: str, longest: int = LONGEST) -> str:
+    """The same on one line."""
+    shown = visible(" ".join(text.split()))
+    return shown if len(shown) <= longest else f"{shown[: longest - 1]}…"
 
 
 def markdown(text: str) -> str:

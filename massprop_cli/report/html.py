@@ -12,6 +12,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.errors import InputError
 from massprop_cli.report import body, checks, figures, view, words
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
+from massprop_cli.report.foreign import visible
 from massprop_cli.report.inline import gathered, inline
 from massprop_cli.report.read import Recorded
 from massprop_cli.report.result import PhaseItem, Result
@@ -93,7 +94,7 @@ def _environment() -> Environment:
 
 
 def _clean(value: object) -> object:
-    return words.clean(value) if type(value) is str else value
+    return visible(value) if type(value) is str else value
 
 
 def _report(recorded: Recorded) -> Mapping[str, Any]:

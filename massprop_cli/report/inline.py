@@ -6,7 +6,7 @@ import html
 import re
 
 from massprop_cli.report.figures import palette
-from massprop_cli.report.words import clean
+from massprop_cli.report.foreign import line
 
 _UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
 _COLOUR = re.compile("|".join(palette.NAMES))
@@ -27,7 +27,7 @@ def inline(svg: bytes, prefix: str, says: str) -> str:
     body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
     body = _STYLE.sub(lambda style: _themed(style[0]), body)
     body = _flat(re.sub(r">\s+<", "><", body).strip())
-    told = html.escape(clean(says))
+    told = html.escape(line(says))
     return f'<svg {box[0] if box else ""} role="img" aria-label="{told}"><title>{told}</title>{body}</svg>'
 
 

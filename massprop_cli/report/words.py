@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 from massprop_cli.conclude import WANTED, Verdict
 from massprop_cli.report.result import Result
@@ -21,15 +20,6 @@ VERDICTS: dict[Verdict, str] = {
 }
 SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "unobservable": "✕"}
 """A sign for each verdict, so that colour is never the only one."""
-
-
-_UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
-
-
-def clean(text: str, longest: int | None = None) -> str:
-    """A name from a file, without characters that XML forbids or that turn the direction of writing; shortened if asked."""
-    text = _UNPRINTABLE.sub("\ufffd", text)
-    return text if longest is None or len(text) <= longest else text[: longest - 1] + "…"
 
 
 def unit(text: str) -> str:

@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from massprop_cli import CG, INERTIA
 from massprop_cli.errors import UsageError
-from massprop_cli.report import words
 from massprop_cli.report.figures import canvas, correlation, ellipsoid, estimates, excitation, innovations, signals
 from massprop_cli.report.figures.canvas import Kind
 from massprop_cli.report.figures.panel import Picture
 from massprop_cli.report.figures.recording import only
+from massprop_cli.report.foreign import line
 from massprop_cli.report.read import Recorded
 
 _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
@@ -51,8 +51,8 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
 def draw(name: str, recorded: Recorded, kind: Kind, phase: str | None = None) -> bytes:
     """The figure as SVG or PNG; same result, same bytes. Errors as :func:`picture`."""
     found = picture(name, recorded, phase)
-    of_phase = f", phase {words.clean(phase, 24)}" if phase is not None else ""
-    title = f"{TITLES[name]}: {words.clean(recorded.result.vehicle.name, 40)}, {words.clean(recorded.result.log.path, 40)}{of_phase}"
+    of_phase = f", phase {line(phase, 24)}" if phase is not None else ""
+    title = f"{TITLES[name]}: {line(recorded.result.vehicle.name, 40)}, {line(recorded.result.log.path, 40)}{of_phase}"
     return canvas.render(found.panels, kind, found.columns, title)
 
 

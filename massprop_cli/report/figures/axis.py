@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import LEFT
 from massprop_cli.report.figures.series import Limits
-from massprop_cli.report.words import clean
+from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ def title(axes: Axes, text: str) -> None:
 def heading(axes: Axes, text: str, unit: str, exponent: int = 0) -> None:
     """What is drawn, and its unit."""
     power = f"10{str(exponent).translate(_SUPERSCRIPT)} " if exponent else ""
-    title(axes, f"{clean(text, 60)} [{power}{unit}]")
+    title(axes, f"{line(text, 60)} [{power}{unit}]")
 
 
 def values(axes: Axes, limits: Limits, text: str, unit: str) -> None:
@@ -78,7 +78,7 @@ def phases(axes: Axes, found: Sequence[PhaseItem]) -> None:
         axes.axvline(start, color=palette.MUTED, linewidth=0.6, linestyle=":")
         longest = max(3, int(40 * (end - start) / (high - low)))
         place = axes.get_xaxis_transform()
-        said = clean(phase.name, longest)
+        said = line(phase.name, longest)
         axes.text(start + 0.01 * (high - low), 0.985, said, transform=place, va="top", ha="left", fontsize=7, color=palette.MUTED)
 
 

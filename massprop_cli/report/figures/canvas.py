@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import BOTTOM, LEFT, RIGHT, TOP, Panel
-from massprop_cli.report.words import clean
+from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
     height = sum(heights) + (HEADING if title else 0)
     figure = Figure(figsize=(width, height))
     if title:
-        figure.text(0.12 / width, 1 - 0.1 / height, clean(title, 110), va="top", fontsize=10, fontweight="bold")
+        figure.text(0.12 / width, 1 - 0.1 / height, line(title, 110), va="top", fontsize=10, fontweight="bold")
     top = height - (HEADING if title else 0)
     for row, row_height in zip(rows, heights, strict=True):
         left = 0.0
@@ -103,4 +103,4 @@ def _scales(axes: Axes, figure: Figure) -> str:
 
 
 def _escaped(text: str) -> str:
-    return clean(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return line(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import Matrix, PhaseItem
+from massprop_cli.report.foreign import line
 
 CAPTION = (
     "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "
@@ -74,7 +75,7 @@ def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
         axes.tick_params(which="both", length=0)
         axes.set_xlim(-0.5, 9.5)
         axes.set_ylim(9.5, -0.5)
-        axis.title(axes, f"Correlation{f', phase {words.clean(phase.name, 24)}' if several else ''} [1]")
+        axis.title(axes, f"Correlation{f', phase {line(phase.name, 24)}' if several else ''} [1]")
 
     return Panel(f"correlation-{number}", _says(phase, found), paint, (LENGTH * 1.1, LENGTH * 1.02))
 
@@ -84,5 +85,5 @@ def _says(phase: PhaseItem, found: Array) -> str:
     told = [
         f"{words.SYMBOLS[QUANTITIES[j]]} with {words.SYMBOLS[QUANTITIES[i]]} {found[i, j]:.2f}" for _, i, j in sorted(pairs, reverse=True)
     ]
-    start = f"Correlations of the ten estimates, phase {words.clean(phase.name)}"
+    start = f"Correlations of the ten estimates, phase {line(phase.name)}"
     return f"{start}; strongest: {', '.join(told[:5])}" if told else f"{start}; none is above 0.3"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.report import body, words
+from massprop_cli.report import body
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import PhaseItem
+from massprop_cli.report.foreign import line
 
 SIDE = 2.5
 """Inches."""
@@ -67,7 +68,7 @@ def _caption(found: list[body.Ellipsoid | None]) -> str:
 
 def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str, several: bool) -> Panel:
     label, letters, directions = VIEWS[view]
-    name = f", {words.clean(phase.name, 16)}" if several else ""
+    name = f", {line(phase.name, 16)}" if several else ""
 
     def paint(axes: Axes) -> None:
         unit = "m" if seen is None or seen.to_scale else "parts"
@@ -132,7 +133,7 @@ def _label(axes: Axes, place: Array, text: str, colour: str) -> None:
 
 
 def _says(phase: PhaseItem, seen: body.Ellipsoid | None, label: str) -> str:
-    start = f"Equivalent inertia ellipsoid, phase {words.clean(phase.name)}, {label.lower()}"
+    start = f"Equivalent inertia ellipsoid, phase {line(phase.name)}, {label.lower()}"
     if seen is None:
         return f"{start}: the inertia is not known"
     unit = "m" if seen.to_scale else "of the longest"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import EstimateItem, PhaseItem
+from massprop_cli.report.foreign import line
 
 FAR = 3.0
 """An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""
@@ -63,7 +64,7 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
     final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
     limits = _limits(settled(value, sigma), item)
-    heading = f"{words.SYMBOLS[name]}{f', phase {words.clean(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
+    heading = f"{words.SYMBOLS[name]}{f', phase {line(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
@@ -147,7 +148,7 @@ def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
 
 def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) -> str:
     item, cut = phase.estimates[name], cut_off_s(name, phase, columns)
-    start = f"{words.SYMBOLS[name]} against time, phase {words.clean(phase.name)}: "
+    start = f"{words.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:
         return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
     told = "no value is reported" if item.value is None else "ends at {} ± {} {}".format(*words.numbers(item.value, item.sigma), item.unit)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import PhaseItem
+from massprop_cli.report.foreign import line
 
 BINS = 60
 """Parts of a phase."""
@@ -95,7 +96,7 @@ def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, found.edges_s), found.edges_s[-1])
-        axis.title(axes, f"Commands, and when each quantity was learnt{f': {words.clean(phase.name, 24)}' if several else ''}")
+        axis.title(axes, f"Commands, and when each quantity was learnt{f': {line(phase.name, 24)}' if several else ''}")
         base = [-row - (0.7 if row >= len(COMMANDS) else 0.0) for row in range(len(labels))]
         for row, (height, bottom) in enumerate(zip(heights, base, strict=True)):
             told, colour = row >= len(COMMANDS), palette.BLUE if row >= len(COMMANDS) else palette.MUTED
@@ -131,4 +132,4 @@ def _says(phase: PhaseItem, found: Strips) -> str:
     for row, name in enumerate(QUANTITIES):
         moment = learnt_by(found, row, 0.5)
         told.append(f"{words.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
-    return f"When each quantity was learnt in phase {words.clean(phase.name)}, beside the executing torque and force: {', '.join(told)}"
+    return f"When each quantity was learnt in phase {line(phase.name)}, beside the executing torque and force: {', '.join(told)}"
