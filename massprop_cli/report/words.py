@@ -70,7 +70,7 @@ def numbers(value: float | None, sigma: float | None) -> tuple[str, str]:
     if not sigma > 0:
         return f"{value:.6g}", f"{sigma:.2g}"
     decimals = 1 - math.floor(math.log10(sigma))
-    if decimals > 7:
+    if decimals > 7 and (abs(value) < 1e-3 or decimals > 12):
         return f"{value:.{max(decimals + math.floor(math.log10(abs(value) or 1)), 1)}e}", f"{sigma:.1e}"
     return f"{value:.{max(decimals, 0)}f}", f"{sigma:.{max(decimals, 0)}f}"
 
