@@ -60,7 +60,7 @@ class Found:
 
 def jobs(found: Sequence[Found]) -> list[Job]:
     """A job for each log, in their order; a log that was found twice is done once, by what was said of it last."""
-    last = {log.location: log for log in found}
+    last = {log.parts: log for log in found}
     logs = list(last.values())
     return [
         Job(name, log.location, "/".join(log.parts[-log.below :]), log.settings, log.tags)
