@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from massprop_cli.campaign import outcome
+from massprop_cli.campaign import outcome, summary
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.runner import Executor, Task
-from massprop_cli.campaign.summary import Summary
+from massprop_cli.campaign.summary import Baseline, Row, Summary
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,25 @@ def _kept(jobs: Sequence[Job], place: Place) -> dict[int, Outcome]:
     return found
 
 
-def write(place: Place, found: Summary) -> None:
-    """The campaign's tables and its page, campaign.json last."""
-    from massprop_cli.campaign import summary, table
+def campaign(
+    name: str,
+    jobs: Sequence[Job],
+    place: Place,
+    executor: Executor,
+    *,
+    force: bool = False,
+    fail_fast: bool = False,
+    baseline: Callable[[Sequence[Row]], Baseline] | None = None,
+    told: Told | None = None,
+) -> Summary:
+    """Work all jobs and write the campaign's tables and page, campaign.json last; the place's lock is held."""
+    from massprop_cli.campaign import table
     from massprop_cli.report import campaign_page
 
+    outcomes = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
+    rows = [summary.row(job, one) for job, one in zip(jobs, outcomes, strict=True)]
+    found = summary.summary(name, rows, None if baseline is None else baseline(rows))
     place.put_file("campaign.parquet", table.parquet(found))
     place.put_file("campaign.html", campaign_page.page(found).encode())
     place.put_file("campaign.json", summary.to_json(found).encode())
+    return found

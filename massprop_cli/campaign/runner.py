@@ -30,6 +30,11 @@ class Task:
     known: str | None = None
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class Executor(Protocol):
     """Runs tasks somewhere."""
 
@@ -42,10 +47,10 @@ class Executor(Protocol):
 
 
 class LocalExecutor:
-    """``jobs`` processes on this machine."""
+    """``jobs`` processes on this machine; None: as many as it has cores for this process."""
 
-    def __init__(self, jobs: int) -> None:
-        self.jobs = jobs
+    def __init__(self, jobs: int | None = None) -> None:
+        self.jobs = jobs or cores()
 
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
         """See :class:`Executor`."""

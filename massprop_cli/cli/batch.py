@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,13 +97,20 @@ def batch(
     with folder.lock():
         with steps(planned, quiet) as told:
             try:
-                outcomes = flow.work(planned, folder, LocalExecutor(jobs or cores()), force=force, fail_fast=fail_fast, told=told)
+                found = flow.campaign(
+                    name,
+                    planned,
+                    folder,
+                    LocalExecutor(jobs),
+                    force=force,
+                    fail_fast=fail_fast,
+                    baseline=None
+                    if baseline is None or earlier is None
+                    else partial(baselines.compare, path=baseline, old=earlier, gate=allowed),
+                    told=told,
+                )
             except KeyboardInterrupt:
                 fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
-        rows = [summary.row(job, outcome) for job, outcome in zip(planned, outcomes, strict=True)]
-        held = baselines.compare(rows, baseline, earlier, allowed) if baseline is not None and earlier is not None else None
-        found = summary.summary(name, rows, held)
-        flow.write(folder, found)
         if junit is not None:
             _write(junit, suites.text(folder, found))
     _tell_github(found)
@@ -114,11 +122,6 @@ def batch(
         campaign_table.show(found, console(no_color))
         typer.echo(str(out / "campaign.html"))
     _leave(found)
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _not_a_folder(junit: Path | None) -> None:
