@@ -68,7 +68,7 @@ def test_sigmas_claimed_too_small_are_seen() -> None:
 
 def test_a_trend_is_that_of_weighted_least_squares_and_as_good_as_it_says() -> None:
     rng = np.random.default_rng(5)
-    z = []
+    z, found = [], None
     for _ in range(SEEDS):
         samples = draw(rng, 15, 0.4, slope=-0.02)
         found = pool.trend(samples)
@@ -76,6 +76,7 @@ def test_a_trend_is_that_of_weighted_least_squares_and_as_good_as_it_says() -> N
         z.append((found.per_log + 0.02) / found.sigma)
     low, high = stats.chi2.ppf([0.001, 0.999], SEEDS)
     assert low < (np.array(z) ** 2).sum() < high
+    assert found is not None
     design = np.stack([np.ones(15), samples.number], 1) / samples.own[:, None]
     slope = np.linalg.lstsq(design, samples.value / samples.own, rcond=None)[0][1]
     assert found.per_log == pytest.approx(slope, rel=1e-9)

@@ -63,7 +63,7 @@ def jobs(found: Sequence[Found]) -> list[Job]:
     last = {log.parts: log for log in found}
     logs = list(last.values())
     return [
-        Job(name, log.location, "/".join(log.parts[-log.below :]), log.settings, log.tags)
+        Job(name, log.location, _text("/".join(log.parts[-log.below :])), log.settings, log.tags)
         for name, log in zip(names(logs), logs, strict=True)
     ]
 
@@ -89,6 +89,11 @@ def names(logs: Sequence[Found]) -> list[str]:
             f"{name}-{_UNSAFE.sub('_', more(log))}" if n in same else name for n, (name, log) in enumerate(zip(found, logs, strict=True))
         ]
     return found
+
+
+def _text(path: str) -> str:
+    """A path as text that any file can hold: what is no UTF-8 in it becomes "?"."""
+    return path.encode("utf-8", "replace").decode()
 
 
 def _shared(found: Sequence[str]) -> set[int]:

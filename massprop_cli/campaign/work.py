@@ -6,6 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
+from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from massprop_cli.analysis import Analysis
@@ -66,7 +68,7 @@ def process(job: Job, known: str | None = None) -> Produced | None:
 
 def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_sha256: str | None = None) -> Produced:
     """The outcome of a job without a result."""
-    shown = " ".join(_as_shown(job, message).split())
+    shown = line(_as_shown(job, message))
     found = Outcome(schema="massprop/outcome/1", fingerprint=mark, exit_code=code, message=shown, input_sha256=input_sha256)
     return Produced(found, {outcome.FILE: outcome.to_json(found)})
 
@@ -81,6 +83,10 @@ def _as_shown(job: Job, message: str) -> str:
 def gather(job: Job) -> Inputs:
     """Read a job's inputs; :class:`InputError` where one can't be."""
     settings = job.settings
+    try:
+        job.log.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{job.shown}: the file's name is not UTF-8; rename it") from None
     log = location.read(job.log, "log")
     places = [settings.vehicle] if settings.vehicle is not None else _beside(job.log)
     vehicle = next(((place, location.read(place, "vehicle file")) for place in places), None)
@@ -111,6 +117,7 @@ def _base(place: str) -> bytes:
     return place.replace("\\", "/").rpartition("/")[2].encode("utf-8", "surrogatepass")
 
 
+@cache
 def _versions() -> dict[str, str]:
     import platform
     from importlib.metadata import version
@@ -197,7 +204,7 @@ def _outcome(job: Job, found: Analysis, judged: Result, mark: str, files: list[s
         schema="massprop/outcome/1",
         fingerprint=mark,
         exit_code=code,
-        message=" ".join(". ".join(reasons).split()),
+        message=line(". ".join(reasons)),
         input_sha256=judged.provenance.input_sha256,
         vehicle=told.vehicle(judged),
         method=str(judged.provenance.settings.get("estimator.method", "")),
