@@ -49,6 +49,18 @@ def test_a_campaign_killed_at_twenty_moments_ends_in_the_same_bytes(tmp_path: Pa
     survives(tmp_path, 40, 20)
 
 
+def test_a_campaign_that_is_interrupted_says_how_to_go_on(tmp_path: Path) -> None:
+    simulate(tmp_path / "logs", 12)
+    process = subprocess.Popen(command("logs"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "massprop: interrupted; what is done stays in massprop-out, and the same command goes on from there"
+    assert [path.name for path in (tmp_path / "massprop-out").iterdir()] == ["results"]
+
+
 def test_workers_end_when_the_batch_is_killed(tmp_path: Path) -> None:
     simulate(tmp_path / "logs", 12)
     process = subprocess.Popen(command("logs", "-q"), cwd=tmp_path, env=environment())

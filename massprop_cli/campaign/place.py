@@ -56,8 +56,8 @@ class LocalPlace:
             shutil.rmtree(self._aside, ignore_errors=True)
             self._aside.mkdir()
             yield
-            shutil.rmtree(self._aside)
         finally:
+            shutil.rmtree(self._aside, ignore_errors=True)
             with suppress(FileNotFoundError):
                 (self.folder / _LOCK).unlink()
             os.close(handle)

@@ -93,24 +93,16 @@ def batch(
     _check(planned)
     earlier = summary.read(baseline) if baseline is not None else None
     allowed = gate.load(tolerance, max_sigma)
+    against = None if baseline is None or earlier is None else partial(baselines.compare, path=baseline, old=earlier, gate=allowed)
     folder = place.LocalPlace(out)
     with folder.lock():
-        with steps(planned, quiet) as told:
-            try:
+        try:
+            with steps(planned, quiet) as told:
                 found = flow.campaign(
-                    name,
-                    planned,
-                    folder,
-                    LocalExecutor(jobs),
-                    force=force,
-                    fail_fast=fail_fast,
-                    baseline=None
-                    if baseline is None or earlier is None
-                    else partial(baselines.compare, path=baseline, old=earlier, gate=allowed),
-                    told=told,
+                    name, planned, folder, LocalExecutor(jobs), force=force, fail_fast=fail_fast, baseline=against, told=told
                 )
-            except KeyboardInterrupt:
-                fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
+        except KeyboardInterrupt:
+            fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
         if junit is not None:
             _write(junit, suites.text(folder, found))
     _tell_github(found)
