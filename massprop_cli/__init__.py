@@ -32,8 +32,19 @@ Symbols
 ``T``               length of a control cycle, s
 ==================  =========================================================================
 
+From Python
+-----------
+:func:`estimate_log` estimates one log, :func:`run_campaign` many; both give typed results and pandas tables (:mod:`massprop_cli.api`).
+
 The ten quantities stand in one order everywhere: :data:`QUANTITIES`.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from massprop_cli.api import Campaign, LogEstimate, estimate_log, run_campaign
 
 __version__ = "0.1.0"
 
@@ -41,3 +52,14 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 CG = ("cg_x", "cg_y", "cg_z")
 QUANTITIES = (*INERTIA, *CG, "mass")
 UNITS = {**dict.fromkeys(INERTIA, "kg m^2"), **dict.fromkeys(CG, "m"), "mass": "kg"}
+
+__all__ = ["QUANTITIES", "UNITS", "Campaign", "LogEstimate", "__version__", "estimate_log", "run_campaign"]
+
+
+def __getattr__(name: str) -> object:
+    """The Python interface, imported when it is asked for: the command line must start fast."""
+    if name in __all__:
+        from massprop_cli import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

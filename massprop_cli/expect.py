@@ -147,7 +147,11 @@ class Expectations:
 
 def load(path: Path) -> Expectations:
     """Read an expect file; :class:`InputError` names file, line and key."""
-    text = configfile.read_text(path, "expect file")
+    return parse(configfile.read_text(path, "expect file"), path)
+
+
+def parse(text: str, path: Path) -> Expectations:
+    """The same from the file's text; ``path`` is for its kind and for messages."""
     as_json = path.suffix.lower() == ".json"
     data = tables(text, str(path), as_json)
     check_place(data, str(path))

@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare")
+NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -35,6 +35,14 @@ def schema(name: str) -> dict[str, Any]:
         from massprop_cli.report import compare
 
         found = compare.schema()
+    elif name == "campaign":
+        from massprop_cli.campaign import campaignfile
+
+        found = campaignfile.schema()
+    elif name == "summary":
+        from massprop_cli.campaign import summary
+
+        found = summary.schema()
     else:
         from massprop_cli.report import result
 

@@ -54,6 +54,11 @@ def read_table(path: Path) -> Table:
         raise InputError(f"{path}: no such file; check the path") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    return parse(path, data)
+
+
+def parse(path: Path, data: bytes) -> Table:
+    """The same from the file's bytes; ``path`` is for its kind and for messages."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
     readers = {".parquet": _read_parquet, ".csv": _read_csv}

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from massprop_cli import __version__
+from massprop_cli.cli.batch import batch
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.report import report
@@ -22,7 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, report, compare, simulate, schema):
+for _command in (estimate, batch, report, compare, simulate, schema):
     app.command()(_command)
 
 

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from massprop_cli import QUANTITIES
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import EXIT_NOT_CONVERGED, EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, warn
-from massprop_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from massprop_cli.analysis import Analysis
-
-
-class Method(StrEnum):
-    """Estimators."""
-
-    default = "default"
-    thesis = "thesis"
 
 
 @guarded
@@ -33,7 +24,7 @@ def estimate(
     out: Annotated[
         Path | None, typer.Option(help="Result folder (default: massprop-out/LOGSTEM).", envvar="MASSPROP_OUT", show_default=False)
     ] = None,
-    method: Annotated[Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
+    method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
     refine: Annotated[
         bool, typer.Option("--refine", help="Report the off-line maximum-likelihood fit instead of the last causal row.")
@@ -55,7 +46,7 @@ def estimate(
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
     not converged, 5 a value is missing or outside its expectation.
     """
-    required = _required(require)
+    required = options.required(require)
     import numpy as np
 
     from massprop_cli import analysis, judge, store
@@ -64,14 +55,7 @@ def estimate(
 
     folder_of_its_own(out)
     expected = expectations.load(expect) if expect is not None else None
-    options = {
-        "method": [f'estimator.method="{method.value}"'] if method else [],
-        "refine": ["estimator.refine=true"] if refine else [],
-        "delay": [f"cycle.command_delay_cycles={_delay(delay)}"] if delay is not None else [],
-    }
-    from_environment = [key for key in options if getattr(context.get_parameter_source(key), "name", "") == "ENVIRONMENT"]
-    assignments = [value for key in from_environment for value in options.pop(key)]
-    assignments += [*(assign or []), *(value for values in options.values() for value in values)]
+    assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         found = analysis.analyse(log, vehicle, assignments, told)
@@ -89,27 +73,6 @@ def estimate(
     missed = judge.missed(judged)
     if missed:
         fail(f"not as expected: {'; '.join(missed)}", EXIT_NOT_EXPECTED)
-
-
-def _delay(text: str) -> str:
-    """The option's value as TOML; :class:`InputError` unless it is a delay."""
-    try:
-        if text != "auto" and not 0 <= float(text) < float("inf"):
-            raise ValueError
-    except ValueError:
-        raise InputError(f"--delay {text!r}: not a delay; give a number of control cycles, 0 or more (may be fractional)") from None
-    return '"auto"' if text == "auto" else repr(float(text))
-
-
-def _required(text: str | None) -> list[str]:
-    if text is None:
-        return []
-    names = [name.strip() for name in text.split(",")]
-    names = list(QUANTITIES) if names == ["all"] else names
-    for name in names:
-        if name not in QUANTITIES:
-            raise UsageError(f"--require {name}: no such quantity; choose from {', '.join(QUANTITIES)} or all")
-    return names
 
 
 def _check_required(found: Analysis, required: list[str]) -> None:

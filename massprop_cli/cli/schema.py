@@ -21,6 +21,8 @@ class SchemaName(StrEnum):
     result = "result"
     tolerance = "tolerance"
     compare = "compare"
+    campaign = "campaign"
+    summary = "summary"
 
 
 @guarded

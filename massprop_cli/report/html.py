@@ -72,13 +72,14 @@ def page(recorded: Sequence[Recorded]) -> str:
     """A full report of one result; several are compared. The page loads nothing from anywhere."""
     if not recorded:
         raise ValueError("a page needs a result")
-    environment = _environment()
+    templates = environment()
     if len(recorded) == 1:
-        return gathered(environment.get_template("report.html.j2").render(_report(recorded[0])))
-    return gathered(environment.get_template("comparison.html.j2").render(_comparison(recorded)))
+        return gathered(templates.get_template("report.html.j2").render(_report(recorded[0])))
+    return gathered(templates.get_template("comparison.html.j2").render(_comparison(recorded)))
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """The templates, with the palette and the words that they share."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     found = Environment(

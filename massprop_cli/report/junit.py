@@ -7,7 +7,7 @@ could not be used is an error.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -29,6 +29,8 @@ class Outcome:
     name: str
     result: Result | None = None
     error: str | None = None
+    kind: str = "unusable input"
+    """Of error: what failed."""
 
 
 def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
@@ -36,15 +38,19 @@ def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
     return [Outcome(name, item.result) for item, name in zip(recorded, labels(recorded), strict=True)]
 
 
-def text(found: Sequence[Outcome]) -> str:
+def text(found: Iterable[Outcome]) -> str:
     """One document of all outcomes; same outcomes, same bytes."""
-    suites = [_suite(outcome) for outcome in found]
-    root = ET.Element("testsuites", {"name": "massprop"})
-    for key in ("tests", "failures", "errors"):
-        root.set(key, str(sum(int(suite.get(key, "0")) for suite in suites)))
-    root.extend(suites)
-    ET.indent(root, " ")
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    totals = dict.fromkeys(("tests", "failures", "errors"), 0)
+    suites = []
+    # each as text at once: the elements of a thousand logs would take hundreds of megabytes
+    for outcome in found:
+        suite = _suite(outcome)
+        totals = {key: count + int(suite.get(key, "0")) for key, count in totals.items()}
+        ET.indent(suite, " ", level=1)
+        suites.append(f" {ET.tostring(suite, encoding='unicode')}\n")
+    counts = " ".join(f'{key}="{count}"' for key, count in totals.items())
+    inside = f">\n{''.join(suites)}</testsuites>" if suites else " />"
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="massprop" {counts}{inside}\n'
 
 
 def _suite(outcome: Outcome) -> ET.Element:
@@ -63,7 +69,7 @@ def _suite(outcome: Outcome) -> ET.Element:
 
 def _error(outcome: Outcome) -> ET.Element:
     case = _case(outcome.name, "log", "usable")
-    _say(case, "error", outcome.error or "no result", "unusable input")
+    _say(case, "error", outcome.error or "no result", outcome.kind)
     return case
 
 

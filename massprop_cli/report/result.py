@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -329,7 +329,7 @@ SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2
 """What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
 
 
-def write_history(analysis: Analysis, path: Path) -> None:
+def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     """history.parquet: one row per cycle and phase, null where nothing can be said.
 
     Beside the estimates stand the executed mean torque about O and force, the mean rate, and the acceleration of O (of the bearing, on

@@ -1,0 +1,189 @@
+"""massprop from Python: typed results, and pandas tables for notebooks.
+
+>>> from massprop_cli import estimate_log, run_campaign
+>>> found = estimate_log("sample_logs/free-flyer/log.parquet")
+>>> found.result.phases[0].estimates["mass"].value          # the whole of result.json, typed
+>>> found.table                                              # a row per phase and quantity
+>>> found.history.plot(x="time_s", y="ixx")                  # a row per cycle
+>>> campaign = run_campaign(["flights/", "bench/*.csv"], "campaign", jobs=2)
+>>> campaign.table.groupby("vehicle")["mass"].describe()     # a row per log and phase
+>>> campaign.pooled                                          # what each vehicle's logs say together
+
+Units are SI, inertia is about the CG in body axes, products are tensor elements, the CG is from O.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from massprop_cli import analysis, expect, judge
+from massprop_cli.campaign import baseline as baselines
+from massprop_cli.campaign import discover, flow, summary
+from massprop_cli.campaign import place as places
+from massprop_cli.campaign.flow import Step
+from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.plan import Settings
+from massprop_cli.campaign.runner import LocalExecutor
+from massprop_cli.campaign.summary import Summary
+from massprop_cli.gate import Gate
+from massprop_cli.report import result
+
+if TYPE_CHECKING:
+    from massprop_cli.report.result import Result
+
+Where = str | Path
+Delay = float | Literal["auto"]
+
+
+@dataclass(frozen=True)
+class LogEstimate:
+    """One log, estimated."""
+
+    result: Result
+    """The whole of result.json."""
+    analysis: analysis.Analysis = field(repr=False)
+    """Everything in between: the log, aligned samples, histories, as read-only arrays."""
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """A row per phase (or docked object) and quantity: value, sigma, unit, verdict, final_at_s, reason, expected, met."""
+        rows = [
+            {"phase": part.removeprefix("phase "), "quantity": name}
+            | item.model_dump(include={"value", "sigma", "unit", "verdict", "final_at_s", "reason", "nominal"})
+            | {"expected": item.expected.value if item.expected else None, "met": item.expected.met if item.expected else None}
+            for part, body in judge.parts(self.result)
+            for name, item in body.estimates.items()
+        ]
+        return pd.DataFrame(rows).set_index(["phase", "quantity"])
+
+    @cached_property
+    def history(self) -> pd.DataFrame:
+        """A row per cycle and phase: the columns of history.parquet, NaN where nothing can be said."""
+        out = io.BytesIO()
+        result.write_history(self.analysis, out)
+        return pd.read_parquet(out)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Many logs, estimated; results are in ``folder``."""
+
+    folder: Path
+    summary: Summary
+    """The whole of campaign.json."""
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line would have ended with."""
+        return self.summary.exit_code
+
+    @property
+    def outcomes(self) -> dict[str, Outcome | None]:
+        """By the name of the log: exit code, message, values. None: not tried."""
+        return {row.name: row.outcome for row in self.summary.logs}
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """A row per log and phase, one with its message for each log without a result: the columns of campaign.parquet."""
+        return pd.read_parquet(self.folder / "campaign.parquet")
+
+    @cached_property
+    def pooled(self) -> pd.DataFrame:
+        """A row per vehicle, phase and quantity: weighted mean, sigma, chi-square, p-value, trend, names of outliers."""
+        columns = ["vehicle", "phase", "quantity", *summary.Pooled.model_fields]
+        rows = [
+            {"vehicle": pool.vehicle, "phase": pool.name, "quantity": name}
+            | dict(item)
+            | {"outliers": [stray.log for stray in item.outliers]}
+            for pool in self.summary.pooled
+            for name, item in pool.estimates.items()
+        ]
+        return pd.DataFrame(rows, columns=columns).set_index(["vehicle", "phase", "quantity"])
+
+
+def estimate_log(
+    path: Where,
+    vehicle: Where | None = None,
+    *,
+    method: Literal["default", "thesis"] | None = None,
+    delay: Delay | None = None,
+    refine: bool = False,
+    expected: Where | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> LogEstimate:
+    """Estimate one log; writes nothing.
+
+    ``vehicle`` names a vehicle file (else the log's own), ``expected`` an expect file, ``delay`` is in control cycles, ``settings`` holds
+    dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose message
+    names file, place, value and remedy, where the input can't be used.
+    """
+    wanted = expect.load(Path(expected)) if expected is not None else None
+    stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
+    with np.errstate(all="ignore"):
+        found = analysis.analyse(Path(path), None if vehicle is None else Path(vehicle), stated)
+        told = result.result(found)
+    return LogEstimate(told if wanted is None else judge.judge(told, wanted), found)
+
+
+def run_campaign(
+    paths: Where | Sequence[Where],
+    out: Where = "massprop-out",
+    *,
+    jobs: int | None = None,
+    force: bool = False,
+    fail_fast: bool = False,
+    vehicle: Where | None = None,
+    method: Literal["default", "thesis"] | None = None,
+    delay: Delay | None = None,
+    expected: Where | None = None,
+    require: Sequence[str] = (),
+    settings: Mapping[str, object] | None = None,
+    report: bool = False,
+    baseline: Where | None = None,
+    told: Callable[[Step], None] | None = None,
+) -> Campaign:
+    """Estimate logs, folders, globs or campaign files as ``massprop batch`` does, in ``jobs`` processes (default: one per core).
+
+    Results of an earlier run in ``out`` that still hold are kept. A log that can't be used doesn't raise: it is an outcome with
+    exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.errors.InputError` where no log is found, or
+    another batch is at work in ``out``.
+    """
+    named = [paths] if isinstance(paths, (str, Path)) else paths
+    over = Settings(
+        vehicle=None if vehicle is None else str(vehicle),
+        assignments=tuple(_assignments(method, delay, settings)),
+        expect=None if expected is None else str(expected),
+        require=tuple(require),
+        report=report,
+    )
+    name, planned = discover.plan([str(path) for path in named], over)
+    earlier = None if baseline is None else summary.read(Path(baseline))
+    place = places.LocalPlace(Path(out))
+    with place.lock():
+        found = flow.campaign(
+            name,
+            planned,
+            place,
+            LocalExecutor(jobs),
+            force=force,
+            fail_fast=fail_fast,
+            baseline=None if earlier is None else lambda rows: baselines.compare(rows, Path(str(baseline)), earlier, Gate()),
+            told=told,
+        )
+    return Campaign(Path(out), found)
+
+
+def _assignments(method: str | None, delay: Delay | None, settings: Mapping[str, object] | None) -> list[str]:
+    given: dict[str, Any] = dict(settings or {})
+    given |= {"estimator.method": method} if method is not None else {}
+    given |= {"cycle.command_delay_cycles": delay} if delay is not None else {}
+    return [f"{key}={json.dumps(value)}" for key, value in given.items()]

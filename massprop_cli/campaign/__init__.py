@@ -1,0 +1,8 @@
+"""Many logs: a plan of jobs, each worked into a result folder of its own, then tables and statistics of them all.
+
+::
+
+    discover ─ Job ─ runner (work, in parallel) ─ Produced ─ Place ─ Outcome ─ summary, pool ─ campaign.json, campaign.parquet, page
+
+``work`` is a pure function of one job, ``runner`` decides where and when it runs, ``place`` where its files go; ``flow`` composes them.
+"""

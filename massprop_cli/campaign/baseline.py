@@ -1,0 +1,131 @@
+"""A campaign held against an earlier one: log by log where both have it, and vehicle by vehicle in the pooled values."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from massprop_cli import UNITS
+from massprop_cli.campaign import summary
+from massprop_cli.campaign.outcome import Body, Value
+from massprop_cli.campaign.summary import INFORMED, Baseline, Beyond, Pool, Row, Summary
+from massprop_cli.gate import Gate
+
+
+def compare(rows: Sequence[Row], path: Path, old: Summary, gate: Gate) -> Baseline:
+    """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
+
+    The sigma of a difference is sqrt(s1² + s2²): what both have in common is not taken into account. What the baseline told and this
+    campaign doesn't is beyond, whatever the reason; what it lacks itself is not.
+    """
+    file = path / "campaign.json" if path.is_dir() else path
+    before = {row.name: row for row in old.logs if row.outcome is not None and row.outcome.bodies}
+    now = {row.name: row for row in rows}
+    beyond = [item for name, row in before.items() for item in _log(name, now.get(name), row, gate)]
+    pools = {_key(pool): pool for pool in summary.pooled(rows)}
+    beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
+    return Baseline(
+        sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+        compared=len(before.keys() & now.keys()),
+        new=[name for name in now if name not in before],
+        beyond=beyond,
+    )
+
+
+def _log(name: str, now: Row | None, before: Row, gate: Gate) -> Iterator[Beyond]:
+    if before.outcome is None:
+        return
+    vehicle = before.outcome.vehicle.name if before.outcome.vehicle else None
+    if now is None or now.outcome is None or not now.outcome.bodies:
+        why = "the log is not in this campaign" if now is None else "not tried" if now.outcome is None else now.outcome.message
+        yield _beyond(f"{name}: has a result in the baseline, none here: {why}", log=name, vehicle=vehicle)
+        return
+    mine = {(body.part, body.name): body for body in now.outcome.bodies}
+    for body in before.outcome.bodies:
+        own = mine.get((body.part, body.name))
+        if own is None:
+            yield _beyond(f"{name}: {_title(body)} is in the baseline, and not here", log=name, vehicle=vehicle, part=_title(body))
+            continue
+        for quantity, old in body.estimates.items():
+            new = own.estimates[quantity]
+            phase = None if body.part == "docked" else body.name
+            yield from _difference(f"{name}: ", name, vehicle, _title(body), quantity, _told(new), _told(old), gate, phase)
+
+
+def _told(item: Value) -> tuple[float, float | None] | None:
+    return (item.value, item.sigma) if item.verdict in INFORMED and item.value is not None else None
+
+
+def _pool(now: Pool | None, before: Pool, gate: Gate) -> Iterator[Beyond]:
+    for quantity, old in before.estimates.items():
+        new = now.estimates[quantity] if now is not None else None
+        if new is None or new.value is None or old.value is None:
+            continue  # its logs say so already
+        where, phase = f"vehicle {before.vehicle}, all logs: ", None if before.part == "docked" else before.name
+        pair = (new.value, new.sigma), (old.value, old.sigma)
+        yield from _difference(where, None, before.vehicle, _title(before), quantity, *pair, gate, phase)
+
+
+def _difference(
+    where: str,
+    log: str | None,
+    vehicle: str | None,
+    part: str,
+    quantity: str,
+    new: tuple[float, float | None] | None,
+    old: tuple[float, float | None] | None,
+    gate: Gate,
+    phase: str | None,
+) -> Iterator[Beyond]:
+    """One quantity; nothing where it is within."""
+    if old is None:
+        return
+    unit, tolerance = UNITS[quantity], gate.of(quantity, phase)
+    if new is None:
+        said = f"{where}{quantity} in {part}: {old[0]:.9g} {unit} in the baseline, missing here"
+        yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, baseline_value=old[0])
+        return
+    off = new[0] - old[0]
+    sigma = math.hypot(new[1], old[1]) if new[1] is not None and old[1] is not None else None
+    allowed = tolerance.absolute(old[0], sigma) or 0.0
+    if abs(off) <= allowed:
+        return
+    sigmas = off / sigma if sigma else None
+    how = "" if sigmas is None else f", {sigmas:+.3g} sigma"
+    said = (
+        f"{where}{quantity} in {part}: {new[0]:.9g}, in the baseline {old[0]:.9g}, off by {off:+.3g} {unit}{how}, "
+        f"allowed {allowed:.3g} {unit} ({tolerance.stated(quantity)})"
+    )
+    yield _beyond(said, log=log, vehicle=vehicle, part=part, quantity=quantity, value=new[0], baseline_value=old[0], sigmas=sigmas)
+
+
+def _beyond(
+    message: str,
+    log: str | None = None,
+    vehicle: str | None = None,
+    part: str | None = None,
+    quantity: str | None = None,
+    value: float | None = None,
+    baseline_value: float | None = None,
+    sigmas: float | None = None,
+) -> Beyond:
+    return Beyond(
+        log=log,
+        vehicle=vehicle,
+        part=part,
+        quantity=quantity,
+        value=value,
+        baseline_value=baseline_value,
+        sigmas=sigmas,
+        message=" ".join(message.split()),
+    )
+
+
+def _key(pool: Pool) -> tuple[object, ...]:
+    return pool.vehicle, pool.environment, pool.bearing_mass_kg, pool.part, pool.name
+
+
+def _title(body: Body | Pool) -> str:
+    return f"phase {body.name}" if body.part == "phase" else f"docked object ({body.name})"

@@ -1,0 +1,97 @@
+"""The campaign file: which logs, and what is said of which. The models below are the schema (``massprop schema campaign``)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints
+
+from massprop_cli import configfile
+from massprop_cli.campaign.plan import Found, Settings
+from massprop_cli.vehicle import NonNegative, Quantity, Section
+
+Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+class Said(Section):
+    """What may be said of all logs, or of some."""
+
+    vehicle: Text | None = Field(None, description="vehicle file, from this file's folder; absent: each log's own")
+    expect: Text | None = Field(None, description="expect file, from this file's folder")
+    method: Literal["default", "thesis"] | None = None
+    delay: NonNegative | Literal["auto"] | None = Field(None, description="command delay in control cycles")
+    require: tuple[Quantity, ...] | Literal["all"] | None = Field(None, description="quantities that must converge")
+    set: tuple[Text, ...] = Field((), description='overrides of vehicle-file keys, each "KEY=VALUE"')
+    tags: tuple[Text, ...] = Field((), description="words of your own, for the tables")
+
+
+class Match(Said):
+    """What is said of the logs that fit; of several that fit, the last that says a thing counts, tags and overrides add up."""
+
+    logs: tuple[Text, ...] = Field(min_length=1, description="patterns of paths from this file's folder; * fits / too")
+
+
+class CampaignFile(Said):
+    """A whole campaign file."""
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    name: Text | None = Field(None, description="absent: the file's name")
+    logs: tuple[Text, ...] = Field(min_length=1, description="files, folders (with all below) and globs, from this file's folder")
+    report: bool = Field(False, description="render report.html of each log")
+    match: tuple[Match, ...] = ()
+
+
+def load(path: Path) -> CampaignFile:
+    """Read a campaign file; :class:`massprop_cli.errors.InputError` names file, line and key."""
+    text = configfile.read_text(path, "campaign file")
+    return configfile.validate(CampaignFile, configfile.parse_toml(text, str(path)), str(path), text)
+
+
+def fits(rule: Match, below: str) -> bool:
+    """Whether a rule is for the log with this path from the campaign file's folder."""
+    return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in rule.logs)
+
+
+def applied(file: CampaignFile, base: Path, log: Found, below: str) -> Found:
+    """The log with what the file says of it."""
+    said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule, below))]
+    vehicle = _last([one.vehicle for one in said])
+    expect = _last([one.expect for one in said])
+    require = _last([one.require for one in said])
+    settings = Settings(
+        vehicle=None if vehicle is None else str(base / vehicle),
+        assignments=tuple(assignment for one in said for assignment in _assignments(one)),
+        expect=None if expect is None else str(base / expect),
+        require=all_of(require),
+        report=file.report,
+    )
+    return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))
+
+
+def all_of(require: Sequence[str] | str | None) -> tuple[str, ...]:
+    """The quantities that are meant."""
+    from massprop_cli import QUANTITIES
+
+    return QUANTITIES if require == "all" else tuple(require or ())
+
+
+def _last(stated: Sequence[Any]) -> Any:
+    return next((value for value in reversed(stated) if value is not None), None)
+
+
+def _assignments(said: Said) -> list[str]:
+    found = [*said.set]
+    found += [f'estimator.method="{said.method}"'] if said.method else []
+    if said.delay is not None:
+        delay = '"auto"' if said.delay == "auto" else repr(float(said.delay))
+        found.append(f"cycle.command_delay_cycles={delay}")
+    return found
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the campaign file."""
+    return CampaignFile.model_json_schema(by_alias=True)

@@ -1,0 +1,124 @@
+"""From what the user names (files, folders, globs, campaign files) to logs, in an order that a person would give them."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from massprop_cli.campaign import campaignfile
+from massprop_cli.campaign.plan import Found, Job, Settings, jobs
+from massprop_cli.errors import InputError
+
+SUFFIXES = (".parquet", ".csv")
+OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "report.csv": ""}
+"""Tables that massprop writes itself, by the file that lies beside each."""
+_MAGIC = re.compile(r"[*?\[]")
+
+
+def plan(named: Sequence[str], over: Settings) -> tuple[str, list[Job]]:
+    """The campaign's name and its jobs. ``over`` goes over what campaign files say.
+
+    :class:`InputError` where something named is missing or holds no log.
+    """
+    found: list[Found] = []
+    titles = []
+    for text in named:
+        path = Path(text)
+        if path.suffix.lower() == ".toml" and not path.is_dir():
+            title, logs = _campaign(path)
+            found += logs
+            titles.append(title)
+        else:
+            found += _expanded(text, Path())
+    return " and ".join(dict.fromkeys(titles)) or "campaign", jobs([replace(log, settings=overlaid(log.settings, over)) for log in found])
+
+
+def overlaid(under: Settings, over: Settings) -> Settings:
+    """Two settings as one: what ``over`` states counts."""
+    return Settings(
+        vehicle=under.vehicle if over.vehicle is None else over.vehicle,
+        assignments=(*under.assignments, *over.assignments),
+        expect=under.expect if over.expect is None else over.expect,
+        require=over.require or under.require,
+        report=under.report or over.report,
+    )
+
+
+def _campaign(path: Path) -> tuple[str, list[Found]]:
+    file = campaignfile.load(path)
+    base = path.parent
+    logs = [log for named in file.logs for log in _expanded(named, base)]
+    for number, rule in enumerate(file.match):
+        if not any(campaignfile.fits(rule, _below(log, base)) for log in logs):
+            raise InputError(f"{path}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; mend the pattern")
+    return file.name or path.stem, [campaignfile.applied(file, base, log, _below(log, base)) for log in logs]
+
+
+def _below(log: Found, base: Path) -> str:
+    """The log's path from the campaign file on, with "/" between its parts."""
+    return Path(os.path.relpath(log.location, base)).as_posix()
+
+
+def _expanded(named: str, base: Path) -> list[Found]:
+    path = base / named
+    if path.is_dir():
+        logs = sorted(_walk(path), key=_natural)
+        if not logs:
+            raise InputError(f"{path}: holds no log (*.parquet, *.csv); name the folder that does")
+        return [_found(log, path) for log in logs]
+    if path.exists() or not _MAGIC.search(named):
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder; check the path")
+        return [_found(path, path.parent)]
+    fixed = Path(*_leading(path))
+    matches = [Path(match) for match in glob.glob(str(path), recursive=True)]  # noqa: PTH207 as a shell does it
+    folders = [log for match in matches if match.is_dir() for log in _walk(match)]
+    both = sorted({*(match for match in matches if match.is_file() and _is_log(match)), *folders}, key=_natural)
+    if not both:
+        raise InputError(f"{path}: no log fits this pattern; check it, and that it names .parquet or .csv files")
+    return [_found(log, fixed) for log in both]
+
+
+def _leading(path: Path) -> Iterator[str]:
+    """The parts of a pattern before the first that has a wildcard."""
+    for part in path.parts:
+        if _MAGIC.search(part):
+            return
+        yield part
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    """Logs in a folder and below, but for hidden ones."""
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield from (log for log in (Path(place) / name for name in files if not name.startswith(".")) if _is_log(log))
+
+
+def _is_log(file: Path) -> bool:
+    """Whether a file of this name, in this folder, may be a log."""
+    beside = OWN.get(file.name)
+    own = beside is not None and (beside == "" or file.with_name(beside).exists())
+    return file.suffix.lower() in SUFFIXES and not own
+
+
+def _found(log: Path, root: Path) -> Found:
+    whole = _absolute(log)
+    return Found(str(log), whole.parts, len(whole.relative_to(_absolute(root)).parts))
+
+
+def _absolute(path: Path) -> Path:
+    """Without ".."; a link keeps its own name."""
+    return Path(os.path.abspath(path))  # noqa: PTH100
+
+
+def _natural(path: Path) -> list[tuple[int, str] | tuple[int, int, str]]:
+    """Sorts run-2 before run-10, folder by folder."""
+    return [
+        (0, int(piece), piece) if piece.isdecimal() and piece.isascii() else (1, piece)
+        for part in path.parts
+        for piece in [*re.split(r"(\d+)", part), ""]
+    ]

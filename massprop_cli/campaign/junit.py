@@ -1,0 +1,30 @@
+"""A campaign as JUnit XML: a suite for each log, an error that says why for each log without a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from massprop_cli.campaign.place import RESULTS, Place
+from massprop_cli.campaign.summary import Summary
+from massprop_cli.report import junit
+from massprop_cli.report.result import Result
+
+
+def text(place: Place, found: Summary) -> str:
+    """Results are read back one by one. Differences from a baseline are a suite of their own."""
+    return junit.text(_outcomes(place, found))
+
+
+def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
+    for row in found.logs:
+        if row.outcome is None:
+            yield junit.Outcome(row.name, error="not tried, after --fail-fast", kind="not tried")
+        elif "result.json" in row.outcome.files:
+            content = place.read(f"{RESULTS}/{row.name}/result.json")
+            yield junit.Outcome(row.name, Result.model_validate_json(content))
+        else:
+            kind = "internal error" if row.outcome.exit_code == 1 else "unusable input"
+            yield junit.Outcome(row.name, error=row.outcome.message, kind=kind)
+    if found.baseline is not None and found.baseline.beyond:
+        for number, item in enumerate(found.baseline.beyond, 1):
+            yield junit.Outcome(f"baseline {number}", error=item.message, kind="beyond the baseline")

@@ -1,0 +1,82 @@
+"""What became of one log, as outcome.json in its result folder holds it: enough for every table, without reading the result again."""
+
+from __future__ import annotations
+
+import json
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from massprop_cli.conclude import Verdict
+
+FILE = "outcome.json"
+UNKEPT = ""
+"""Fingerprint of an outcome that is tried again whatever happens: what failed was not the log."""
+
+
+class Item(BaseModel):
+    """Part of an outcome; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Value(Item):
+    """One quantity, SI, products as tensor elements; sigma is one standard deviation."""
+
+    value: float | None
+    sigma: float | None
+    shared: float | None = Field(
+        None, description="of sigma, what all logs of this vehicle file have in common (thrust scale, known quantities); null: not known"
+    )
+    verdict: Verdict
+    met: bool | None = Field(None, description="its expectation; null without one")
+
+
+class Body(Item):
+    """Ten quantities of a phase, or of the docked object."""
+
+    part: Literal["phase", "docked"]
+    name: str
+    estimates: dict[str, Value]
+
+
+class Vehicle(Item):
+    """The vehicle as its file states it."""
+
+    name: str
+    sha256: str
+    environment: Literal["free", "air_bearing"]
+    bearing_mass_kg: float
+
+
+class Outcome(Item):
+    """One log: its exit code by the contract, and what was found."""
+
+    schema_: Literal["massprop/outcome/1"] = Field("massprop/outcome/1", alias="schema")
+    fingerprint: str = Field(description="sha256 of log, vehicle, expectations, settings and program; empty: to be tried again")
+    exit_code: int
+    message: str = Field(description="why exit_code isn't 0, on one line")
+    input_sha256: str | None
+    vehicle: Vehicle | None = None
+    method: str | None = None
+    duration_s: float | None = None
+    cycles: int | None = None
+    delay_cycles: float | None = None
+    warnings: list[str] = Field([], description="codes")
+    missed: list[str] = Field([], description="what is not converged or not as expected, a phrase each")
+    bodies: list[Body] = []
+    files: list[str] = Field([], description="of the result folder, outcome.json aside")
+
+
+def to_json(found: Outcome) -> bytes:
+    """Canonical text: same outcome, same bytes."""
+    data = found.model_dump(by_alias=True, mode="json")
+    return (json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+
+
+def from_json(content: bytes) -> Outcome | None:
+    """Read back; None where it was written by another version or is damaged, so that the log is done anew."""
+    try:
+        return Outcome.model_validate_json(content)
+    except ValueError:
+        return None

@@ -1,0 +1,130 @@
+"""Where a campaign's results go. A result folder appears whole or not at all, whatever happens to the process or the machine."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import Path
+from typing import Protocol
+
+from massprop_cli.errors import InputError
+
+RESULTS = "results"
+"""Folder of all result folders."""
+_ASIDE, _LOCK = ".partial", ".lock"
+
+
+class Place(Protocol):
+    """A folder somewhere. Paths in it are relative, with "/" between their parts; a result folder's path is ``results/NAME``."""
+
+    def lock(self) -> AbstractContextManager[None]:
+        """Hold the place against other batches; :class:`InputError` where one is at work. What a killed one left half is cleared."""
+
+    def folders(self) -> Mapping[str, frozenset[str]]:
+        """The result folders in place, by name, with the names of their files."""
+
+    def read(self, path: str) -> bytes:
+        """A file's content; FileNotFoundError where there is none."""
+
+    def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
+        """Put a result folder in place of the one that may be there, whole."""
+
+    def put_file(self, path: str, content: bytes) -> None:
+        """Put a file in place, whole."""
+
+
+class LocalPlace:
+    """A folder on this machine: everything is written aside in it, synced to the disk, and renamed into place."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._aside = folder / _ASIDE
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
+        try:
+            (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror}); choose another folder with --out") from None
+        handle = _locked(self.folder / _LOCK, self.folder)
+        try:
+            shutil.rmtree(self._aside, ignore_errors=True)
+            self._aside.mkdir()
+            yield
+        finally:
+            shutil.rmtree(self._aside, ignore_errors=True)
+            with suppress(FileNotFoundError):
+                (self.folder / _LOCK).unlink()
+            os.close(handle)
+
+    def folders(self) -> dict[str, frozenset[str]]:
+        """See :class:`Place`."""
+        results = [path for path in (self.folder / RESULTS).iterdir() if path.is_dir()]
+        return {path.name: frozenset(file.name for file in path.iterdir()) for path in results}
+
+    def read(self, path: str) -> bytes:
+        """See :class:`Place`."""
+        return (self.folder / path).read_bytes()
+
+    def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
+        """See :class:`Place`. Killed between the two renames, the folder is missing, and the next batch makes it again."""
+        place = self.folder / RESULTS / name
+        staged = Path(tempfile.mkdtemp(dir=self._aside))
+        staged.chmod(0o755)
+        for file, content in files.items():
+            _save(staged / file, content)
+        _sync(staged)
+        if place.exists():
+            place.rename(Path(tempfile.mkdtemp(dir=self._aside)) / "old")
+        staged.rename(place)
+        _sync(place.parent)
+
+    def put_file(self, path: str, content: bytes) -> None:
+        """See :class:`Place`."""
+        handle, name = tempfile.mkstemp(dir=self._aside)
+        os.close(handle)
+        staged = Path(name)
+        _save(staged, content)
+        staged.chmod(0o644)
+        staged.replace(self.folder / path)
+        _sync((self.folder / path).parent)
+
+
+def _locked(file: Path, folder: Path) -> int:
+    """A handle that holds the lock. The file may be removed by its holder while we wait for nothing: then we take the new one."""
+    while True:
+        try:
+            handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another folder with --out") from None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(handle), file.stat()):
+                return handle
+        except BlockingIOError:
+            os.close(handle)
+            raise InputError(f"{folder}: another batch is at work there; wait for it, or choose another folder with --out") from None
+        except FileNotFoundError:
+            pass
+        os.close(handle)
+
+
+def _save(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync(folder: Path) -> None:
+    """Make renames in a folder last through a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

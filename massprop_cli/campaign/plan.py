@@ -1,0 +1,116 @@
+"""What a campaign does: one :class:`Job` for each log, under a name that tells it from all others."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
+"""What a folder's name should not hold, or not begin or end with."""
+_LONGEST = 120
+"""Characters of a name; longer ones end with a digest."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How logs are to be worked, whichever they are."""
+
+    vehicle: str | None = None
+    """Location of a vehicle file; None: the log's own."""
+    assignments: tuple[str, ...] = ()
+    """``dotted.key=value`` on top of the vehicle file, the later the stronger."""
+    expect: str | None = None
+    """Location of an expect file."""
+    require: tuple[str, ...] = ()
+    """Quantities that must converge in every phase."""
+    report: bool = False
+    """Whether to render report.html."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One log with all that decides its result."""
+
+    name: str
+    """Of the result folder: unique in the campaign, one component of a path."""
+    log: str
+    """Location of the log: a path, or a URL."""
+    shown: str
+    """What to call the log in tables and messages: its path below what was named, the same on every machine."""
+    settings: Settings = Settings()
+    tags: tuple[str, ...] = ()
+    """Words of the user's own, for tables; they don't change the result."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A log before it has a name."""
+
+    location: str
+    parts: tuple[str, ...]
+    """Its path as components from the root of the file system on, the last the file's name."""
+    below: int
+    """How many of the last ``parts`` lie below what the user named."""
+    settings: Settings = Settings()
+    tags: tuple[str, ...] = ()
+
+
+def jobs(found: Sequence[Found]) -> list[Job]:
+    """A job for each log, in their order; a log that was found twice is done once, by what was said of it last."""
+    last = {log.parts: log for log in found}
+    logs = list(last.values())
+    return [
+        Job(name, log.location, _text("/".join(log.parts[-log.below :])), log.settings, log.tags)
+        for name, log in zip(names(logs), logs, strict=True)
+    ]
+
+
+def names(logs: Sequence[Found]) -> list[str]:
+    """Names of result folders: stable, unique, readable.
+
+    A log's path below what was named, without its suffix and joined by "-"; a file called log.parquet or log.csv goes by its folder. Logs
+    that would be called the same take one more folder in front, all of them, until they differ; then their suffix; then a digest of
+    their path. Names differ in more than upper and lower case. What a file system may refuse becomes "_".
+    """
+    depth = [max(log.below, 1) for log in logs]
+    found = [_name(log, deep) for log, deep in zip(logs, depth, strict=True)]
+    for _ in range(max((len(log.parts) for log in logs), default=0)):
+        same = _shared(found)
+        if not same:
+            return found
+        depth = [min(deep + (n in same), len(log.parts)) for n, (log, deep) in enumerate(zip(logs, depth, strict=True))]
+        found = [_name(log, deep) for log, deep in zip(logs, depth, strict=True)]
+    for more in (lambda log: log.parts[-1].rpartition(".")[2].lower(), lambda log: _digest("/".join(log.parts))):
+        same = _shared(found)
+        found = [
+            f"{name}-{_UNSAFE.sub('_', more(log))}" if n in same else name for n, (name, log) in enumerate(zip(found, logs, strict=True))
+        ]
+    return found
+
+
+def _text(path: str) -> str:
+    """A path as text that any file can hold: what is no UTF-8 in it becomes "?"."""
+    return path.encode("utf-8", "replace").decode()
+
+
+def _shared(found: Sequence[str]) -> set[int]:
+    """Which have a name that another has too."""
+    counts = Counter(name.casefold() for name in found)
+    return {n for n, name in enumerate(found) if counts[name.casefold()] > 1}
+
+
+def _name(log: Found, deep: int) -> str:
+    *folders, file = log.parts[-deep:]
+    stem = file.rpartition(".")[0] or file
+    above = log.parts[:-1]
+    if stem.lower() == "log" and above:
+        folders, stem = (folders[:-1], folders[-1]) if folders else ([], above[-1])
+    whole = _UNSAFE.sub("_", "-".join(part for part in (*folders, stem) if part.strip("/"))) or "log"
+    return whole if len(whole) <= _LONGEST else f"{whole[:_LONGEST]}-{_digest(whole)}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]

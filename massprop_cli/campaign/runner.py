@@ -1,0 +1,150 @@
+"""Where jobs run: here, in worker processes of this machine. Other executors need only :meth:`Executor.run`."""
+
+from __future__ import annotations
+
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
+
+from massprop_cli.campaign import work, worker
+from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.work import Produced
+
+TRIES = 2
+"""How often a job is tried whose worker dies."""
+_START = "import sys; sys.path[:] = sys.argv[1:]; from massprop_cli.campaign.worker import main; main()"
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True)
+class Task:
+    """A job, and the fingerprint of the result that it has already; None: it has none, or it shall be done anyway."""
+
+    job: Job
+    known: str | None = None
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Executor(Protocol):
+    """Runs tasks somewhere."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
+        """Each task's index with what :func:`work.process` gave for it, in whatever order they end.
+
+        Every task comes out once; one whose worker is lost comes out as :func:`work.failed`. Results not yet taken are few, however many
+        the tasks. When the iterator is closed early, what runs is stopped.
+        """
+
+
+class LocalExecutor:
+    """``jobs`` processes on this machine; None: as many as it has cores for this process."""
+
+    def __init__(self, jobs: int | None = None) -> None:
+        self.jobs = jobs or cores()
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
+        """See :class:`Executor`."""
+        stop = threading.Event()
+        done: queue.Queue[tuple[int, Produced | None] | BaseException] = queue.Queue()
+        ahead = threading.Semaphore(2 * self.jobs)
+        waiting = iter(range(len(tasks)))
+        taking = threading.Lock()
+        workers = [_Worker() for _ in range(min(self.jobs, len(tasks)))]
+
+        def serve(own: _Worker) -> None:
+            while True:
+                ahead.acquire()
+                with taking:
+                    index = next(waiting, None)
+                if stop.is_set() or index is None:
+                    return
+                try:
+                    done.put((index, own.work(tasks[index])))
+                except BaseException as error:
+                    done.put(error)
+                    return
+
+        threads = [threading.Thread(target=serve, args=(own,), daemon=True) for own in workers]
+        for thread in threads:
+            thread.start()
+        try:
+            for _ in tasks:
+                found = done.get()
+                if isinstance(found, BaseException):
+                    raise found
+                yield found
+                ahead.release()
+        finally:
+            stop.set()
+            for own in workers:
+                own.close()
+            for _ in threads:
+                ahead.release()
+            for thread in threads:
+                thread.join()
+
+
+class _Worker:
+    """One process at a time, started when it is needed."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._guard = threading.Lock()
+        self._closed = False
+
+    def work(self, task: Task) -> Produced | None:
+        """What the process makes of a task; it may die of it once."""
+        code = None
+        for _ in range(TRIES):
+            process = self._started()
+            if process is None or process.stdin is None or process.stdout is None:
+                break
+            try:
+                worker.send(process.stdin, task)
+                found: Produced | None = worker.receive(process.stdout)
+                return found
+            except (EOFError, OSError, ValueError):
+                code = self.end()
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        said = f"{task.job.shown}: the process that worked on it died twice ({how}); is there enough memory? Run the batch again"
+        return work.failed(task.job, work.BUG, said)
+
+    def _started(self) -> subprocess.Popen[bytes] | None:
+        """The process; None once this worker is closed."""
+        with self._guard:
+            if self._process is None and not self._closed:
+                # -I: neither the current folder nor the user's own settings of Python have a say in what is imported
+                command = [sys.executable, "-I", "-c", _START, *sys.path]
+                pipe = subprocess.PIPE
+                self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, env=os.environ | _ONE_THREAD)
+            return self._process
+
+    def close(self) -> None:
+        """Stop for good."""
+        with self._guard:
+            self._closed = True
+        self.end()
+
+    def end(self) -> int | None:
+        """Stop the process; how it ended."""
+        with self._guard:
+            process, self._process = self._process, None
+        if process is None:
+            return None
+        process.kill()
+        code = process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        return code

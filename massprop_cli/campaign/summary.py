@@ -1,0 +1,221 @@
+"""campaign.json: all logs of a campaign and what they say together. The models below are the schema (``massprop schema summary``)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from massprop_cli import QUANTITIES, UNITS, __version__, configfile
+from massprop_cli.campaign import pool
+from massprop_cli.campaign.outcome import Item, Outcome, Value
+from massprop_cli.campaign.plan import Job
+from massprop_cli.errors import InputError
+
+INFORMED = ("converged", "not_converged")
+"""Verdicts of values that the motion told."""
+_GRAVITY = (1, 3, 4, 5)
+"""Exit codes from the worst on."""
+
+
+class Row(Item):
+    """One log, in the campaign's order."""
+
+    name: str = Field(description="of its result folder in results/")
+    log: str = Field(description="path below what was named")
+    tags: list[str]
+    outcome: Outcome | None = Field(description="null: not tried, after --fail-fast")
+
+
+class Outlier(Item):
+    """A log further than 4 sigma from the mean of the others."""
+
+    log: str
+    value: float
+    sigmas: float = Field(description="from the mean of the others without outliers found before")
+
+
+class Pooled(Item):
+    """One quantity over all logs that told it, SI."""
+
+    unit: str
+    logs: int
+    value: float | None = Field(description="inverse-variance weighted mean of all logs, outliers included")
+    sigma: float | None
+    shared: float | None = Field(None, description="of sigma, what all logs have in common and more logs don't make smaller")
+    without_outliers: tuple[float, float] | None = Field(None, description="mean and sigma; null where there is no outlier")
+    chi_square: float | None = Field(None, description="scatter against the logs' own sigmas")
+    degrees_of_freedom: int | None = None
+    p_value: float | None = Field(None, description="chance of as much scatter or more if the sigmas hold")
+    scatter_ratio: float | None = Field(None, description="sqrt of chi-square per degree of freedom; 1 is expected")
+    trend_per_log: float | None = None
+    trend_sigma: float | None = None
+    outliers: list[Outlier] = Field([])
+
+
+class Pool(Item):
+    """Ten quantities of one vehicle, in one phase or as docked object; two logs at least tell one of them."""
+
+    vehicle: str
+    environment: Literal["free", "air_bearing"]
+    bearing_mass_kg: float
+    vehicle_files: int = Field(description="how many different vehicle files its logs have")
+    part: Literal["phase", "docked"]
+    name: str
+    estimates: dict[str, Pooled]
+
+
+class Beyond(Item):
+    """A difference from the baseline beyond what is allowed, or something that it has and this campaign lacks."""
+
+    log: str | None = Field(description="null: of the vehicle's pooled value")
+    vehicle: str | None
+    part: str | None
+    quantity: str | None
+    value: float | None
+    baseline_value: float | None
+    sigmas: float | None
+    message: str
+
+
+class Baseline(Item):
+    """The campaign held against an earlier one."""
+
+    sha256: str
+    compared: int = Field(description="logs that both have")
+    new: list[str] = Field(description="logs that the baseline lacks")
+    beyond: list[Beyond]
+
+
+class Summary(Item):
+    """The whole of campaign.json."""
+
+    schema_: Literal["massprop/summary/1"] = Field("massprop/summary/1", alias="schema")
+    massprop: str
+    name: str
+    exit_code: int = Field(description="the worst of the logs' codes: 1, then 3, then 4, then 5; 5 if beyond the baseline")
+    exit_codes: dict[str, int] = Field(description="how many logs have which; none: not tried")
+    logs: list[Row]
+    pooled: list[Pool]
+    baseline: Baseline | None = None
+
+
+def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) -> Summary:
+    """Count, pool, and decide the campaign's exit code."""
+    codes = [None if row.outcome is None else row.outcome.exit_code for row in rows]
+    worst = next((code for code in _GRAVITY if code in codes), 0)
+    counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *_GRAVITY, None) if code in codes}
+    return Summary(
+        schema="massprop/summary/1",
+        massprop=__version__,
+        name=name,
+        exit_code=worst or (5 if baseline is not None and baseline.beyond else 0),
+        exit_codes=counted,
+        logs=list(rows),
+        pooled=pooled(rows),
+        baseline=baseline,
+    )
+
+
+def row(job: Job, outcome: Outcome | None) -> Row:
+    """A job with what became of it."""
+    return Row(name=job.name, log=job.shown, tags=list(job.tags), outcome=outcome)
+
+
+def pooled(rows: Sequence[Row]) -> list[Pool]:
+    """By vehicle, method and part, in the order in which they first appear.
+
+    A log that stands in the campaign twice, by its bytes, counts once. ``--method thesis`` claims no sigmas, so nothing is pooled of it.
+    """
+    groups: dict[tuple[object, ...], list[tuple[int, Row, dict[str, Value]]]] = {}
+    seen = set()
+    for number, one in enumerate(rows, 1):
+        found = one.outcome
+        if found is None or found.vehicle is None or found.method == "thesis" or found.input_sha256 in seen:
+            continue
+        seen.add(found.input_sha256)
+        stated = found.vehicle
+        for body in found.bodies:
+            key = (stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name)
+            groups.setdefault(key, []).append((number, one, body.estimates))
+    pools = [_pool(key, members) for key, members in groups.items() if len(members) > 1]
+    return [found for found in pools if any(quantity.logs > 1 for quantity in found.estimates.values())]
+
+
+def _pool(key: tuple[Any, ...], members: list[tuple[int, Row, dict[str, Value]]]) -> Pool:
+    vehicle, environment, bearing_mass_kg, part, name = key
+    files = {one.outcome.vehicle.sha256 for _, one, _ in members if one.outcome and one.outcome.vehicle}
+    return Pool(
+        vehicle=vehicle,
+        environment=environment,
+        bearing_mass_kg=bearing_mass_kg,
+        vehicle_files=len(files),
+        part=part,
+        name=name,
+        estimates={
+            quantity: _quantity(quantity, [(number, one.name, values[quantity]) for number, one, values in members])
+            for quantity in QUANTITIES
+        },
+    )
+
+
+def _quantity(quantity: str, members: Iterable[tuple[int, str, Value]]) -> Pooled:
+    told = [
+        (number, name, item.value, item.sigma, item.shared)
+        for number, name, item in members
+        if item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None
+    ]
+    if not told:
+        return Pooled(unit=UNITS[quantity], logs=0, value=None, sigma=None)
+    numbers, names, *columns = zip(*told, strict=True)
+    samples = pool.Samples(np.array(numbers, dtype=float), *(np.array(column, dtype=float) for column in columns))
+    mean, scatter, trend, stray = pool.mean(samples), pool.scatter(samples), pool.trend(samples), pool.outliers(samples)
+    rest = pool.mean(samples.only(np.delete(np.arange(len(names)), list(stray)))) if stray else None
+    return Pooled(
+        unit=UNITS[quantity],
+        logs=len(names),
+        value=mean.value,
+        sigma=mean.sigma,
+        shared=mean.shared,
+        without_outliers=None if rest is None else (rest.value, rest.sigma),
+        chi_square=scatter.chi_square if scatter else None,
+        degrees_of_freedom=scatter.degrees_of_freedom if scatter else None,
+        p_value=scatter.p_value if scatter else None,
+        scatter_ratio=scatter.ratio if scatter else None,
+        trend_per_log=trend.per_log if trend else None,
+        trend_sigma=trend.sigma if trend else None,
+        outliers=[Outlier(log=names[i], value=samples.value[i], sigmas=z) for i, z in stray.items()],
+    )
+
+
+def to_json(found: Summary) -> str:
+    """Canonical text: same campaign, same bytes."""
+    return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def read(path: Path) -> Summary:
+    """Read campaign.json, or the folder that holds it; :class:`InputError` names what is wrong with it."""
+    file = path / "campaign.json" if path.is_dir() else path
+    text = configfile.read_text(file, "campaign.json")
+    try:
+        return Summary.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise InputError(f"{file}: {where}: {first['msg']}; name a campaign.json that massprop batch of this version wrote") from None
+
+
+def lines(found: Summary) -> Iterator[str]:
+    """What is wrong with each log that isn't done, a line each."""
+    for one in found.logs:
+        if one.outcome is not None and one.outcome.exit_code:
+            yield f"{one.name}: {one.outcome.message}"
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of campaign.json."""
+    return Summary.model_json_schema(by_alias=True)

@@ -1,0 +1,218 @@
+"""One job: read its log, estimate, and hand back its result folder as bytes. Pure, so that it may run anywhere."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from massprop_cli import __version__
+from massprop_cli.campaign import location, outcome
+from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.plan import Job
+from massprop_cli.errors import InputError
+from massprop_cli.report.foreign import line
+
+if TYPE_CHECKING:
+    from massprop_cli.analysis import Analysis
+    from massprop_cli.report.result import Result
+    from massprop_cli.vehicle import VehicleSource
+
+BUG, INPUT, NOT_CONVERGED, NOT_EXPECTED = 1, 3, 4, 5
+"""Exit codes of one log."""
+
+
+@dataclass(frozen=True)
+class Produced:
+    """What one job made."""
+
+    outcome: Outcome
+    files: Mapping[str, bytes]
+    """The whole result folder by file name; outcome.json is among them."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that a result depends on, as bytes."""
+
+    log: bytes
+    vehicle: tuple[str, bytes] | None
+    """Location and content of the vehicle file that is named, or lies beside the log; None: neither."""
+    expect: bytes | None
+
+
+def process(job: Job, known: str | None = None) -> Produced | None:
+    """Work a job; None where its fingerprint is ``known``: nothing has changed since.
+
+    Never raises for what a log may hold: unusable input is an outcome with exit code 3, a bug one with 1. A bug, and a file that can't
+    be read, have no fingerprint and are tried again.
+    """
+    mark = outcome.UNKEPT
+    sha256 = None
+    try:
+        inputs = gather(job)
+        sha256 = hashlib.sha256(inputs.log).hexdigest()
+        mark = fingerprint(job, inputs)
+        if mark == known:
+            return None
+        return _worked(job, inputs, mark)
+    except InputError as error:
+        return failed(job, INPUT, str(error), mark, sha256)
+    except Exception as error:
+        return failed(job, BUG, f"internal error (a bug in massprop): {type(error).__name__}: {error}", input_sha256=sha256)
+
+
+def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_sha256: str | None = None) -> Produced:
+    """The outcome of a job without a result."""
+    shown = line(_as_shown(job, message))
+    found = Outcome(schema="massprop/outcome/1", fingerprint=mark, exit_code=code, message=shown, input_sha256=input_sha256)
+    return Produced(found, {outcome.FILE: outcome.to_json(found)})
+
+
+def _as_shown(job: Job, message: str) -> str:
+    """The message with the log's and its neighbours' places as the campaign shows them, the same on every machine."""
+    folder = job.log.removesuffix(job.log.replace("\\", "/").rpartition("/")[2])
+    message = message.replace(job.log, job.shown)
+    return message.replace(folder, job.shown.rpartition("/")[0] + "/" * ("/" in job.shown)) if len(folder) > 1 else message
+
+
+def gather(job: Job) -> Inputs:
+    """Read a job's inputs; :class:`InputError` where one can't be."""
+    settings = job.settings
+    try:
+        job.log.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{job.shown}: the file's name is not UTF-8; rename it") from None
+    log = location.read(job.log, "log")
+    places = [settings.vehicle] if settings.vehicle is not None else _beside(job.log)
+    vehicle = next(((place, location.read(place, "vehicle file")) for place in places), None)
+    expect = None if settings.expect is None else location.read(settings.expect, "expect file")
+    return Inputs(log, vehicle, expect)
+
+
+def _beside(log: str) -> list[str]:
+    stated = [location.beside(log, name) for name in (f"{location.stem(log)}.vehicle.toml", "vehicle.toml")]
+    return [place for place in stated if location.exists(place)]
+
+
+def fingerprint(job: Job, inputs: Inputs) -> str:
+    """sha256 of all that decides the result folder's bytes: log, vehicle, expectations, settings, program and library versions."""
+    settings = job.settings
+    named = settings.vehicle is not None
+    parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, b"named" if named else b"beside"]
+    parts += [b""] if inputs.vehicle is None else [_base(inputs.vehicle[0]), inputs.vehicle[1]]
+    parts += [b""] if inputs.expect is None else [_base(settings.expect or ""), inputs.expect]
+    said = (settings.assignments, settings.require, settings.report, sorted(_versions().items()))
+    digest = hashlib.sha256()
+    for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
+        digest.update(len(part).to_bytes(8, "big") + part)
+    return digest.hexdigest()
+
+
+def _base(place: str) -> bytes:
+    return place.replace("\\", "/").rpartition("/")[2].encode("utf-8", "surrogatepass")
+
+
+@cache
+def _versions() -> dict[str, str]:
+    import platform
+    from importlib.metadata import version
+
+    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in ("numpy", "scipy", "pyarrow")}
+
+
+def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
+    import numpy as np
+
+    from massprop_cli import analysis, expect, judge, tablefile, telemetry
+    from massprop_cli.report import result
+
+    expected = None
+    if inputs.expect is not None and job.settings.expect is not None:
+        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), Path(job.settings.expect))
+    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
+    with np.errstate(all="ignore"):
+        table = tablefile.parse(Path(job.log), inputs.log)
+        source = _vehicle(job, inputs, table.embedded_vehicle)
+        found = analysis.examine(telemetry.read(table, source.vehicle), source, job.settings.assignments)
+        judged = result.result(found)
+    if expected is not None:
+        judged = judge.judge(judged, expected)
+    files = {"result.json": result.to_json(judged).encode(), "history.parquet": _history(found)}
+    if job.settings.report:
+        files["report.html"] = _report(job, files)
+    told = _outcome(job, found, judged, mark, sorted(files))
+    return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
+
+
+def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
+    """By the contract's order: the named one, the log's own, the one beside it."""
+    from massprop_cli import vehicle
+
+    stated = job.settings.assignments
+    if embedded is not None and job.settings.vehicle is None:
+        return vehicle.parse(embedded, f"{job.log} (embedded vehicle)", stated)
+    if inputs.vehicle is None:
+        raise InputError(
+            f"{job.log}: no vehicle file; looked for {location.stem(job.log)}.vehicle.toml and vehicle.toml beside it. "
+            "Name one with --vehicle, or in a campaign file"
+        )
+    place, content = inputs.vehicle
+    return vehicle.parse(location.text(content, place, "vehicle file"), place, stated)
+
+
+def _history(found: Analysis) -> bytes:
+    import io
+
+    from massprop_cli.report import result
+
+    out = io.BytesIO()
+    result.write_history(found, out)
+    return out.getvalue()
+
+
+def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
+    from massprop_cli.report import html, read
+
+    with tempfile.TemporaryDirectory() as aside:
+        folder = Path(aside) / job.name
+        folder.mkdir()
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+        return html.page([read.read(folder)]).encode()
+
+
+def _outcome(job: Job, found: Analysis, judged: Result, mark: str, files: list[str]) -> Outcome:
+    from massprop_cli import judge
+    from massprop_cli.campaign import told
+
+    unconverged = [
+        f"{name} in phase {phase.name} is {phase.estimates[name].verdict}"
+        for phase in judged.phases
+        for name in job.settings.require
+        if phase.estimates[name].verdict != "converged"
+    ]
+    missed = judge.missed(judged)
+    code = NOT_CONVERGED if unconverged else NOT_EXPECTED if missed else 0
+    reasons = [f"required but not converged: {'; '.join(unconverged)}"] if unconverged else []
+    reasons += [f"not as expected: {'; '.join(missed)}"] if missed else []
+    return Outcome(
+        schema="massprop/outcome/1",
+        fingerprint=mark,
+        exit_code=code,
+        message=line(". ".join(reasons)),
+        input_sha256=judged.provenance.input_sha256,
+        vehicle=told.vehicle(judged),
+        method=str(judged.provenance.settings.get("estimator.method", "")),
+        duration_s=judged.log.duration_s,
+        cycles=judged.log.cycles,
+        delay_cycles=judged.delay.cycles,
+        warnings=[warning.code for warning in judged.warnings],
+        missed=[*unconverged, *missed],
+        bodies=told.bodies(judged, found.vehicle),
+        files=files,
+    )

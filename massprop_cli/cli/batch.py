@@ -1,0 +1,176 @@
+"""``massprop batch``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from massprop_cli.cli import options
+from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
+from massprop_cli.cli.terminal import console
+from massprop_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from massprop_cli.campaign.plan import Job
+    from massprop_cli.campaign.summary import Summary
+
+INTERRUPTED = 130
+
+
+@guarded
+def batch(
+    context: typer.Context,
+    paths: Annotated[
+        list[str], typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the campaign.", envvar="MASSPROP_OUT")] = Path("massprop-out"),
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes at work (default: one per core).", envvar="MASSPROP_JOBS", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Do all logs again, changed or not.")] = False,
+    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first log whose exit code is not 0.")] = False,
+    vehicle: Annotated[
+        Path | None, typer.Option(help="Vehicle file (TOML) of all logs.", envvar="MASSPROP_VEHICLE", show_default=False)
+    ] = None,
+    method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
+    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    require: Annotated[
+        str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase of every log ('all').")
+    ] = None,
+    expect: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
+    ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="campaign.json of an earlier campaign; exit 5 beyond it.", show_default=False),
+    ] = None,
+    max_sigma: Annotated[float, typer.Option(min=0, help="A difference from the baseline may be so many of its sigmas.")] = 4.0,
+    tolerance: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What is allowed of the baseline instead, quantity by quantity.", show_default=False),
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False)] = None,
+    report: Annotated[bool, typer.Option("--report", help="Render report.html of each log (1 to 2 s each).")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print campaign.json on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no line per log.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """Estimate a campaign of logs in parallel; killed or stopped, it goes on where it was.
+
+    Writes results/NAME of each log, campaign.html, campaign.parquet and campaign.json. A log whose content, vehicle, settings and
+    massprop have not changed is not done again. A log that fails is a row with its error. Exit, after all logs have been tried, the worst
+    of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
+    """
+    required = options.required(require)
+    folder_of_its_own(out)
+    _not_a_folder(junit)
+    assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
+    from massprop_cli import gate
+    from massprop_cli.campaign import baseline as baselines
+    from massprop_cli.campaign import discover, flow, place, summary
+    from massprop_cli.campaign import junit as suites
+    from massprop_cli.campaign.plan import Settings
+    from massprop_cli.campaign.runner import LocalExecutor
+    from massprop_cli.cli.steps import steps
+
+    over = Settings(
+        vehicle=None if vehicle is None else str(vehicle),
+        assignments=tuple(assignments),
+        expect=None if expect is None else str(expect),
+        require=tuple(required),
+        report=report,
+    )
+    name, planned = discover.plan(paths, over)
+    _check(planned)
+    earlier = summary.read(baseline) if baseline is not None else None
+    allowed = gate.load(tolerance, max_sigma)
+    against = None if baseline is None or earlier is None else partial(baselines.compare, path=baseline, old=earlier, gate=allowed)
+    folder = place.LocalPlace(out)
+    with folder.lock():
+        try:
+            with steps(planned, quiet) as told:
+                found = flow.campaign(
+                    name, planned, folder, LocalExecutor(jobs), force=force, fail_fast=fail_fast, baseline=against, told=told
+                )
+        except KeyboardInterrupt:
+            fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
+        if junit is not None:
+            _write(junit, suites.text(folder, found))
+    _tell_github(found)
+    if as_json:
+        sys.stdout.write(summary.to_json(found))
+    elif not quiet:
+        from massprop_cli.report import campaign_table
+
+        campaign_table.show(found, console(no_color))
+        typer.echo(str(out / "campaign.html"))
+    _leave(found)
+
+
+def _not_a_folder(junit: Path | None) -> None:
+    if junit is not None and (junit.is_dir() or not junit.parent.is_dir()):
+        raise UsageError(f"--junit {junit}: name a file in a folder that exists")
+
+
+def _check(planned: Sequence[Job]) -> None:
+    """Refuse at once what would make every log fail: vehicle and expect files that are named for many."""
+    from massprop_cli import expect, vehicle
+
+    for stated in dict.fromkeys(job.settings for job in planned):
+        if stated.vehicle is not None:
+            vehicle.load(Path(stated.vehicle), stated.assignments)
+    for place in dict.fromkeys(job.settings.expect for job in planned):
+        if place is not None:
+            expect.load(Path(place))
+
+
+def _write(file: Path, text: str) -> None:
+    from massprop_cli import files
+
+    try:
+        files.text(file, text)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None
+
+
+def _tell_github(found: Summary) -> None:
+    """Summary and annotations where GitHub Actions asks for them."""
+    file, actions = os.environ.get("GITHUB_STEP_SUMMARY"), os.environ.get("GITHUB_ACTIONS")
+    if not file and actions != "true":
+        return
+    from massprop_cli.campaign import github
+
+    if file:
+        try:
+            github.append_summary(Path(file), found)
+        except OSError as error:
+            typer.echo(f"massprop: warning: the job summary {file} cannot be written ({error.strerror or error})", err=True)
+    if actions == "true":
+        for line in github.commands(found):
+            typer.echo(line, err=True)
+
+
+def _leave(found: Summary) -> None:
+    if found.exit_code == 0:
+        return
+    from massprop_cli.campaign import summary
+    from massprop_cli.report import campaign_page
+
+    wrong = sum(1 for _ in summary.lines(found))
+    beyond = len(found.baseline.beyond) if found.baseline else 0
+    said = [f"{wrong} of {len(found.logs)} logs failed ({campaign_page.counts(found)})"] if wrong else []
+    said += (
+        [f"{beyond} beyond the baseline: {'; '.join(item.message for item in found.baseline.beyond[:3])}"]
+        if found.baseline and beyond
+        else []
+    )
+    fail("; ".join(said) + ("; and more" if beyond > 3 else ""), found.exit_code or EXIT_NOT_EXPECTED)

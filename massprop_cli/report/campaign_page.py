@@ -1,0 +1,188 @@
+"""The page of a campaign: a row for each log, to sort and filter in the browser, and what each vehicle's logs say together.
+
+Without scripts it is a plain table. Same campaign, same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from urllib.parse import quote
+
+from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.campaign.outcome import Body, Outcome, Value
+from massprop_cli.campaign.place import RESULTS
+from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
+from massprop_cli.report import html, view, words
+
+STATES = {0: "done", 1: "internal error", 3: "unusable", 4: "not converged", 5: "not as expected", None: "not tried"}
+"""What an exit code means, in words."""
+_SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
+_MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
+_UNLIKELY = 1e-3
+"""A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One quantity of one part of a log."""
+
+    verdict: str
+    sign: str
+    value: str
+    sigma: str
+    key: str
+    """The value in full, to sort by; empty where there is none."""
+    missed: bool
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One log."""
+
+    number: int
+    name: str
+    link: str
+    """To its report or its result, relative; empty where there is none."""
+    log: str
+    tags: str
+    vehicle: str
+    state: str
+    sign: str
+    mark: str
+    message: str
+    parts: tuple[str, ...]
+    cells: tuple[tuple[Cell, ...], ...]
+    """By quantity, then by part."""
+    verdicts: str
+    """Those that occur, with spaces between."""
+    converged: int
+    estimates: int
+    warnings: str
+
+
+def page(found: Summary) -> str:
+    """The whole page; it loads nothing from anywhere."""
+    from markupsafe import Markup
+
+    script = resources.files("massprop_cli.report").joinpath("templates/campaign.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    entries = [_entry(number, row) for number, row in enumerate(found.logs, 1)]
+    return (
+        html.environment()
+        .get_template("campaign.html.j2")
+        .render(
+            summary=found,
+            entries=entries,
+            several=any(len(entry.parts) > 1 for entry in entries),
+            tagged=any(entry.tags for entry in entries),
+            states=list(dict.fromkeys(entry.state for entry in entries)),
+            counts=counts(found),
+            quantities=[(words.SYMBOLS[name], words.unit(UNITS[name])) for name in QUANTITIES],
+            pools=[_pool(pool) for pool in found.pooled],
+            verdicts={cell.verdict: cell.sign for entry in entries for cells in entry.cells for cell in cells},
+            view_title=title,
+            script=Markup(script),
+            digest=digest,
+        )
+    )
+
+
+def counts(found: Summary) -> str:
+    """How many logs came to what, in words."""
+    said = [
+        f"{found.exit_codes[key]} {STATES[code]}"
+        for code, key in ((c, "none" if c is None else str(c)) for c in STATES)
+        if key in found.exit_codes
+    ]
+    return ", ".join(said)
+
+
+def _entry(number: int, row: Row) -> Entry:
+    found = row.outcome
+    code = found.exit_code if found else None
+    bodies = found.bodies if found else []
+    items = [item for body in bodies for item in body.estimates.values()]
+    return Entry(
+        number=number,
+        name=row.name,
+        link=_link(row.name, found),
+        log=row.log,
+        tags=", ".join(row.tags),
+        vehicle=found.vehicle.name if found and found.vehicle else "",
+        state=STATES[code],
+        sign=_SIGNS[code],
+        mark=_MARKS.get(code, "unobservable"),
+        message=found.message if found else "",
+        parts=tuple(title(body) for body in bodies),
+        cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES),
+        verdicts=" ".join(dict.fromkeys(item.verdict for item in items)),
+        converged=sum(item.verdict == "converged" for item in items),
+        estimates=len(items),
+        warnings=", ".join(dict.fromkeys(found.warnings)) if found else "",
+    )
+
+
+def _link(name: str, found: Outcome | None) -> str:
+    file = next((file for file in ("report.html", "result.json") if found and file in found.files), None)
+    return f"{RESULTS}/{quote(name)}/{file}" if file else ""
+
+
+def title(body: Body | Pool) -> str:
+    """What to call a part of a log."""
+    return body.name if body.part == "phase" else f"docked: {body.name}"
+
+
+def _cell(item: Value) -> Cell:
+    value, sigma = (view.minus(text) for text in words.numbers(item.value, item.sigma))
+    key = "" if item.value is None else repr(item.value)
+    return Cell(item.verdict, words.SIGNS[item.verdict], value, sigma, key, item.met is False)
+
+
+def _pool(found: Pool) -> tuple[Pool, list[dict[str, str]]]:
+    return found, [_pooled(name, item) for name, item in found.estimates.items()]
+
+
+def _pooled(name: str, item: Pooled) -> dict[str, str]:
+    value, sigma = (view.minus(text) for text in words.numbers(item.value, item.sigma))
+    unlikely = item.p_value is not None and item.p_value < _UNLIKELY
+    tilted = item.trend_per_log is not None and item.trend_sigma is not None and abs(item.trend_per_log) > 3.3 * item.trend_sigma
+    return {
+        "symbol": words.SYMBOLS[name],
+        "value": value,
+        "sigma": sigma,
+        "unit": words.unit(item.unit),
+        "logs": str(item.logs),
+        "ratio": _short(item.scatter_ratio),
+        "chi_square": "–" if item.chi_square is None else f"{_short(item.chi_square)} of {item.degrees_of_freedom}",
+        "p_value": "–" if item.p_value is None else f"{item.p_value:.2g}" if item.p_value >= 1e-6 else "< 1e−6",
+        "trend": _slope(item),
+        "outliers": ", ".join(f"{stray.log} ({view.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
+        "without": _without(item),
+        "note": ", ".join(said for said, so in (("more scatter than claimed", unlikely), ("a trend", tilted)) if so),
+    }
+
+
+def _slope(item: Pooled) -> str:
+    if item.trend_per_log is None or item.trend_sigma is None:
+        return "–"
+    value, sigma = (view.minus(text) for text in words.numbers(item.trend_per_log, item.trend_sigma))
+    return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
+
+
+def _short(ratio: float | None) -> str:
+    return "–" if ratio is None else f"{ratio:.2f}" if ratio < 100 else f"{ratio:.0f}"
+
+
+def _without(item: Pooled) -> str:
+    if item.without_outliers is None:
+        return ""
+    return "{} ± {}".format(*(view.minus(text) for text in words.numbers(*item.without_outliers)))
+
+
+def pooled(found: Pool) -> Sequence[dict[str, str]]:
+    """Rows of a vehicle's table as text, for other pages than this."""
+    return _pool(found)[1]

@@ -1,0 +1,44 @@
+"""What ``massprop batch`` prints: what each vehicle's logs say together."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from massprop_cli.campaign.summary import Pool, Summary
+from massprop_cli.report import campaign_page
+from massprop_cli.report.table import fitted
+
+_COLUMNS = {
+    "symbol": "quantity", "value": "weighted mean", "sigma": "± sigma", "unit": "unit", "logs": "logs",
+    "ratio": "scatter/claimed", "p_value": "p", "trend": "trend per log", "outliers": "outliers",
+}  # fmt: skip
+_TEXT = ("symbol", "unit", "outliers")
+NAMED = 3
+"""Outliers that a cell names."""
+
+
+def show(found: Summary, console: Console) -> None:
+    """Print a table per vehicle and part, and the counts."""
+    for pool in found.pooled:
+        fitted(_table(pool), console)
+    if found.pooled:
+        console.print(
+            "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities) does not average out."
+        )
+        console.print(
+            "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
+        )
+    console.print(escape(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {campaign_page.counts(found)}"))
+
+
+def _table(pool: Pool) -> Table:
+    table = Table(title=escape(f"{pool.vehicle}, {campaign_page.title(pool)}"), title_justify="left", title_style="bold")
+    for key, name in _COLUMNS.items():
+        table.add_column(name, justify="left" if key in _TEXT else "right", no_wrap=key != "outliers")
+    for (name, item), row in zip(pool.estimates.items(), campaign_page.pooled(pool), strict=True):
+        more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
+        stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"
+        table.add_row(name, *(escape(row[key]) for key in _COLUMNS if key not in ("symbol", "outliers")), escape(stray))
+    return table

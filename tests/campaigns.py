@@ -1,0 +1,59 @@
+"""Campaigns small enough to be run many times: free flights of 120 cycles from the testbed in software."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli.testbed import output, scenario
+
+PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=5.0},{motion="hold",start_s=5.0,end_s=6.0}]'
+TRUTH = dict(zip(("ixx", "mass"), (0.62, 22.0), strict=True))
+
+
+def simulate(folder: Path, seeds: int, *settings: str, first: int = 1) -> Path:
+    """``seeds`` logs in ``folder``/seed-N/log.parquet."""
+    with np.errstate(all="ignore"):
+        output.simulate(scenario.load("free-flyer", ["duration_s=6.0", PLAN, *settings]), folder, first, seeds)
+    return folder
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "massprop_cli", "batch", *map(str, arguments)]
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Without settings of whoever runs the tests, or of the CI that does."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("MASSPROP_", "GITHUB_"))}
+    return kept | {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | more
+
+
+def batch(folder: Path, *arguments: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """The real command line, run in ``folder``; ``more`` are environment variables."""
+    done = subprocess.run(
+        command(*arguments), cwd=folder, env=environment(**more), capture_output=True, encoding="utf-8", timeout=120, check=False
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def corrupt(logs: list[Path]) -> dict[str, str]:
+    """Five logs made unusable in five ways; what a message about each must say, by the log's name."""
+    logs[0].write_bytes(b"")
+    logs[1].write_bytes(logs[1].read_bytes()[:2000])
+    logs[2].write_bytes(b"no parquet at all")
+    shutil.copy(Path(__file__), logs[3])
+    logs[4].unlink()
+    logs[4].mkdir()
+    (logs[4] / "log.csv").write_text("time_s,mass\n0.05,1\n0.10,2\n0.15,nan\n", encoding="utf-8")
+    said = ["is empty", "not a readable Parquet file", "not a readable Parquet file", "not a readable Parquet file", "no vehicle file"]
+    return dict(zip((log.parent.name for log in logs), said, strict=True))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

@@ -1,0 +1,141 @@
+"""The page of a campaign, as text and in a headless Chromium."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from massprop_cli.campaign.outcome import Value
+from massprop_cli.campaign.summary import Row, Summary, summary, to_json
+from massprop_cli.report import campaign_page
+from tests.test_browser import CHROMIUM, browser
+from tests.test_campaign_ci import failed
+from tests.test_campaign_pool import row
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+__all__ = ["browser"]
+HOSTILE = '"><script>alert(1)</script>\u202e'
+
+
+def campaign(logs: int = 12) -> Summary:
+    """Logs 2, 4, 6 ... are lighter the higher their number; two failed; one told its mass no better than before."""
+    rows: list[Row] = [row(n, 30.0 - n, files=["result.json"]) for n in range(1, logs + 1)]
+    dim = rows[4].outcome
+    assert dim is not None
+    estimates = dim.bodies[0].estimates | {"mass": Value(value=None, sigma=None, verdict="not_excited")}
+    body = dim.bodies[0].model_copy(update={"estimates": estimates})
+    rows[4] = rows[4].model_copy(update={"outcome": dim.model_copy(update={"bodies": [body], "warnings": ["gyro-units"]})})
+    return summary("night", [*rows, failed(1), failed(2, HOSTILE).model_copy(update={"name": "x&y #1", "log": HOSTILE})])
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "campaign.html"
+    file.write_text(campaign_page.page(campaign()), encoding="utf-8")
+    for n in range(1, 13):
+        result = file.parent / "results" / f"log-{n}" / "result.json"
+        result.parent.mkdir(parents=True)
+        result.write_text(f'{{"n": {n}}}')
+    return file
+
+
+def test_a_page_is_the_same_bytes_again_and_escapes_what_is_hostile() -> None:
+    text = campaign_page.page(campaign())
+    assert text == campaign_page.page(Summary.model_validate_json(to_json(campaign())))
+    assert text.count("<script>") == 1
+    assert "\u202e" not in text
+    assert "&lt;script&gt;alert(1)" in text
+    assert re.search(r"script-src 'sha256-[A-Za-z0-9+/]{43}='", text)
+
+
+def test_a_thousand_logs_make_a_page_that_a_browser_takes_easily() -> None:
+    assert len(campaign_page.page(campaign(1000)).encode()) < 3_000_000
+
+
+def shown(page: Page) -> list[str]:
+    names: list[str] = page.evaluate(
+        "[...document.querySelectorAll('#logs tbody tr')].filter(r => !r.hidden).map(r => r.cells[1].dataset.key)"
+    )
+    return names
+
+
+@pytest.fixture
+def page(browser: Browser, page_file: Path) -> Page:
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    opened = context.new_page()
+    complaints: list[str] = []
+    opened.on("console", lambda message: complaints.append(message.text))
+    opened.on("pageerror", lambda error: complaints.append(str(error)))
+    opened.goto(page_file.as_uri())
+    assert complaints == []
+    return opened
+
+
+needs_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")]
+ORDER = [f"log-{n}" for n in range(1, 13)]
+
+
+class TestInChromium:
+    pytestmark = needs_browser
+
+    def test_columns_sort_both_ways_by_number_and_by_name_and_gaps_stay_last(self, page: Page) -> None:
+        assert shown(page) == [*ORDER, "bad-1", "x&y #1"]
+        mass = page.get_by_role("columnheader", name=re.compile("^Mass"))
+        mass.get_by_role("button").click()
+        told = [name for name in reversed(ORDER) if name != "log-5"]
+        assert shown(page) == [*told, "log-5", "bad-1", "x&y #1"]
+        assert mass.get_attribute("aria-sort") == "ascending"
+        mass.get_by_role("button").click()
+        assert shown(page) == [*reversed(told), "log-5", "bad-1", "x&y #1"]
+        assert mass.get_attribute("aria-sort") == "descending"
+        page.get_by_role("button", name="Log", exact=True).click()
+        assert shown(page) == ["bad-1", *ORDER, "x&y #1"], "log-2 goes before log-10"
+        assert mass.get_attribute("aria-sort") is None
+        page.get_by_role("button", name="No.").press("Enter")
+        assert shown(page)[:2] == ["log-1", "log-2"]
+
+    def test_rows_are_filtered_by_text_outcome_and_verdict(self, page: Page) -> None:
+        page.get_by_label("Find").fill("log-1")
+        assert shown(page) == ["log-1", "log-10", "log-11", "log-12"]
+        assert page.locator("#shown").inner_text() == "4 of 14 logs"
+        page.get_by_label("Find").fill("")
+        page.get_by_label("Outcome").select_option("unusable")
+        assert shown(page) == ["bad-1", "x&y #1"]
+        page.get_by_label("Outcome").select_option("")
+        page.get_by_label("Has a quantity").select_option("not_excited")
+        assert shown(page) == ["log-5"]
+        page.get_by_label("Find").fill("TUG gyro-units")
+        assert shown(page) == ["log-5"]
+        page.get_by_label("Find").fill("nothing like it")
+        assert shown(page) == []
+
+    def test_links_lead_to_each_result(self, page: Page) -> None:
+        page.get_by_role("link", name="log-7").click()
+        assert json.loads(page.inner_text("body")) == {"n": 7}
+
+    @pytest.mark.parametrize("scheme", ["light", "dark"])
+    @pytest.mark.parametrize("width", [390, 1280])
+    def test_the_page_loads_nothing_and_is_as_wide_as_its_screen(self, browser: Browser, page_file: Path, scheme: str, width: int) -> None:
+        context = browser.new_context(viewport={"width": width, "height": 844}, color_scheme="dark" if scheme == "dark" else "light")
+        opened = context.new_page()
+        requests: list[str] = []
+        opened.on("request", lambda request: requests.append(request.url))
+        opened.goto(page_file.as_uri())
+        assert [url for url in requests if not url.startswith("data:")] == [page_file.as_uri()]
+        assert opened.evaluate("document.documentElement.scrollWidth") <= width
+        context.close()
+
+    def test_without_scripts_it_is_a_plain_table(self, browser: Browser, page_file: Path) -> None:
+        context = browser.new_context(java_script_enabled=False)
+        opened = context.new_page()
+        opened.goto(page_file.as_uri())
+        assert opened.locator("#logs tbody tr").count() == 14
+        assert opened.locator("#logs button").count() == 0
+        assert not opened.locator("#filters").is_visible()
+        context.close()
