@@ -67,6 +67,18 @@ def read(url: str, what: str) -> bytes:
     return bytes(asked(url, what, lambda files, path: files.cat_file(path)))
 
 
+def content(url: str) -> bytes | None:
+    """The same; None where there is no such file."""
+    return asked(url, "file", _content)
+
+
+def _content(files: Any, path: str) -> bytes | None:
+    try:
+        return bytes(files.cat_file(path))
+    except FileNotFoundError:
+        return None
+
+
 def exists(url: str) -> bool:
     """Whether there is such a file."""
     return asked(url, "file", _is_file)
