@@ -47,7 +47,7 @@ class CampaignFile(Said):
 
 def load(place: str) -> CampaignFile:
     """Read a campaign file; :class:`massprop_cli.errors.InputError` names file, line and key."""
-    text = location.text(location.read(place, "campaign file"), place, "campaign file")
+    text = location.read_text(place, "campaign file")
     return configfile.validate(CampaignFile, configfile.parse_toml(text, place), place, text)
 
 

@@ -45,6 +45,16 @@ def text(content: bytes, location: str, what: str) -> str:
         raise InputError(f"{location}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 TOML") from None
 
 
+def read_text(location: str, what: str) -> str:
+    """A file's text; :class:`InputError` names it and a remedy."""
+    return text(read(location, what), location, what)
+
+
+def path(location: str) -> Path:
+    """For names and messages; a URL goes by its file's name, since a path can't spell it."""
+    return Path(name(location)) if is_url(location) else Path(location)
+
+
 def beside(location: str, name: str) -> str:
     """The location of another file in the same folder."""
     return join(folder(location), name)

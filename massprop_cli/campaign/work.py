@@ -152,7 +152,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
 
     expected = None
     if inputs.expect is not None and job.settings.expect is not None:
-        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), _path(job.settings.expect))
+        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), location.path(job.settings.expect))
     # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
     with np.errstate(all="ignore"):
         table = tablefile.parse(Path(job.shown), inputs.log)
@@ -166,11 +166,6 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
         files["report.html"] = _report(job, files)
     told = _outcome(job, found, judged, mark, sorted(files))
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
-
-
-def _path(place: str) -> Path:
-    """For names and messages; a URL goes by its file's name, since a path can't spell it."""
-    return Path(location.name(place)) if location.is_url(place) else Path(place)
 
 
 def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
