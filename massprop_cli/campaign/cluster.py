@@ -8,6 +8,7 @@ again by the scheduler.
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import warnings
@@ -174,21 +175,39 @@ def _size(task: Task) -> int:
 def _connected(address: str) -> Iterator[Any]:
     try:
         import distributed
+        from distributed.comm import resolve_address
     except ImportError:
         raise InputError(f"--cluster {address}: needs the package distributed; {EXTRA}") from None
     try:
-        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+        resolve_address(address)  # raises for what is no address; a client would take 20 s more to go away
+        with _quiet():
+            client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"--cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or mend the address"
         ) from None
+    with _quiet():
+        try:
+            yield client
+        finally:
+            # also cancels what still runs
+            with suppress(Exception):
+                client.close(timeout=CONNECT_S)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what distributed logs of lost connections; what matters of it is told as an error of ours."""
+    loggers = [logger for name, logger in logging.root.manager.loggerDict.items() if name.startswith("distributed")]
+    levels = [(logger, logger.level) for logger in loggers if isinstance(logger, logging.Logger)]
+    for logger, _ in levels:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
-        yield client
+        yield
     finally:
-        # also cancels what still runs
-        with suppress(Exception):
-            client.close(timeout=CONNECT_S)
+        for logger, level in levels:
+            logger.setLevel(level)
 
 
 def _check_versions(client: Any, address: str) -> None:
