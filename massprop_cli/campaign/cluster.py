@@ -41,14 +41,17 @@ class Differs:
 
 
 def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | None:
-    """What a thread of a dask worker does."""
-    own = work.versions()
-    if own != versions:
-        return Differs(own)
-    if not hasattr(_of_thread, "worker"):
-        _of_thread.worker = Worker()
-    worker: Worker = _of_thread.worker
-    return worker.work(task)
+    """What a thread of a dask worker does. It doesn't raise: an error that the client can't unpickle would never arrive there."""
+    try:
+        own = work.versions()
+        if own != versions:
+            return Differs(own)
+        if not hasattr(_of_thread, "worker"):
+            _of_thread.worker = Worker()
+        worker: Worker = _of_thread.worker
+        return worker.work(task)
+    except Exception as error:
+        return work.failed(task.job, work.BUG, f"{task.job.shown}: the worker failed ({type(error).__name__}: {error})")
 
 
 class ClusterExecutor:

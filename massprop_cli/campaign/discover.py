@@ -88,17 +88,22 @@ def _expanded_url(named: str) -> list[Found]:
     if remote.exists(named):
         return [_found_url(location.folder(named), location.name(named))]
     place, *outer = named.split("::", 1)
-    if _MAGIC.search(place):
-        fixed = "::".join(["/".join(_leading(place.split("/"))), *outer])
-        files, problem = remote.matching(named, fixed), "no log fits this pattern; check it, and that it names .parquet or .csv files"
-    else:
-        fixed, files = named, remote.below(named)
-        problem = "holds no log (*.parquet, *.csv); name the folder that does" if files else "no such file or folder; check the URL"
-    there = set(files)
+    wild = bool(_MAGIC.search(place))
+    root = "::".join(["/".join(_leading(place.split("/"))), *outer])
+    all_below = remote.below(root)
+    files = remote.fitting(all_below, location.below(named, root)) if wild else all_below
+    there = set(all_below)
     logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
+    problem = (
+        "no log fits this pattern; check it, and that it names .parquet or .csv files"
+        if wild
+        else "holds no log (*.parquet, *.csv); name the folder that does"
+        if files
+        else "no such file or folder; check the URL"
+    )
     if not logs:
         raise InputError(f"{named}: {problem}")
-    return [_found_url(fixed, log) for log in sorted(logs, key=lambda log: _natural(log.split("/")))]
+    return [_found_url(root, log) for log in sorted(logs, key=lambda log: _natural(log.split("/")))]
 
 
 def _is_hidden(path: str) -> bool:

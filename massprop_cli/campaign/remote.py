@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
-from massprop_cli.campaign import location
 from massprop_cli.errors import InputError
 
 Answer = TypeVar("Answer")
@@ -106,13 +105,12 @@ def _below(files: Any, path: str) -> list[str]:
     return [str(file)[len(root) :].lstrip("/") for file in found if str(file).startswith(f"{root}/")]
 
 
-def matching(pattern: str, fixed: str) -> list[str]:
-    """Paths, from the folder ``fixed`` on, of files that fit a pattern, and of all files in folders that do.
+def fitting(files: Sequence[str], pattern: str) -> list[str]:
+    """Of these paths those that fit a pattern, and those in folders that do.
 
     As a shell does it: "*" fits within one part of a path, "**" any number of folders, neither what begins with a dot.
     """
-    wanted = PurePosixPath(location.below(pattern, fixed)).parts
-    return [file for file in below(fixed) if _fits(file.split("/"), wanted)]
+    return [file for file in files if _fits(file.split("/"), PurePosixPath(pattern).parts)]
 
 
 def _fits(parts: list[str], wanted: tuple[str, ...]) -> bool:
