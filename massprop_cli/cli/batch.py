@@ -110,9 +110,7 @@ def batch(
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
-                found = flow.campaign(
-                    name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told
-                )
+                found = flow.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
         if junit is not None:
