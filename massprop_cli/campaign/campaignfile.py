@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
 from massprop_cli import configfile
+from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
 from massprop_cli.vehicle import NonNegative, Quantity, Section
 
@@ -45,10 +45,10 @@ class CampaignFile(Said):
     match: tuple[Match, ...] = ()
 
 
-def load(path: Path) -> CampaignFile:
+def load(place: str) -> CampaignFile:
     """Read a campaign file; :class:`massprop_cli.errors.InputError` names file, line and key."""
-    text = configfile.read_text(path, "campaign file")
-    return configfile.validate(CampaignFile, configfile.parse_toml(text, str(path)), str(path), text)
+    text = location.read_text(place, "campaign file")
+    return configfile.validate(CampaignFile, configfile.parse_toml(text, place), place, text)
 
 
 def fits(rule: Match, below: str) -> bool:
@@ -56,16 +56,16 @@ def fits(rule: Match, below: str) -> bool:
     return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in rule.logs)
 
 
-def applied(file: CampaignFile, base: Path, log: Found, below: str) -> Found:
+def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
     """The log with what the file says of it."""
     said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule, below))]
     vehicle = _last([one.vehicle for one in said])
     expect = _last([one.expect for one in said])
     require = _last([one.require for one in said])
     settings = Settings(
-        vehicle=None if vehicle is None else str(base / vehicle),
+        vehicle=None if vehicle is None else location.join(base, vehicle),
         assignments=tuple(assignment for one in said for assignment in _assignments(one)),
-        expect=None if expect is None else str(base / expect),
+        expect=None if expect is None else location.join(base, expect),
         require=all_of(require),
         report=file.report,
     )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath, PurePosixPath
 
-from massprop_cli.campaign import campaignfile
+from massprop_cli.campaign import campaignfile, location
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
 from massprop_cli.errors import InputError
 
@@ -27,13 +27,12 @@ def plan(named: Sequence[str], over: Settings) -> tuple[str, list[Job]]:
     found: list[Found] = []
     titles = []
     for text in named:
-        path = Path(text)
-        if path.suffix.lower() == ".toml" and not path.is_dir():
-            title, logs = _campaign(path)
+        if text.lower().endswith(".toml") and not Path(text).is_dir():
+            title, logs = _campaign(text)
             found += logs
             titles.append(title)
         else:
-            found += _expanded(text, Path())
+            found += _expanded(text)
     return " and ".join(dict.fromkeys(titles)) or "campaign", jobs([replace(log, settings=overlaid(log.settings, over)) for log in found])
 
 
@@ -48,25 +47,24 @@ def overlaid(under: Settings, over: Settings) -> Settings:
     )
 
 
-def _campaign(path: Path) -> tuple[str, list[Found]]:
-    file = campaignfile.load(path)
-    base = path.parent
-    logs = [log for named in file.logs for log in _expanded(named, base)]
+def _campaign(place: str) -> tuple[str, list[Found]]:
+    file = campaignfile.load(place)
+    base = location.folder(place)
+    logs = [log for named in file.logs for log in _expanded(location.join(base, named))]
+    paths = [location.below(log.location, base) for log in logs]
     for number, rule in enumerate(file.match):
-        if not any(campaignfile.fits(rule, _below(log, base)) for log in logs):
-            raise InputError(f"{path}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; mend the pattern")
-    return file.name or path.stem, [campaignfile.applied(file, base, log, _below(log, base)) for log in logs]
+        if not any(campaignfile.fits(rule, path) for path in paths):
+            raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; mend the pattern")
+    title = file.name or location.stem(place)
+    return title, [campaignfile.applied(file, base, log, path) for log, path in zip(logs, paths, strict=True)]
 
 
-def _below(log: Found, base: Path) -> str:
-    """The log's path from the campaign file on, with "/" between its parts."""
-    return Path(os.path.relpath(log.location, base)).as_posix()
-
-
-def _expanded(named: str, base: Path) -> list[Found]:
-    path = base / named
+def _expanded(named: str) -> list[Found]:
+    if location.is_url(named):
+        return _expanded_url(named)
+    path = Path(named)
     if path.is_dir():
-        logs = sorted(_walk(path), key=_natural)
+        logs = sorted(_walk(path), key=lambda log: _natural(log.parts))
         if not logs:
             raise InputError(f"{path}: holds no log (*.parquet, *.csv); name the folder that does")
         return [_found(log, path) for log in logs]
@@ -74,18 +72,54 @@ def _expanded(named: str, base: Path) -> list[Found]:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder; check the path")
         return [_found(path, path.parent)]
-    fixed = Path(*_leading(path))
+    fixed = Path(*_leading(path.parts))
     matches = [Path(match) for match in glob.glob(str(path), recursive=True)]  # noqa: PTH207 as a shell does it
     folders = [log for match in matches if match.is_dir() for log in _walk(match)]
-    both = sorted({*(match for match in matches if match.is_file() and _is_log(match)), *folders}, key=_natural)
+    both = sorted({*(match for match in matches if match.is_file() and _is_log(match)), *folders}, key=lambda log: _natural(log.parts))
     if not both:
         raise InputError(f"{path}: no log fits this pattern; check it, and that it names .parquet or .csv files")
     return [_found(log, fixed) for log in both]
 
 
-def _leading(path: Path) -> Iterator[str]:
+def _expanded_url(named: str) -> list[Found]:
+    """The same of a URL, by the same rules."""
+    from massprop_cli.campaign import remote
+
+    if remote.exists(named):
+        return [_found_url(location.folder(named), location.name(named))]
+    place, *outer = named.split("::", 1)
+    wild = bool(_MAGIC.search(place))
+    root = "::".join(["/".join(_leading(place.split("/"))), *outer])
+    all_below = remote.below(root)
+    files = remote.fitting(all_below, location.below(named, root)) if wild else all_below
+    there = set(all_below)
+    logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
+    problem = (
+        "no log fits this pattern; check it, and that it names .parquet or .csv files"
+        if wild
+        else "holds no log (*.parquet, *.csv); name the folder that does"
+        if files
+        else "no such file or folder; check the URL"
+    )
+    if not logs:
+        raise InputError(f"{named}: {problem}")
+    return [_found_url(root, log) for log in sorted(logs, key=lambda log: _natural(log.split("/")))]
+
+
+def _is_hidden(path: str) -> bool:
+    return any(part.startswith(".") for part in path.split("/"))
+
+
+def _found_url(root: str, path: str) -> Found:
+    whole = location.join(root, path)
+    scheme, _, rest = whole.partition("://")
+    below = path.split("/")
+    return Found(whole, (f"{scheme}://", *(part for part in rest.split("::", 1)[0].split("/") if part)), len(below))
+
+
+def _leading(parts: Sequence[str]) -> Iterator[str]:
     """The parts of a pattern before the first that has a wildcard."""
-    for part in path.parts:
+    for part in parts:
         if _MAGIC.search(part):
             return
         yield part
@@ -99,9 +133,13 @@ def _walk(folder: Path) -> Iterator[Path]:
 
 
 def _is_log(file: Path) -> bool:
+    return _may_be_log(file, lambda beside: Path(beside).exists())
+
+
+def _may_be_log(file: PurePath, exists: Callable[[PurePath], bool]) -> bool:
     """Whether a file of this name, in this folder, may be a log."""
     beside = OWN.get(file.name)
-    own = beside is not None and (beside == "" or file.with_name(beside).exists())
+    own = beside is not None and (beside == "" or exists(file.with_name(beside)))
     return file.suffix.lower() in SUFFIXES and not own
 
 
@@ -115,10 +153,10 @@ def _absolute(path: Path) -> Path:
     return Path(os.path.abspath(path))  # noqa: PTH100
 
 
-def _natural(path: Path) -> list[tuple[int, str] | tuple[int, int, str]]:
+def _natural(parts: Sequence[str]) -> list[tuple[int, str] | tuple[int, int, str]]:
     """Sorts run-2 before run-10, folder by folder."""
     return [
         (0, int(piece), piece) if piece.isdecimal() and piece.isascii() else (1, piece)
-        for part in path.parts
+        for part in parts
         for piece in [*re.split(r"(\d+)", part), ""]
     ]

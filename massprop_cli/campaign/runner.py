@@ -7,7 +7,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,10 +24,13 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 
 @dataclass(frozen=True)
 class Task:
-    """A job, and the fingerprint of the result that it has already; None: it has none, or it shall be done anyway."""
+    """A job for a worker."""
 
     job: Job
     known: str | None = None
+    """The fingerprint of the result that it has already; None: it has none, or it shall be done anyway."""
+    sent: Mapping[str, bytes] | None = None
+    """Files that the worker can't read itself, by location; None: it can read all."""
 
 
 def cores() -> int:
@@ -59,9 +62,9 @@ class LocalExecutor:
         ahead = threading.Semaphore(2 * self.jobs)
         waiting = iter(range(len(tasks)))
         taking = threading.Lock()
-        workers = [_Worker() for _ in range(min(self.jobs, len(tasks)))]
+        workers = [Worker() for _ in range(min(self.jobs, len(tasks)))]
 
-        def serve(own: _Worker) -> None:
+        def serve(own: Worker) -> None:
             while True:
                 ahead.acquire()
                 with taking:
@@ -94,7 +97,7 @@ class LocalExecutor:
                 thread.join()
 
 
-class _Worker:
+class Worker:
     """One process at a time, started when it is needed."""
 
     def __init__(self) -> None:

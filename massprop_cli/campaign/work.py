@@ -45,8 +45,10 @@ class Inputs:
     expect: bytes | None
 
 
-def process(job: Job, known: str | None = None) -> Produced | None:
+def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None = None) -> Produced | None:
     """Work a job; None where its fingerprint is ``known``: nothing has changed since.
+
+    ``sent`` holds files that came with the job, by location (:func:`own_files`); None where all are read here.
 
     Never raises for what a log may hold: unusable input is an outcome with exit code 3, a bug one with 1. A bug, and a file that can't
     be read, have no fingerprint and are tried again.
@@ -54,7 +56,7 @@ def process(job: Job, known: str | None = None) -> Produced | None:
     mark = outcome.UNKEPT
     sha256 = None
     try:
-        inputs = gather(job)
+        inputs = gather(job, sent)
         sha256 = hashlib.sha256(inputs.log).hexdigest()
         mark = fingerprint(job, inputs)
         if mark == known:
@@ -80,23 +82,39 @@ def _as_shown(job: Job, message: str) -> str:
     return message.replace(folder, job.shown.rpartition("/")[0] + "/" * ("/" in job.shown)) if len(folder) > 1 else message
 
 
-def gather(job: Job) -> Inputs:
-    """Read a job's inputs; :class:`InputError` where one can't be."""
+def own_files(job: Job) -> dict[str, bytes]:
+    """Files of a job that only this machine can read, by location; :class:`InputError` where one can't be."""
+    named = (job.settings.vehicle, "vehicle file"), (job.settings.expect, "expect file")
+    wanted = [(job.log, "log"), *((place, what) for place, what in named if place is not None)]
+    if job.settings.vehicle is None and not location.shared(job.log):
+        wanted += [(place, "vehicle file") for place in _beside(job.log) if location.exists(place)]
+    return {place: location.read(place, what) for place, what in wanted if not location.shared(place)}
+
+
+def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
+    """Read a job's inputs, or take them from what was sent; :class:`InputError` where one can't be."""
+
+    def read(place: str, what: str) -> bytes:
+        return sent[place] if sent is not None and place in sent else location.read(place, what)
+
+    def exists(place: str) -> bool:
+        # beside a log that was sent, only what was sent with it counts
+        return place in sent if sent is not None and job.log in sent else location.exists(place)
+
     settings = job.settings
     try:
         job.log.encode()
     except UnicodeEncodeError:
         raise InputError(f"{job.shown}: the file's name is not UTF-8; rename it") from None
-    log = location.read(job.log, "log")
-    places = [settings.vehicle] if settings.vehicle is not None else _beside(job.log)
-    vehicle = next(((place, location.read(place, "vehicle file")) for place in places), None)
-    expect = None if settings.expect is None else location.read(settings.expect, "expect file")
+    log = read(job.log, "log")
+    places = [settings.vehicle] if settings.vehicle is not None else [place for place in _beside(job.log) if exists(place)]
+    vehicle = next(((place, read(place, "vehicle file")) for place in places), None)
+    expect = None if settings.expect is None else read(settings.expect, "expect file")
     return Inputs(log, vehicle, expect)
 
 
 def _beside(log: str) -> list[str]:
-    stated = [location.beside(log, name) for name in (f"{location.stem(log)}.vehicle.toml", "vehicle.toml")]
-    return [place for place in stated if location.exists(place)]
+    return [location.beside(log, name) for name in (f"{location.stem(log)}.vehicle.toml", "vehicle.toml")]
 
 
 def fingerprint(job: Job, inputs: Inputs) -> str:
@@ -106,7 +124,7 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
     parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, b"named" if named else b"beside"]
     parts += [b""] if inputs.vehicle is None else [_base(inputs.vehicle[0]), inputs.vehicle[1]]
     parts += [b""] if inputs.expect is None else [_base(settings.expect or ""), inputs.expect]
-    said = (settings.assignments, settings.require, settings.report, sorted(_versions().items()))
+    said = (settings.assignments, settings.require, settings.report, sorted(versions().items()))
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
         digest.update(len(part).to_bytes(8, "big") + part)
@@ -118,7 +136,8 @@ def _base(place: str) -> bytes:
 
 
 @cache
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Of the program, and of what else decides a result's bytes."""
     import platform
     from importlib.metadata import version
 
@@ -133,10 +152,10 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
 
     expected = None
     if inputs.expect is not None and job.settings.expect is not None:
-        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), Path(job.settings.expect))
+        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), location.path(job.settings.expect))
     # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
     with np.errstate(all="ignore"):
-        table = tablefile.parse(Path(job.log), inputs.log)
+        table = tablefile.parse(Path(job.shown), inputs.log)
         source = _vehicle(job, inputs, table.embedded_vehicle)
         found = analysis.examine(telemetry.read(table, source.vehicle), source, job.settings.assignments)
         judged = result.result(found)

@@ -42,6 +42,6 @@ def main() -> None:
     while True:
         try:
             task = receive(sys.stdin.buffer)
-            send(messages, work.process(task.job, task.known))
+            send(messages, work.process(task.job, task.known, task.sent))
         except (EOFError, BrokenPipeError):
             os._exit(0)

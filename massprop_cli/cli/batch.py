@@ -28,16 +28,26 @@ INTERRUPTED = 130
 def batch(
     context: typer.Context,
     paths: Annotated[
-        list[str], typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files.", show_default=False)
+        list[str],
+        typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files; URLs too.", show_default=False),
     ],
-    out: Annotated[Path, typer.Option(help="Folder of the campaign.", envvar="MASSPROP_OUT")] = Path("massprop-out"),
+    out: Annotated[str, typer.Option(metavar="FOLDER", help="Folder of the campaign, or a URL.", envvar="MASSPROP_OUT")] = "massprop-out",
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes at work (default: one per core).", envvar="MASSPROP_JOBS", show_default=False)
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run on the workers of this dask scheduler, tcp://HOST:PORT.",
+            envvar="MASSPROP_CLUSTER",
+            show_default=False,
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Do all logs again, changed or not.")] = False,
     fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first log whose exit code is not 0.")] = False,
     vehicle: Annotated[
-        Path | None, typer.Option(help="Vehicle file (TOML) of all logs.", envvar="MASSPROP_VEHICLE", show_default=False)
+        str | None, typer.Option(metavar="FILE", help="Vehicle file (TOML) of all logs.", envvar="MASSPROP_VEHICLE", show_default=False)
     ] = None,
     method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
@@ -46,7 +56,7 @@ def batch(
         str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase of every log ('all').")
     ] = None,
     expect: Annotated[
-        Path | None,
+        str | None,
         typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
     ] = None,
     baseline: Annotated[
@@ -71,21 +81,22 @@ def batch(
     of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
     """
     required = options.required(require)
-    folder_of_its_own(out)
+    folder_of_its_own(Path(out))
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
     from massprop_cli import gate
     from massprop_cli.campaign import baseline as baselines
-    from massprop_cli.campaign import discover, flow, place, summary
+    from massprop_cli.campaign import discover, flow, location, summary, urlplace
     from massprop_cli.campaign import junit as suites
+    from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
     from massprop_cli.campaign.runner import LocalExecutor
     from massprop_cli.cli.steps import steps
 
     over = Settings(
-        vehicle=None if vehicle is None else str(vehicle),
+        vehicle=vehicle,
         assignments=tuple(assignments),
-        expect=None if expect is None else str(expect),
+        expect=expect,
         require=tuple(required),
         report=report,
     )
@@ -94,13 +105,12 @@ def batch(
     earlier = summary.read(baseline) if baseline is not None else None
     allowed = gate.load(tolerance, max_sigma)
     against = None if baseline is None or earlier is None else partial(baselines.compare, path=baseline, old=earlier, gate=allowed)
-    folder = place.LocalPlace(out)
+    folder = urlplace.at(out)
+    executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
-                found = flow.campaign(
-                    name, planned, folder, LocalExecutor(jobs), force=force, fail_fast=fail_fast, baseline=against, told=told
-                )
+                found = flow.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
         if junit is not None:
@@ -112,7 +122,7 @@ def batch(
         from massprop_cli.report import campaign_table
 
         campaign_table.show(found, console(no_color))
-        typer.echo(str(out / "campaign.html"))
+        typer.echo(location.join(out, "campaign.html"))
     _leave(found)
 
 
@@ -124,13 +134,14 @@ def _not_a_folder(junit: Path | None) -> None:
 def _check(planned: Sequence[Job]) -> None:
     """Refuse at once what would make every log fail: vehicle and expect files that are named for many."""
     from massprop_cli import expect, vehicle
+    from massprop_cli.campaign import location
 
     for stated in dict.fromkeys(job.settings for job in planned):
         if stated.vehicle is not None:
-            vehicle.load(Path(stated.vehicle), stated.assignments)
+            vehicle.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
     for place in dict.fromkeys(job.settings.expect for job in planned):
         if place is not None:
-            expect.load(Path(place))
+            expect.parse(location.read_text(place, "expect file"), location.path(place))
 
 
 def _write(file: Path, text: str) -> None:

@@ -1,0 +1,130 @@
+"""Files at URLs, by fsspec. Addresses and credentials are what the store's own package finds in its configuration and environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from pathlib import PurePosixPath
+from typing import Any, TypeVar
+
+from massprop_cli.errors import InputError
+
+Answer = TypeVar("Answer")
+EXTRA = "pip install 'massprop[remote]'"
+_REFUSED = ("credential", "forbidden", "access denied", "accessdenied", "unauthorized", "invalidaccesskeyid", "signature")
+"""What stores say that don't raise PermissionError."""
+
+
+def store(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it; :class:`InputError` names the package that is missing."""
+    try:
+        import fsspec
+    except ImportError:
+        raise InputError(f"{url}: reading and writing URLs needs the package fsspec; {EXTRA}") from None
+    with told(url, "URL"):
+        found: tuple[Any, str] = fsspec.core.url_to_fs(url)
+        return found
+
+
+@contextmanager
+def told(url: str, what: str) -> Iterator[None]:
+    """What a store raises becomes an :class:`InputError` that names the URL and a remedy. Every store raises errors of its own."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ImportError as error:
+        raise InputError(f"{url}: {_line(error)}; {EXTRA} has what s3:// needs, other stores the package named here") from None
+    except FileNotFoundError as error:
+        more = f" ({_line(error)})" if "bucket" in str(error).lower() and "/" not in str(error) else ""
+        raise InputError(f"{url}: no such {what}{more}; check the URL") from None
+    except IsADirectoryError:
+        raise InputError(f"{url}: is a folder; name the {what} itself") from None
+    except Exception as error:
+        said = _line(error) or type(error).__name__
+        refused = isinstance(error, PermissionError) or any(word in f"{type(error).__name__} {said}".lower() for word in _REFUSED)
+        remedy = (
+            "check the credentials in the environment, and what they may do"
+            if refused
+            else "check the URL's scheme"
+            if isinstance(error, ValueError)
+            else "check the network and the store's address, and run again"
+        )
+        raise InputError(f"{url}: {said}; {remedy}") from None
+
+
+def asked(url: str, what: str, question: Callable[[Any, str], Answer]) -> Answer:
+    """The answer of a store to ``question(file system, path)``; :class:`InputError` where it has none."""
+    files, path = store(url)
+    with told(url, what):
+        return question(files, path)
+
+
+def read(url: str, what: str) -> bytes:
+    """The bytes of a file."""
+    return bytes(asked(url, what, lambda files, path: files.cat_file(path)))
+
+
+def content(url: str) -> bytes | None:
+    """The same; None where there is no such file."""
+    return asked(url, "file", _content)
+
+
+def _content(files: Any, path: str) -> bytes | None:
+    try:
+        return bytes(files.cat_file(path))
+    except FileNotFoundError:
+        return None
+
+
+def exists(url: str) -> bool:
+    """Whether there is such a file."""
+    return asked(url, "file", _is_file)
+
+
+def _is_file(files: Any, path: str) -> bool:
+    try:
+        return bool(files.info(path)["type"] == "file")
+    except FileNotFoundError:
+        return False
+
+
+def below(url: str) -> list[str]:
+    """Paths, from a folder on, of all files in it and below; none where there is no such folder."""
+    return asked(url, "folder", _below)
+
+
+def _below(files: Any, path: str) -> list[str]:
+    files.invalidate_cache()  # what another machine wrote in the meantime counts too
+    try:
+        found = files.find(path)
+    except FileNotFoundError:
+        return []
+    root = path.rstrip("/")
+    return [str(file)[len(root) :].lstrip("/") for file in found if str(file).startswith(f"{root}/")]
+
+
+def fitting(files: Sequence[str], pattern: str) -> list[str]:
+    """Of these paths those that fit a pattern, and those in folders that do.
+
+    As a shell does it: "*" fits within one part of a path, "**" any number of folders, neither what begins with a dot.
+    """
+    return [file for file in files if _fits(file.split("/"), PurePosixPath(pattern).parts)]
+
+
+def _fits(parts: list[str], wanted: tuple[str, ...]) -> bool:
+    """Whether a file, or a folder that it is in, fits."""
+    if not wanted:
+        return True
+    if wanted[0] == "**":
+        # without more, it is all that lies below
+        return len(wanted) == 1 or any(_fits(parts[n:], wanted[1:]) for n in range(len(parts)))
+    if not parts:
+        return False
+    hidden = parts[0].startswith(".") and not wanted[0].startswith(".")
+    return not hidden and fnmatchcase(parts[0], wanted[0]) and _fits(parts[1:], wanted[1:])
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())
