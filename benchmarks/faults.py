@@ -81,7 +81,7 @@ FAULTS = (
         lambda seed: failure([f"divert_{axis(seed)}p", f"divert_{axis(seed)}n"], 0.8),
         names=lambda seed: f"divert_{axis(seed)}p",
     ),
-    Fault("gyro saturated, its range stated", "gyro-saturated", lambda _: ["vehicle.imu.gyro_range_rad_s=0.5"]),
+    Fault("gyro saturated, its range stated", "gyro-saturated", lambda _: ["vehicle.imu.gyro_range_rad_s=0.25"]),
 )
 
 
