@@ -26,16 +26,6 @@ FAMILY = {**dict.fromkeys(INERTIA, "inertia"), **dict.fromkeys(CG, "cg"), "mass"
 
 
 @pytest.fixture(scope="module")
-def flyer(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("flyer"), "free-flyer/log.parquet")
-
-
-@pytest.fixture(scope="module")
-def docking(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("docking"), "docking/log.parquet")
-
-
-@pytest.fixture(scope="module")
 def thesis(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("thesis"), "free-flyer/log.parquet", 'estimator.method="thesis"')
 

@@ -80,16 +80,6 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def flyer(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("flyer"), "free-flyer/log.parquet")
-
-
-@pytest.fixture(scope="module")
-def docking(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return record(tmp_path_factory.mktemp("docking"), "docking/log.parquet")
-
-
-@pytest.fixture(scope="module")
 def refined(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("refined"), "scenarios/refined/log.parquet")
 

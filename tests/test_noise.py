@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from massprop_cli import noise
-from massprop_cli.analysis import _estimates
+from massprop_cli.analysis import _estimates, examine
 from massprop_cli.arrays import Array
-from massprop_cli.vehicle import Phase
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.vehicle import Phase, VehicleSource
 from tests import flight
 
 CYCLES = [slice(2, 300)]
@@ -59,3 +60,13 @@ def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia() -> None:
         z.append((histories[0].values[-1] - flight.TRUTH)[[0, 3, 5]] / histories[0].sigmas[-1, [0, 3, 5]])
     assert np.abs(z).max() < 4.5
     assert np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def test_an_unstated_white_torque_is_found_at_its_size() -> None:
+    plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
+    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=20.0", plan, "disturbance.torque_n_m=0.01"]), [1, 2, 3])
+    for member in range(3):
+        found = examine(flown.log(member), VehicleSource(flown.vehicle, "t", ""))
+        assert found.vehicle.environment.disturbance_torque_n_m == pytest.approx(0.01, rel=0.12)
+        errors = found.conclusions[0].values - flown.truth[member, 0]
+        assert np.abs(errors / np.sqrt(found.conclusions[0].covariance.diagonal())).max() < 4.5
