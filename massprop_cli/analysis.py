@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -253,14 +254,20 @@ def physical_note(conclusion: Conclusion) -> str:
 
 
 def nearest_consistent(inertia: Array) -> Array:
-    """The inertia (3, 3) nearest in the sum of squares that a body could have: positive, no principal moment above the others' sum."""
-    from scipy.optimize import nnls
+    """The inertia (3, 3) nearest in the sum of squares that a body could have: positive, no principal moment above the others' sum.
 
+    A body's second moments p are positive, and its principal moments are the sums of two of them: non-negative least squares in three
+    unknowns, solved by trying which of them are zero (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, chapter 23).
+    """
     moments, axes = np.linalg.eigh(inertia)
-    # a body's second moments p are positive, and its principal moments are the sums of two of them
-    second, _ = nnls(1 - np.eye(3), moments)
-    nearest: Array = (axes * (second.sum() - second)) @ axes.T
-    return nearest
+    pairs = 1 - np.eye(3)
+    candidates = []
+    for keep in product((1.0, 0.0), repeat=3):
+        second = np.linalg.pinv(pairs * keep) @ moments
+        candidates.append(pairs @ np.maximum(second, 0.0))
+    nearest = min(candidates, key=lambda sums: float(((sums - moments) ** 2).sum()))
+    consistent: Array = (axes * nearest) @ axes.T
+    return consistent
 
 
 def effective_settings(analysis: Analysis) -> dict[str, Any]:

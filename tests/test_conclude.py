@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from massprop_cli.analysis import nearest_consistent
 from massprop_cli.conclude import conclude
@@ -146,6 +147,9 @@ def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:
         low, middle, high = np.linalg.eigvalsh(nearest)
         assert low > -1e-12
         assert low + middle >= high - 1e-12
+        moments, axes = np.linalg.eigh(inertia)
+        second, _ = nnls(1 - np.eye(3), moments)
+        np.testing.assert_allclose(nearest, (axes * (second.sum() - second)) @ axes.T, rtol=0, atol=1e-12)
     thesis = np.diag([0.35, 2.5, 2.0])
     np.testing.assert_allclose(nearest_consistent(thesis), np.diag([0.4, 2.45, 2.05]), rtol=0, atol=1e-12)
     real = np.diag([1.0, 1.5, 2.0])

@@ -141,7 +141,7 @@ def versions() -> dict[str, str]:
     import platform
     from importlib.metadata import version
 
-    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in ("numpy", "scipy", "pyarrow")}
+    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in ("numpy", "pyarrow")}
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
