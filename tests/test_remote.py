@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def test_a_put_that_ends_midway_leaves_no_whole_result(s3: Any, monkeypatch: pyt
     place.put_folder("a", {"result.json": b"1", "old.html": b"1", outcome.FILE: b"1"})
     original = UrlPlace.put_file
 
-    def fail(self: UrlPlace, path: str, content: bytes) -> None:
+    def fail(self: UrlPlace, path: str, content: Iterable[bytes]) -> None:
         if path.endswith("result.json"):
             raise InputError("the network is down")
         original(self, path, content)
@@ -151,12 +151,12 @@ def test_one_batch_at_a_time_and_a_killed_ones_lock_is_taken_over(s3: Any, monke
     assert not s3.exists("flights/locked/.lock")
     s3.pipe_file("flights/locked/.lock", b'{"token": "of one that was killed"}')
     with place.lock():
-        place.put_file("mine", b"1")
+        place.put_file("mine", [b"1"])
         # and one that was cut off for too long stops as soon as it knows
         s3.pipe_file("flights/locked/.lock", b'{"token": "of another"}')
         time.sleep(0.5)
         with pytest.raises(InputError, match="another batch took over"):
-            place.put_file("mine", b"2")
+            place.put_file("mine", [b"2"])
     assert s3.cat_file("flights/locked/mine") == b"1"
     assert s3.cat_file("flights/locked/.lock") == b'{"token": "of another"}', "a lock of others stays"
 

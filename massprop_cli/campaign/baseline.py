@@ -21,14 +21,18 @@ def compare(rows: Sequence[Row], path: Path, old: Summary, gate: Gate) -> Baseli
     campaign doesn't is beyond, whatever the reason; what it lacks itself is not.
     """
     file = path / "campaign.json" if path.is_dir() else path
-    before = {row.name: row for row in old.logs if row.outcome is not None and row.outcome.bodies}
-    now = {row.name: row for row in rows}
-    beyond = [item for name, row in before.items() for item in _log(name, now.get(name), row, gate)]
+    now = {row.name: n for n, row in enumerate(rows)}
+    before = set()
+    beyond: list[Beyond] = []
+    for row in old.logs:
+        if row.outcome is not None and row.outcome.bodies:
+            before.add(row.name)
+            beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
     pools = {_key(pool): pool for pool in summary.pooled(rows)}
     beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
     return Baseline(
         sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
-        compared=len(before.keys() & now.keys()),
+        compared=len(before & now.keys()),
         new=[name for name in now if name not in before],
         beyond=beyond,
     )

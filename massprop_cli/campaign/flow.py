@@ -11,7 +11,7 @@ from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.runner import Executor, Task
-from massprop_cli.campaign.summary import Baseline, Row, Summary
+from massprop_cli.campaign.summary import Baseline, Rows, Summary
 
 
 @dataclass(frozen=True)
@@ -30,21 +30,21 @@ Told = Callable[[Step], None]
 
 def work(
     jobs: Sequence[Job], place: Place, executor: Executor, *, force: bool = False, fail_fast: bool = False, told: Told | None = None
-) -> list[Outcome | None]:
-    """Work all jobs, in a place whose lock is held; their outcomes in the order of the jobs, None for those not tried.
+) -> Rows:
+    """Work all jobs, in a place whose lock is held; a row for each in their order, without an outcome for those not tried.
 
     A result in place whose fingerprint still holds is kept, unless ``force``. With ``fail_fast`` the first log whose exit code isn't 0 is
     the last one. ``told`` hears of each log as it is done, in whatever order.
     """
+    found = Rows(summary.row(job, None) for job in jobs)
     kept = {} if force else _kept(jobs, place)
-    found: list[Outcome | None] = [None] * len(jobs)
-    tasks = [Task(job, kept[n].fingerprint if n in kept else None) for n, job in enumerate(jobs)]
+    tasks = [Task(job, None if n not in kept else kept[n][0]) for n, job in enumerate(jobs)]
     with closing(executor.run(tasks)) as results:  # type: ignore[type-var]
         for index, produced in results:
             if produced is not None:
                 place.put_folder(jobs[index].name, produced.files)
-            one = kept[index] if produced is None else produced.outcome
-            found[index] = one
+            one = outcome.unpacked(kept[index][1]) if produced is None else produced.outcome
+            found[index] = summary.row(jobs[index], one)
             if told is not None:
                 told(Step(index, one, produced is None))
             if fail_fast and one.exit_code:
@@ -52,15 +52,15 @@ def work(
     return found
 
 
-def _kept(jobs: Sequence[Job], place: Place) -> dict[int, Outcome]:
-    """Whole results that are in place, by the index of their job."""
+def _kept(jobs: Sequence[Job], place: Place) -> dict[int, tuple[str, bytes]]:
+    """Fingerprints and packed outcomes of the whole results that are in place, by the index of their job."""
     there = place.folders()
     found = {}
     for index, job in enumerate(jobs):
         if outcome.FILE in there.get(job.name, ()):
             one = outcome.from_json(place.read(f"{RESULTS}/{job.name}/{outcome.FILE}"))
             if one is not None and one.fingerprint != outcome.UNKEPT and there[job.name] >= set(one.files):
-                found[index] = one
+                found[index] = one.fingerprint, outcome.packed(one)
     return found
 
 
@@ -72,17 +72,16 @@ def campaign(
     *,
     force: bool = False,
     fail_fast: bool = False,
-    baseline: Callable[[Sequence[Row]], Baseline] | None = None,
+    baseline: Callable[[Rows], Baseline] | None = None,
     told: Told | None = None,
 ) -> Summary:
     """Work all jobs and write the campaign's tables and page, campaign.json last; the place's lock is held."""
     from massprop_cli.campaign import table
     from massprop_cli.report import campaign_page
 
-    outcomes = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
-    rows = [summary.row(job, one) for job, one in zip(jobs, outcomes, strict=True)]
+    rows = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
     found = summary.summary(name, rows, None if baseline is None else baseline(rows))
-    place.put_file("campaign.parquet", table.parquet(found))
-    place.put_file("campaign.html", campaign_page.page(found).encode())
-    place.put_file("campaign.json", summary.to_json(found).encode())
+    place.put_file("campaign.parquet", [table.parquet(found)])
+    place.put_file("campaign.html", map(str.encode, campaign_page.page(found)))
+    place.put_file("campaign.json", map(str.encode, summary.to_json(found)))
     return found

@@ -6,7 +6,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
@@ -33,8 +33,8 @@ class Place(Protocol):
     def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
         """Put a result folder in place of the one that may be there, whole."""
 
-    def put_file(self, path: str, content: bytes) -> None:
-        """Put a file in place, whole."""
+    def put_file(self, path: str, content: Iterable[bytes]) -> None:
+        """Put a file in place, whole, from its pieces."""
 
 
 class LocalPlace:
@@ -77,14 +77,14 @@ class LocalPlace:
         staged = Path(tempfile.mkdtemp(dir=self._aside))
         staged.chmod(0o755)
         for file, content in files.items():
-            _save(staged / file, content)
+            _save(staged / file, [content])
         _sync(staged)
         if place.exists():
             place.rename(Path(tempfile.mkdtemp(dir=self._aside)) / "old")
         staged.rename(place)
         _sync(place.parent)
 
-    def put_file(self, path: str, content: bytes) -> None:
+    def put_file(self, path: str, content: Iterable[bytes]) -> None:
         """See :class:`Place`."""
         handle, name = tempfile.mkstemp(dir=self._aside)
         os.close(handle)
@@ -114,9 +114,9 @@ def _locked(file: Path, folder: Path) -> int:
         os.close(handle)
 
 
-def _save(path: Path, content: bytes) -> None:
+def _save(path: Path, content: Iterable[bytes]) -> None:
     with path.open("wb") as file:
-        file.write(content)
+        file.writelines(content)
         file.flush()
         os.fsync(file.fileno())
 

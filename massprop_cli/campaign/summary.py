@@ -1,18 +1,24 @@
-"""campaign.json: all logs of a campaign and what they say together. The models below are the schema (``massprop schema summary``)."""
+"""campaign.json: all logs of a campaign and what they say together. The models below are the schema (``massprop schema summary``).
+
+Rows are held packed and written one by one, so that a campaign takes hardly more memory for many logs than for few.
+"""
 
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, overload
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
 from massprop_cli import QUANTITIES, UNITS, __version__, configfile
+from massprop_cli.arrays import Array
 from massprop_cli.campaign import pool
-from massprop_cli.campaign.outcome import Item, Outcome, Value
+from massprop_cli.campaign.outcome import Item, Outcome, Value, packed
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
 
@@ -29,6 +35,46 @@ class Row(Item):
     log: str = Field(description="path below what was named")
     tags: list[str]
     outcome: Outcome | None = Field(description="null: not tried, after --fail-fast")
+
+
+class Rows(Sequence[Row]):
+    """Rows, compressed: about 1 kB each, where a row in the open takes 15 kB. What is taken out is a copy."""
+
+    def __init__(self, rows: Iterable[Row] = ()) -> None:
+        self._packed = [packed(row) for row in rows]
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Row]: ...
+    def __getitem__(self, index: int | slice) -> Row | Sequence[Row]:
+        """One row, or some."""
+        if isinstance(index, slice):
+            return [_unpack(packed) for packed in self._packed[index]]
+        return _unpack(self._packed[index])
+
+    def __setitem__(self, index: int, row: Row) -> None:
+        self._packed[index] = packed(row)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rows) and self._packed == other._packed
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _unpack(packed: bytes) -> Row:
+    return Row.model_validate_json(zlib.decompress(packed))
+
+
+def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
+    return value if isinstance(value, Rows) else Rows(validated(value))
+
+
+def _open(value: Sequence[Row], serialized: SerializerFunctionWrapHandler) -> Any:
+    return serialized(list(value))
 
 
 class Outlier(Item):
@@ -99,14 +145,15 @@ class Summary(Item):
     name: str
     exit_code: int = Field(description="the worst of the logs' codes: 1, then 3, then 4, then 5; 5 if beyond the baseline")
     exit_codes: dict[str, int] = Field(description="how many logs have which; none: not tried")
-    logs: list[Row]
+    logs: Annotated[Sequence[Row], WrapValidator(_held), WrapSerializer(_open)]
     pooled: list[Pool]
     baseline: Baseline | None = None
 
 
 def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) -> Summary:
     """Count, pool, and decide the campaign's exit code."""
-    codes = [None if row.outcome is None else row.outcome.exit_code for row in rows]
+    logs = rows if isinstance(rows, Rows) else Rows(rows)
+    codes = [None if row.outcome is None else row.outcome.exit_code for row in logs]
     worst = next((code for code in _GRAVITY if code in codes), 0)
     counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *_GRAVITY, None) if code in codes}
     return Summary(
@@ -115,8 +162,8 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
         name=name,
         exit_code=worst or (5 if baseline is not None and baseline.beyond else 0),
         exit_codes=counted,
-        logs=list(rows),
-        pooled=pooled(rows),
+        logs=logs,
+        pooled=pooled(logs),
         baseline=baseline,
     )
 
@@ -126,12 +173,12 @@ def row(job: Job, outcome: Outcome | None) -> Row:
     return Row(name=job.name, log=job.shown, tags=list(job.tags), outcome=outcome)
 
 
-def pooled(rows: Sequence[Row]) -> list[Pool]:
+def pooled(rows: Iterable[Row]) -> list[Pool]:
     """By vehicle, method and part, in the order in which they first appear.
 
     A log that stands in the campaign twice, by its bytes, counts once. ``--method thesis`` claims no sigmas, so nothing is pooled of it.
     """
-    groups: dict[tuple[object, ...], list[tuple[int, Row, dict[str, Value]]]] = {}
+    groups: dict[tuple[object, ...], _Group] = {}
     seen = set()
     for number, one in enumerate(rows, 1):
         found = one.outcome
@@ -140,39 +187,53 @@ def pooled(rows: Sequence[Row]) -> list[Pool]:
         seen.add(found.input_sha256)
         stated = found.vehicle
         for body in found.bodies:
-            key = (stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name)
-            groups.setdefault(key, []).append((number, one, body.estimates))
-    pools = [_pool(key, members) for key, members in groups.items() if len(members) > 1]
+            group = groups.setdefault((stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name), _Group())
+            group.numbers.append(number)
+            group.names.append(one.name)
+            group.files.add(stated.sha256)
+            group.values.append(np.array([_told(body.estimates[quantity]) for quantity in QUANTITIES]))
+    pools = [_pool(key, group) for key, group in groups.items() if len(group.numbers) > 1]
     return [found for found in pools if any(quantity.logs > 1 for quantity in found.estimates.values())]
 
 
-def _pool(key: tuple[Any, ...], members: list[tuple[int, Row, dict[str, Value]]]) -> Pool:
+@dataclass(frozen=True)
+class _Group:
+    """What is pooled together, log by log."""
+
+    numbers: list[int] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    values: list[Array] = field(default_factory=list)
+    """(10, 3) each: value, sigma, shared; NaN where the log doesn't tell."""
+    files: set[str] = field(default_factory=set)
+    """sha256 of their vehicle files."""
+
+
+def _told(item: Value) -> tuple[float, float, float]:
+    if item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None:
+        return item.value, item.sigma, item.shared
+    return np.nan, np.nan, np.nan
+
+
+def _pool(key: tuple[Any, ...], group: _Group) -> Pool:
     vehicle, environment, bearing_mass_kg, part, name = key
-    files = {one.outcome.vehicle.sha256 for _, one, _ in members if one.outcome and one.outcome.vehicle}
     return Pool(
         vehicle=vehicle,
         environment=environment,
         bearing_mass_kg=bearing_mass_kg,
-        vehicle_files=len(files),
+        vehicle_files=len(group.files),
         part=part,
         name=name,
-        estimates={
-            quantity: _quantity(quantity, [(number, one.name, values[quantity]) for number, one, values in members])
-            for quantity in QUANTITIES
-        },
+        estimates={quantity: _quantity(quantity, group, n) for n, quantity in enumerate(QUANTITIES)},
     )
 
 
-def _quantity(quantity: str, members: Iterable[tuple[int, str, Value]]) -> Pooled:
-    told = [
-        (number, name, item.value, item.sigma, item.shared)
-        for number, name, item in members
-        if item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None
-    ]
-    if not told:
+def _quantity(quantity: str, group: _Group, index: int) -> Pooled:
+    values = np.array([log[index] for log in group.values])
+    told = np.flatnonzero(np.isfinite(values[:, 0]))
+    if not len(told):
         return Pooled(unit=UNITS[quantity], logs=0, value=None, sigma=None)
-    numbers, names, *columns = zip(*told, strict=True)
-    samples = pool.Samples(np.array(numbers, dtype=float), *(np.array(column, dtype=float) for column in columns))
+    names = [group.names[n] for n in told]
+    samples = pool.Samples(np.array(group.numbers, dtype=float)[told], *values[told].T)
     mean, scatter, trend, stray = pool.mean(samples), pool.scatter(samples), pool.trend(samples), pool.outliers(samples)
     rest = pool.mean(samples.only(np.delete(np.arange(len(names)), list(stray)))) if stray else None
     return Pooled(
@@ -192,9 +253,18 @@ def _quantity(quantity: str, members: Iterable[tuple[int, str, Value]]) -> Poole
     )
 
 
-def to_json(found: Summary) -> str:
-    """Canonical text: same campaign, same bytes."""
-    return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+def to_json(found: Summary) -> Iterator[str]:
+    """Canonical text, piece by piece: same campaign, same bytes."""
+    around = {name: getattr(found, name) for name in Summary.model_fields} | {"logs": []}
+    before, after = _text(Summary.model_construct(**around)).split('\n "logs": [],\n')
+    yield before + '\n "logs": ['
+    for number, one in enumerate(found.logs):
+        yield "," * bool(number) + ("\n" + _text(one)).replace("\n", "\n  ")
+    yield "\n ]" * bool(found.logs) + "]" * (not found.logs) + ",\n" + after + "\n"
+
+
+def _text(item: Item) -> str:
+    return json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)
 
 
 def read(path: Path) -> Summary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from massprop_cli import QUANTITIES, arrow
 from massprop_cli.campaign.outcome import Body, Outcome, Value
 from massprop_cli.campaign.summary import Row, Summary
 
+_TOGETHER = 1000
+"""Logs whose rows are held, and written, together."""
 Line = tuple[Row, Outcome | None, Body | None]
 _TEXTS: dict[str, Callable[[Row, Outcome | None, Body | None], str | None]] = {
     "name": lambda row, *_: row.name,
@@ -39,10 +42,23 @@ def parquet(found: Summary) -> bytes:
     """Name, log, tags, exit_code (null: not tried), message, then per quantity value and sigmas in SI, verdict, and whether it met its
     expectation. Inertia is about the CG in body axes, products are tensor elements, the CG is from O.
     """  # noqa: D205
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    lines: list[Line] = [(row, row.outcome, body) for row in found.logs for body in (_bodies(row.outcome))]
+    out = io.BytesIO()
+    with ExitStack() as stack:
+        writer = None
+        for start in range(0, len(found.logs), _TOGETHER):
+            part = _part(found.logs[start : start + _TOGETHER])
+            writer = writer or stack.enter_context(pq.ParquetWriter(out, part.schema, compression="zstd"))
+            writer.write_table(part)
+    return out.getvalue()
+
+
+def _part(rows: Sequence[Row]) -> Any:
+    """The table of some rows."""
+    import pyarrow as pa
+
+    lines: list[Line] = [(row, row.outcome, body) for row in rows for body in _bodies(row.outcome)]
     columns: dict[str, Any] = {name: arrow.text([tell(*line) for line in lines]) for name, tell in _TEXTS.items()}
     for name, number in _NUMBERS.items():
         column = _numbers([None if outcome is None else number(outcome) for _, outcome, _ in lines])
@@ -50,9 +66,7 @@ def parquet(found: Summary) -> bytes:
     for quantity in QUANTITIES:
         values = [None if body is None else body.estimates[quantity] for *_, body in lines]
         columns |= _quantity(quantity, values)
-    out = io.BytesIO()
-    pq.write_table(pa.table(columns), out, compression="zstd")
-    return out.getvalue()
+    return pa.table(columns)
 
 
 def _bodies(found: Outcome | None) -> Sequence[Body | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -66,12 +66,13 @@ class UrlPlace:
             self._lease.check()
             remote.asked(self._of(f"{folder}/{file}"), "file", lambda store, path: store.rm_file(path))
         for file in sorted(files, key=lambda file: (file == outcome.FILE, file)):
-            self.put_file(f"{folder}/{file}", files[file])
+            self.put_file(f"{folder}/{file}", [files[file]])
 
-    def put_file(self, path: str, content: bytes) -> None:
+    def put_file(self, path: str, content: Iterable[bytes]) -> None:
         """See :class:`massprop_cli.campaign.place.Place`. Stores put an object in place whole."""
         self._lease.check()
-        remote.asked(self._of(path), "bucket", lambda store, place: _put(store, place, content))
+        whole = b"".join(content)
+        remote.asked(self._of(path), "bucket", lambda store, place: _put(store, place, whole))
 
     def _of(self, path: str) -> str:
         return location.join(self.url, path)

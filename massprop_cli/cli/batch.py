@@ -117,7 +117,7 @@ def batch(
             _write(junit, suites.text(folder, found))
     _tell_github(found)
     if as_json:
-        sys.stdout.write(summary.to_json(found))
+        sys.stdout.writelines(summary.to_json(found))
     elif not quiet:
         from massprop_cli.report import campaign_table
 

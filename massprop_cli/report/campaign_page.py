@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from urllib.parse import quote
@@ -64,26 +64,33 @@ class Entry:
     warnings: str
 
 
-def page(found: Summary) -> str:
-    """The whole page; it loads nothing from anywhere."""
+def page(found: Summary) -> Iterator[str]:
+    """The whole page, piece by piece; it loads nothing from anywhere."""
     from markupsafe import Markup
 
     script = resources.files("massprop_cli.report").joinpath("templates/campaign.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    entries = [_entry(number, row) for number, row in enumerate(found.logs, 1)]
+    several = tagged = False
+    states: dict[str, None] = {}
+    verdicts: dict[str, str] = {}
+    for entry in _entries(found):
+        several |= len(entry.parts) > 1
+        tagged |= bool(entry.tags)
+        states[entry.state] = None
+        verdicts |= {cell.verdict: cell.sign for cells in entry.cells for cell in cells}
     return (
         html.environment()
         .get_template("campaign.html.j2")
-        .render(
+        .generate(
             summary=found,
-            entries=entries,
-            several=any(len(entry.parts) > 1 for entry in entries),
-            tagged=any(entry.tags for entry in entries),
-            states=list(dict.fromkeys(entry.state for entry in entries)),
+            entries=_entries(found),
+            several=several,
+            tagged=tagged,
+            states=list(states),
             counts=counts(found),
             quantities=[(words.SYMBOLS[name], words.unit(UNITS[name])) for name in QUANTITIES],
             pools=[_pool(pool) for pool in found.pooled],
-            verdicts={cell.verdict: cell.sign for entry in entries for cells in entry.cells for cell in cells},
+            verdicts=verdicts,
             view_title=title,
             script=Markup(script),
             digest=digest,
@@ -99,6 +106,10 @@ def counts(found: Summary) -> str:
         if key in found.exit_codes
     ]
     return ", ".join(said)
+
+
+def _entries(found: Summary) -> Iterator[Entry]:
+    return (_entry(number, row) for number, row in enumerate(found.logs, 1))
 
 
 def _entry(number: int, row: Row) -> Entry:

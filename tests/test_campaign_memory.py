@@ -1,0 +1,81 @@
+"""What many logs cost the process that runs a campaign."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+
+from massprop_cli.campaign import flow, outcome
+from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.runner import Task
+from massprop_cli.campaign.summary import Rows, Summary, summary, to_json
+from massprop_cli.campaign.work import Produced
+from tests.test_campaign_ci import failed
+from tests.test_campaign_pool import row
+
+PER_LOG = 3000
+"""Bytes that another log may take; a row in the open takes 15,000."""
+
+
+class Nowhere:
+    """A place that keeps nothing but how much it was given."""
+
+    def __init__(self) -> None:
+        self.sizes: dict[str, int] = {}
+
+    def lock(self) -> AbstractContextManager[None]:
+        return nullcontext()
+
+    def folders(self) -> Mapping[str, frozenset[str]]:
+        return {}
+
+    def read(self, path: str) -> bytes:
+        raise FileNotFoundError(path)
+
+    def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
+        pass
+
+    def put_file(self, path: str, content: Iterable[bytes]) -> None:
+        self.sizes[path] = sum(map(len, content))
+
+
+class Ready:
+    """An executor for which every log is done at once."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
+        for index in range(len(tasks)):
+            found = row(index, 16.0).outcome
+            assert found is not None
+            yield index, Produced(found, {outcome.FILE: b""})
+
+
+def peak(logs: int) -> int:
+    """Most bytes held at a time by a campaign."""
+    place = Nowhere()
+    tracemalloc.start()
+    flow.campaign("many", [Job(f"log-{n}", f"/logs/log-{n}.parquet", f"log-{n}.parquet") for n in range(logs)], place, Ready())
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert place.sizes["campaign.json"] > 1500 * logs
+    assert place.sizes["campaign.html"] > 1500 * logs
+    return most
+
+
+def test_a_campaign_takes_little_more_memory_for_more_logs() -> None:
+    peak(10)  # imports
+    few, many = peak(1000), peak(2000)
+    assert many - few < PER_LOG * 1000
+
+
+def test_text_written_in_pieces_is_that_of_the_whole() -> None:
+    for rows in ([], [row(1, 16.0)], [row(n, 16.0 + 0.01 * n) for n in range(5)] + [failed(1)]):
+        found = summary("night", rows)
+        text = "".join(to_json(found))
+        assert text == json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, ensure_ascii=False) + "\n"
+        assert json.loads(text)["logs"] == [one.model_dump(by_alias=True, mode="json") for one in rows]
+        back = Summary.model_validate_json(text)
+        assert isinstance(back.logs, Rows)
+        assert list(back.logs) == rows
+        assert back == found
