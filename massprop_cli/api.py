@@ -18,7 +18,7 @@ import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -27,8 +27,8 @@ import pandas as pd
 
 from massprop_cli import analysis, expect, judge
 from massprop_cli.campaign import baseline as baselines
-from massprop_cli.campaign import discover, flow, summary
-from massprop_cli.campaign import place as places
+from massprop_cli.campaign import discover, flow, location, summary, urlplace
+from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.flow import Step
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
@@ -77,7 +77,8 @@ class LogEstimate:
 class Campaign:
     """Many logs, estimated; results are in ``folder``."""
 
-    folder: Path
+    folder: str
+    """Or URL."""
     summary: Summary
     """The whole of campaign.json."""
 
@@ -94,7 +95,7 @@ class Campaign:
     @cached_property
     def table(self) -> pd.DataFrame:
         """A row per log and phase, one with its message for each log without a result: the columns of campaign.parquet."""
-        return pd.read_parquet(self.folder / "campaign.parquet")
+        return pd.read_parquet(io.BytesIO(location.read(location.join(self.folder, "campaign.parquet"), "campaign.parquet")))
 
     @cached_property
     def pooled(self) -> pd.DataFrame:
@@ -139,6 +140,7 @@ def run_campaign(
     out: Where = "massprop-out",
     *,
     jobs: int | None = None,
+    cluster: str | None = None,
     force: bool = False,
     fail_fast: bool = False,
     vehicle: Where | None = None,
@@ -153,6 +155,9 @@ def run_campaign(
 ) -> Campaign:
     """Estimate logs, folders, globs or campaign files as ``massprop batch`` does, in ``jobs`` processes (default: one per core).
 
+    ``cluster`` is the address of a dask scheduler whose workers do it instead. Paths, ``out``, ``vehicle``, ``expected`` and ``baseline``
+    (a campaign.json, or the folder that holds it) may be URLs.
+
     Results of an earlier run in ``out`` that still hold are kept. A log that can't be used doesn't raise: it is an outcome with
     exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.errors.InputError` where no log is found, or
     another batch is at work in ``out``.
@@ -166,20 +171,21 @@ def run_campaign(
         report=report,
     )
     name, planned = discover.plan([str(path) for path in named], over)
-    earlier = None if baseline is None else summary.read(Path(baseline))
-    place = places.LocalPlace(Path(out))
+    earlier = None if baseline is None else baselines.read(str(baseline))
+    place = urlplace.at(str(out))
+    executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with place.lock():
         found = flow.campaign(
             name,
             planned,
             place,
-            LocalExecutor(jobs),
+            executor,
             force=force,
             fail_fast=fail_fast,
-            baseline=None if earlier is None else lambda rows: baselines.compare(rows, Path(str(baseline)), earlier, Gate()),
+            baseline=None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate()),
             told=told,
         )
-    return Campaign(Path(out), found)
+    return Campaign(str(out), found)
 
 
 def _assignments(method: str | None, delay: Delay | None, settings: Mapping[str, object] | None) -> list[str]:

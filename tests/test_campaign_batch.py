@@ -251,6 +251,7 @@ def test_hostile_names_of_logs_harm_nothing(here: Path) -> None:
         (["logs", "--baseline", "none.json"], 3, "none.json: no such campaign.json"),
         (["logs", "--baseline", "logs/seed-0001/truth.json"], 3, "name a campaign.json that massprop batch"),
         (["logs", "--require", "weight"], 2, "--require weight: no such quantity"),
+        (["logs", "--jobs", "2", "--cluster", "tcp://127.0.0.1:9"], 2, "--jobs 2: is for this machine"),
         (["logs", "--junit", "nowhere/j.xml"], 2, "--junit nowhere/j.xml: name a file in a folder that exists"),
         (["logs", "--delay", "soon"], 3, "--delay 'soon': not a delay"),
         (["logs", "--out", "."], 2, "name a folder of its own"),

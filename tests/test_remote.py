@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from massprop_cli import run_campaign
 from massprop_cli.campaign import discover, lease, location, outcome, work
 from massprop_cli.campaign.plan import Job, Settings
 from massprop_cli.campaign.urlplace import UrlPlace
@@ -107,6 +109,19 @@ def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(logs: Path, local
     assert stored(s3, "flights/out") == local
     same = {path: info["LastModified"] for path, info in s3.find("flights/out/results", detail=True).items() if not _any(good[:2], path)}
     assert same == {path: when for path, when in written.items() if not _any(good[:2], path)}
+
+
+def test_a_campaign_from_python_may_be_at_urls_and_be_held_against_one(local: dict[str, bytes], s3: Any) -> None:
+    made = run_campaign("s3://flights/campaign.toml", "s3://flights/python", jobs=2)
+    assert stored(s3, "flights/python") == local
+    rows = json.loads(local["campaign.json"])["logs"]
+    assert made.table["name"].tolist() == [row["name"] for row in rows]
+    held = run_campaign("s3://flights/campaign.toml", "s3://flights/again", jobs=2, baseline="s3://flights/python")
+    assert held.summary.baseline is not None
+    assert held.summary.baseline.compared == sum(bool(row["outcome"]["bodies"]) for row in rows)
+    assert held.summary.baseline.sha256 == hashlib.sha256(local["campaign.json"]).hexdigest()
+    with pytest.raises(InputError, match=r"s3://flights/nowhere\.json: no such campaign\.json"):
+        run_campaign("s3://flights/campaign.toml", "s3://flights/again", baseline="s3://flights/nowhere.json")
 
 
 def _any(names: list[str], path: str) -> bool:

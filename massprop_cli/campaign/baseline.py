@@ -5,22 +5,40 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from massprop_cli import UNITS
-from massprop_cli.campaign import summary
+from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.campaign.summary import INFORMED, Baseline, Beyond, Pool, Row, Summary
 from massprop_cli.gate import Gate
 
 
-def compare(rows: Sequence[Row], path: Path, old: Summary, gate: Gate) -> Baseline:
+@dataclass(frozen=True)
+class Earlier:
+    """An earlier campaign."""
+
+    campaign: Summary
+    sha256: str
+    """Of its campaign.json."""
+
+
+def read(place: str) -> Earlier:
+    """From the location of a campaign.json, or of the folder that holds it; :class:`InputError` names what is wrong with it."""
+    folder = not place.endswith(".json") if location.is_url(place) else Path(place).is_dir()
+    file = location.join(place, "campaign.json") if folder else place
+    content = location.read(file, "campaign.json")
+    return Earlier(summary.parse(content, file), hashlib.sha256(content).hexdigest())
+
+
+def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
     """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
 
     The sigma of a difference is sqrt(s1² + s2²): what both have in common is not taken into account. What the baseline told and this
     campaign doesn't is beyond, whatever the reason; what it lacks itself is not.
     """
-    file = path / "campaign.json" if path.is_dir() else path
+    old = earlier.campaign
     now = {row.name: n for n, row in enumerate(rows)}
     before = set()
     beyond: list[Beyond] = []
@@ -31,7 +49,7 @@ def compare(rows: Sequence[Row], path: Path, old: Summary, gate: Gate) -> Baseli
     pools = {_key(pool): pool for pool in summary.pooled(rows)}
     beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
     return Baseline(
-        sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+        sha256=earlier.sha256,
         compared=len(before & now.keys()),
         new=[name for name in now if name not in before],
         beyond=beyond,

@@ -9,15 +9,14 @@ import json
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated, Any, Literal, overload
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
-from massprop_cli import QUANTITIES, UNITS, __version__, configfile
+from massprop_cli import QUANTITIES, UNITS, __version__
 from massprop_cli.arrays import Array
-from massprop_cli.campaign import pool
+from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, packed
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
@@ -267,16 +266,15 @@ def _text(item: Item) -> str:
     return json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)
 
 
-def read(path: Path) -> Summary:
-    """Read campaign.json, or the folder that holds it; :class:`InputError` names what is wrong with it."""
-    file = path / "campaign.json" if path.is_dir() else path
-    text = configfile.read_text(file, "campaign.json")
+def parse(content: bytes, place: str) -> Summary:
+    """A campaign.json's content; :class:`InputError` names what is wrong with it."""
+    text = location.text(content, place, "campaign.json")
     try:
         return Summary.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise InputError(f"{file}: {where}: {first['msg']}; name a campaign.json that massprop batch of this version wrote") from None
+        raise InputError(f"{place}: {where}: {first['msg']}; name a campaign.json that massprop batch of this version wrote") from None
 
 
 def lines(found: Summary) -> Iterator[str]:

@@ -60,8 +60,8 @@ def batch(
         typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
     ] = None,
     baseline: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="campaign.json of an earlier campaign; exit 5 beyond it.", show_default=False),
+        str | None,
+        typer.Option(metavar="FILE", help="campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.", show_default=False),
     ] = None,
     max_sigma: Annotated[float, typer.Option(min=0, help="A difference from the baseline may be so many of its sigmas.")] = 4.0,
     tolerance: Annotated[
@@ -80,6 +80,9 @@ def batch(
     massprop have not changed is not done again. A log that fails is a row with its error. Exit, after all logs have been tried, the worst
     of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
     """
+    said = context.get_parameter_source("jobs")
+    if cluster is not None and said is not None and said.name == "COMMANDLINE":
+        raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
     required = options.required(require)
     folder_of_its_own(Path(out))
     _not_a_folder(junit)
@@ -102,9 +105,9 @@ def batch(
     )
     name, planned = discover.plan(paths, over)
     _check(planned)
-    earlier = summary.read(baseline) if baseline is not None else None
+    earlier = baselines.read(baseline) if baseline is not None else None
     allowed = gate.load(tolerance, max_sigma)
-    against = None if baseline is None or earlier is None else partial(baselines.compare, path=baseline, old=earlier, gate=allowed)
+    against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
     folder = urlplace.at(out)
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with folder.lock():
