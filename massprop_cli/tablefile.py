@@ -18,6 +18,7 @@ from massprop_cli.errors import InputError
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
+_URL = re.compile(r"\w\w+:/")
 _BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
 
 
@@ -51,7 +52,9 @@ def read_table(path: Path) -> Table:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the path") from None
+        # a path takes the second slash of a URL away
+        url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
+        raise InputError(f"{path}: no such file; check the path{url}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     return parse(path, data)

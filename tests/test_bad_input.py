@@ -232,6 +232,7 @@ def test_a_log_is_refused_that(bad: BadLog, suffix: str, tmp_path: Path) -> None
 def test_a_missing_log_is_refused(tmp_path: Path) -> None:
     save_vehicle(tmp_path)
     refused(tmp_path, tmp_path / "nowhere.parquet", names=[tmp_path / "nowhere.parquet", "no such file", "check the path"])
+    refused(tmp_path, "s3://store/nowhere.parquet", names=["nowhere.parquet", "no such file", "massprop batch reads URLs"])
 
 
 @pytest.mark.parametrize("name", ["log", "log.parquet"])

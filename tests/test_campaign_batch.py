@@ -200,6 +200,10 @@ def test_a_campaign_is_held_against_an_earlier_one(here: Path) -> None:
     assert moved["value"] / moved["baseline_value"] == pytest.approx(1.5, rel=1e-3)
     assert "beyond the baseline" in done.stderr.splitlines()[-1]
     assert JUnitXml.fromfile(str(here / "j.xml")).errors == len(found["beyond"])
+    (here / "t.toml").write_text('[[phases]]\nname = "dokced"\nmass = "2 %"\n')
+    vain = batch(here, "logs", "--out", "vain", "--baseline", "before", "--tolerance", "t.toml")
+    assert (vain.returncode, (here / "vain").exists()) == (3, False)
+    assert "names phase 'dokced', which the results do not have; they have 'all'" in vain.stderr
     wide = batch(here, "logs", "--out", "wide", "--baseline", "before", "--max-sigma", "1e9", "-q")
     assert [item["log"] for item in summary(here / "wide")["baseline"]["beyond"]] == ["seed-0004"], wide.stderr
 

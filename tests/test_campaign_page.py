@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from rich.console import Console
 
 from massprop_cli.campaign.outcome import Value
 from massprop_cli.campaign.summary import Row, Summary, summary, to_json
-from massprop_cli.report import campaign_page
+from massprop_cli.report import campaign_markdown, campaign_page, campaign_table
 from tests.test_browser import CHROMIUM, browser
 from tests.test_campaign_ci import failed
 from tests.test_campaign_pool import row
@@ -52,6 +54,20 @@ def test_a_page_is_the_same_bytes_again_and_escapes_what_is_hostile() -> None:
     assert "\u202e" not in text
     assert "&lt;script&gt;alert(1)" in text
     assert re.search(r"script-src 'sha256-[A-Za-z0-9+/]{43}='", text)
+
+
+def test_logs_that_contradict_each_other_are_said_to_wherever_their_mean_is_shown() -> None:
+    found = summary("night", [row(n, mass) for n, mass in enumerate((22.0, 22.0, 24.0, 24.0), 1)])
+    (doubt,) = campaign_page.doubts(found.pooled[0])
+    told = io.StringIO()
+    campaign_table.show(found, Console(file=told, width=400))
+    for text in ("".join(campaign_page.page(found)), campaign_markdown.text(found, 100_000), told.getvalue()):
+        assert doubt in text
+    assert doubt.startswith("mass: the logs contradict each other")
+    ratio = found.pooled[0].estimates["mass"].scatter_ratio
+    assert ratio is not None
+    assert f"up to {ratio:.2f} times" in doubt or f"up to {ratio:.0f} times" in doubt
+    assert not campaign_page.doubts(summary("night", [row(n, 22.0) for n in range(4)]).pooled[0])
 
 
 def test_a_thousand_logs_make_a_page_that_a_browser_takes_easily() -> None:

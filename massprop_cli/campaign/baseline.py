@@ -32,6 +32,12 @@ def read(place: str) -> Earlier:
     return Earlier(summary.parse(content, file), hashlib.sha256(content).hexdigest())
 
 
+def phases(earlier: Earlier) -> list[str]:
+    """Names of all phases that its logs have."""
+    outcomes = (row.outcome for row in earlier.campaign.logs)
+    return list(dict.fromkeys(body.name for found in outcomes if found for body in found.bodies if body.part == "phase"))
+
+
 def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
     """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
 

@@ -107,6 +107,8 @@ def batch(
     _check(planned)
     earlier = baselines.read(baseline) if baseline is not None else None
     allowed = gate.load(tolerance, max_sigma)
+    if earlier is not None:
+        allowed.check(baselines.phases(earlier))
     against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
     folder = urlplace.at(out)
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)

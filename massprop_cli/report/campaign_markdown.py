@@ -53,7 +53,11 @@ def _pool(pool: Pool) -> list[str]:
     columns = ["quantity", "weighted mean", "± sigma", "unit", "logs", "scatter / claimed", "p", "trend per log", "outliers"]
     keys = ("value", "sigma", "unit", "logs", "ratio", "p_value", "trend")
     rows = [_row([shown(row["symbol"]), *(row[key] for key in keys), shown(row["outliers"])]) for row in campaign_page.pooled(pool)]
-    return [f"### {shown(pool.vehicle)}, {shown(campaign_page.title(pool))}", "", *_head(columns, "lrrlrrrrl"), *rows, ""]
+    return [f"### {shown(pool.vehicle)}, {shown(campaign_page.title(pool))}", "", *_head(columns, "lrrlrrrrl"), *rows, "", *_doubts(pool)]
+
+
+def _doubts(pool: Pool) -> list[str]:
+    return [line for doubt in campaign_page.doubts(pool) for line in (f"⚠ {shown(doubt)}.", "")]
 
 
 def _all(row: Row) -> str:

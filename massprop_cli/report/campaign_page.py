@@ -92,6 +92,7 @@ def page(found: Summary) -> Iterator[str]:
             pools=[_pool(pool) for pool in found.pooled],
             verdicts=verdicts,
             view_title=title,
+            doubts=doubts,
             script=Markup(script),
             digest=digest,
         )
@@ -192,6 +193,19 @@ def _without(item: Pooled) -> str:
     if item.without_outliers is None:
         return ""
     return "{} ± {}".format(*(view.minus(text) for text in words.numbers(*item.without_outliers)))
+
+
+def doubts(found: Pool) -> list[str]:
+    """What is wrong with pooling these logs, a sentence each: a mean's sigma means nothing where they contradict each other."""
+    names = [name for name, item in found.estimates.items() if item.p_value is not None and item.p_value < _UNLIKELY]
+    if not names:
+        return []
+    worst = max(found.estimates[name].scatter_ratio or 0.0 for name in names)
+    files = f"; they have {found.vehicle_files} different vehicle files" if found.vehicle_files > 1 else ""
+    return [
+        f"{', '.join(names)}: the logs contradict each other: they scatter up to {_short(worst)} times as far as they claim{files}. "
+        "Do not use these means: either it is not one vehicle in one state, or something in the vehicle files is wrong"
+    ]
 
 
 def pooled(found: Pool) -> Sequence[dict[str, str]]:

@@ -23,6 +23,8 @@ def show(found: Summary, console: Console) -> None:
     """Print a table per vehicle and part, and the counts."""
     for pool in found.pooled:
         fitted(_table(pool), console)
+        for doubt in campaign_page.doubts(pool):
+            console.print(escape(f"⚠ {doubt}."), style="yellow")
     if found.pooled:
         console.print(
             "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities) does not average out."
