@@ -13,7 +13,7 @@ from massprop_cli import QUANTITIES, arrow
 from massprop_cli.campaign.outcome import Body, Outcome, Value
 from massprop_cli.campaign.summary import Row, Summary
 
-_TOGETHER = 1000
+_TOGETHER = 250
 """Logs whose rows are held, and written, together."""
 Line = tuple[Row, Outcome | None, Body | None]
 _TEXTS: dict[str, Callable[[Row, Outcome | None, Body | None], str | None]] = {
