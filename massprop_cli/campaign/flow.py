@@ -43,7 +43,7 @@ def work(
         for index, produced in results:
             if produced is not None:
                 place.put_folder(jobs[index].name, produced.files)
-            one = outcome.unpacked(kept[index][1]) if produced is None else produced.outcome
+            one = outcome.unpacked(Outcome, kept[index][1]) if produced is None else produced.outcome
             found[index] = summary.row(jobs[index], one)
             if told is not None:
                 told(Step(index, one, produced is None))

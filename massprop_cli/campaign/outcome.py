@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from typing import Literal
+from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -19,6 +19,9 @@ class Item(BaseModel):
     """Part of an outcome; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+_Kind = TypeVar("_Kind", bound=Item)
 
 
 class Value(Item):
@@ -88,6 +91,6 @@ def packed(found: Item) -> bytes:
     return zlib.compress(found.model_dump_json(by_alias=True).encode())
 
 
-def unpacked(content: bytes) -> Outcome:
-    """The outcome that :func:`packed` packed."""
-    return Outcome.model_validate_json(zlib.decompress(content))
+def unpacked(kind: type[_Kind], content: bytes) -> _Kind:
+    """What :func:`packed` packed."""
+    return kind.model_validate_json(zlib.decompress(content))

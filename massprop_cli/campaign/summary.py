@@ -6,7 +6,6 @@ Rows are held packed and written one by one, so that a campaign takes hardly mor
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, overload
@@ -17,7 +16,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, Vali
 from massprop_cli import QUANTITIES, UNITS, __version__
 from massprop_cli.arrays import Array
 from massprop_cli.campaign import location, pool
-from massprop_cli.campaign.outcome import Item, Outcome, Value, packed
+from massprop_cli.campaign.outcome import Item, Outcome, Value, packed, unpacked
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
 
@@ -52,8 +51,8 @@ class Rows(Sequence[Row]):
     def __getitem__(self, index: int | slice) -> Row | Sequence[Row]:
         """One row, or some."""
         if isinstance(index, slice):
-            return [_unpack(packed) for packed in self._packed[index]]
-        return _unpack(self._packed[index])
+            return [unpacked(Row, one) for one in self._packed[index]]
+        return unpacked(Row, self._packed[index])
 
     def __setitem__(self, index: int, row: Row) -> None:
         self._packed[index] = packed(row)
@@ -62,10 +61,6 @@ class Rows(Sequence[Row]):
         return isinstance(other, Rows) and self._packed == other._packed
 
     __hash__ = None  # type: ignore[assignment]
-
-
-def _unpack(packed: bytes) -> Row:
-    return Row.model_validate_json(zlib.decompress(packed))
 
 
 def _held(value: object, validated: ValidatorFunctionWrapHandler) -> object:
