@@ -26,7 +26,7 @@ WANTED = {
     "mass": "force, pushed one way and the other",
 }
 """The motion that informs each quantity, body axes."""
-Verdict = Literal["converged", "not_converged", "not_excited", "unobservable"]
+Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
 PRIOR = 0.5
 """Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
 inertia and the mass are positive, so their own value stands in for the natural size where it is smaller."""

@@ -56,7 +56,6 @@ class VehicleInfo(Item):
     commands: Literal["jets", "wrench"]
     jets: list[str]
     thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
-    known: dict[str, tuple[float, float]] = Field(description="value and sigma of quantities that were measured elsewhere")
 
 
 class LogInfo(Item):
@@ -140,6 +139,19 @@ class Innovations(Item):
     nis: float = Field(description="mean normalised innovation squared of a cycle, all six channels together; 6 is expected")
     channel_variance: Six = Field(description="rate x y z, specific force x y z; 1 is expected")
     lag_one_correlation: Six = Field(description="of each channel from one cycle to the next; 0 is expected")
+    lack_of_fit: Six = Field(
+        [1.0] * 6,
+        description="by how much too small the sigmas are that each channel gives, as what commands and motion still explain of its "
+        "innovations shows; 1 where that is no more than chance",
+    )
+
+
+class ImpliedScale(Item):
+    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies."""
+
+    by: str = Field(description='where the mass comes from: "known.mass" or "expected mass"')
+    value: float = Field(description="thrust over stated thrust; 1 if the vehicle file is right")
+    sigma: float
 
 
 class PhaseItem(Item):
@@ -153,6 +165,9 @@ class PhaseItem(Item):
     inertia_about_origin: Matrix3 | None
     physical: Physical
     innovations: Innovations | None
+    contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
+    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+    implied_thrust_scale: ImpliedScale | None = None
 
 
 class DockedObject(Item):
@@ -162,6 +177,54 @@ class DockedObject(Item):
     after: str
     estimates: dict[str, EstimateItem]
     covariance: Matrix10
+    contradiction: str = Field("", description="which of its phases is contradicted; empty where none is")
+    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+
+
+class MendedEstimate(Item):
+    """One quantity as the mended log gives it."""
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    verdict: Verdict
+
+
+class MendedPhase(Item):
+    """One phase as the mended log gives it."""
+
+    name: str
+    estimates: dict[str, MendedEstimate]
+    contradiction: str = Field("", description="what is still contradicted once it is mended; empty where nothing is")
+
+
+class Mended(Item):
+    """What the log gives if a fault that a warning names is mended: beside the result, never instead of it."""
+
+    code: str = Field(description="of the warning that names the fault")
+    message: str
+    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that mend it")
+    phases: list[MendedPhase]
+
+
+class Effect(Item):
+    """What an assumption does to the values of one phase."""
+
+    phase: str
+    change: dict[str, float] = Field(description="of each value, in its unit, for one step; quantities that it doesn't move are left out")
+    seen_sigma: float | None = Field(
+        None, description="how many sigmas the log itself would misfit for one step; below about 5 the log can't tell it; null: not at all"
+    )
+
+
+class Assumption(Item):
+    """Something that the numbers rest on and the log can't tell, or not well."""
+
+    code: str
+    message: str
+    step: str = Field(description='by how much it is varied: "1 %", "1 mm", "1 degree" or "0.1 cycles"')
+    stated: bool = Field(description="whether the vehicle file states it; false: a default")
+    effects: list[Effect]
 
 
 class WarningItem(Item):
@@ -184,6 +247,8 @@ class Result(Item):
     phases: list[PhaseItem]
     docked_object: DockedObject | None
     expectations: ExpectationFile | None = None
+    mended: list[Mended] = []
+    assumptions: list[Assumption] = []
     warnings: list[WarningItem]
 
 
@@ -230,7 +295,6 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
         thrust_scale_sigma=used.thrust.scale_sigma,
-        known={name: (known.value, known.sigma) for name, known in used.known.items()},
     )
 
 

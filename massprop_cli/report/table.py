@@ -10,7 +10,7 @@ from rich.table import Table
 from massprop_cli.report import words
 from massprop_cli.report.result import EstimateItem, Result
 
-_STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "unobservable": "red"}
+_STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
 _NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
 
 

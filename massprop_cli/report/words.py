@@ -16,9 +16,10 @@ VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
     "not_excited": "a motion of this vehicle could tell it, but this log's commands did not, or disturbances drowned them",
+    "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold",
     "unobservable": "no motion of this vehicle could tell it by this method",
 }
-SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "unobservable": "✕"}
+SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
 """A sign for each verdict, so that colour is never the only one."""
 
 
@@ -55,7 +56,7 @@ def thrust_scale(result: Result) -> str:
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )
-    calibrating = [name for name in vehicle.known if not name.startswith("cg")]
+    calibrating = sorted({name for phase in result.phases for name in phase.known if not name.startswith("cg")})
     if calibrating:
         return f"{said}. Here it is calibrated by what is known: {', '.join(calibrating)}."
     if vehicle.thrust_scale_sigma > 0:
