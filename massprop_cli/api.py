@@ -17,15 +17,14 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
 
-from massprop_cli import analysis, expect, judge
+from massprop_cli import expect, judge
 from massprop_cli.campaign import baseline as baselines
 from massprop_cli.campaign import discover, flow, location, summary, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
@@ -35,23 +34,17 @@ from massprop_cli.campaign.plan import Settings
 from massprop_cli.campaign.runner import LocalExecutor
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.gate import Gate
+from massprop_cli.job import Demands, Judged, of_file
 from massprop_cli.report import result
-
-if TYPE_CHECKING:
-    from massprop_cli.report.result import Result
+from massprop_cli.require import quantities
 
 Where = str | Path
 Delay = float | Literal["auto"]
 
 
 @dataclass(frozen=True)
-class LogEstimate:
-    """One log, estimated."""
-
-    result: Result
-    """The whole of result.json."""
-    analysis: analysis.Analysis = field(repr=False)
-    """Everything in between: the log, aligned samples, histories, as read-only arrays."""
+class LogEstimate(Judged):
+    """One log, estimated: result, analysis, and what the command line would have ended with (exit_code, message)."""
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -119,20 +112,20 @@ def estimate_log(
     delay: Delay | None = None,
     refine: bool = False,
     expected: Where | None = None,
+    require: str | Sequence[str] = (),
     settings: Mapping[str, object] | None = None,
 ) -> LogEstimate:
     """Estimate one log; writes nothing.
 
-    ``vehicle`` names a vehicle file (else the log's own), ``expected`` an expect file, ``delay`` is in control cycles, ``settings`` holds
-    dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose message
-    names file, place, value and remedy, where the input can't be used.
+    ``vehicle`` names a vehicle file (else the log's own), ``expected`` an expect file, ``require`` quantities that must converge,
+    or "all"; what misses either doesn't raise, but stands in ``exit_code`` and ``message``. ``delay`` is in control cycles, ``settings``
+    holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose
+    message names file, place, value and remedy, where the input can't be used.
     """
-    wanted = expect.load(Path(expected)) if expected is not None else None
+    demands = Demands(quantities(require), expect.load(Path(expected)) if expected is not None else None)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
-    with np.errstate(all="ignore"):
-        found = analysis.analyse(Path(path), None if vehicle is None else Path(vehicle), stated)
-        told = result.result(found)
-    return LogEstimate(told if wanted is None else judge.judge(told, wanted), found)
+    found = of_file(Path(path), None if vehicle is None else Path(vehicle), stated, demands)
+    return LogEstimate(found.result, found.analysis, found.unconverged, found.missed)
 
 
 def run_campaign(
@@ -147,7 +140,7 @@ def run_campaign(
     method: Literal["default", "thesis"] | None = None,
     delay: Delay | None = None,
     expected: Where | None = None,
-    require: Sequence[str] = (),
+    require: str | Sequence[str] = (),
     settings: Mapping[str, object] | None = None,
     report: bool = False,
     baseline: Where | None = None,
@@ -167,7 +160,7 @@ def run_campaign(
         vehicle=None if vehicle is None else str(vehicle),
         assignments=tuple(_assignments(method, delay, settings)),
         expect=None if expected is None else str(expected),
-        require=tuple(require),
+        require=quantities(require),
         report=report,
     )
     name, planned = discover.plan([str(path) for path in named], over)

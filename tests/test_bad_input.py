@@ -560,7 +560,7 @@ def test_a_command_line_that_makes_no_sense_is_a_usage_error(arguments: list[str
     assert contents(tmp_path) == before, "something was written"
 
 
-@pytest.mark.parametrize("required", ["ixx,inertia", "Mass", "mass;ixx"])
+@pytest.mark.parametrize("required", ["ixx,inertia", "Masses", "mass;ixx", "ixx,"])
 def test_requiring_an_unknown_quantity_is_a_usage_error(required: str, tmp_path: Path) -> None:
     save_vehicle(tmp_path)
     log = save(flight(), tmp_path / "log.parquet")

@@ -80,8 +80,8 @@ def test_a_campaign_file_says_which_logs_and_what_of_which(tmp_path: Path) -> No
     touch(*(tmp_path / name for name in ("flights/f1.csv", "flights/f2.csv", "bench/b1.csv")))
     (tmp_path / "c.toml").write_text(
         'schema = 1\nname = "acceptance"\nlogs = ["flights", "bench/*.csv"]\nvehicle = "v.toml"\nmethod = "default"\n'
-        'tags = ["may"]\nset = ["convergence.count=50"]\nrequire = ["mass"]\n'
-        '[[match]]\nlogs = ["bench/*"]\nvehicle = "bench.toml"\ndelay = "auto"\ntags = ["bench"]\nexpect = "e.toml"\nrequire = "all"\n'
+        'tags = ["may"]\nset = ["convergence.count=50"]\nrequire = ["Mass"]\n'
+        '[[match]]\nlogs = ["bench/*"]\nvehicle = "bench.toml"\ndelay = "auto"\ntags = ["bench"]\nexpect = "e.toml"\nrequire = "All"\n'
     )
     name, jobs = discover.plan([str(tmp_path / "c.toml")], Settings(assignments=("imu.gyro_noise_rad_s=1",)))
     assert name == "acceptance"

@@ -7,14 +7,16 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import BeforeValidator, Field, StringConstraints
 
 from massprop_cli import configfile
 from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
+from massprop_cli.require import quantities
 from massprop_cli.vehicle import NonNegative, Quantity, Section
 
 Text = Annotated[str, StringConstraints(min_length=1)]
+_LOWER = BeforeValidator(lambda name: name.lower() if isinstance(name, str) else name)
 
 
 class Said(Section):
@@ -24,7 +26,9 @@ class Said(Section):
     expect: Text | None = Field(None, description="expect file, from this file's folder")
     method: Literal["default", "thesis"] | None = None
     delay: NonNegative | Literal["auto"] | None = Field(None, description="command delay in control cycles")
-    require: tuple[Quantity, ...] | Literal["all"] | None = Field(None, description="quantities that must converge")
+    require: tuple[Annotated[Quantity, _LOWER], ...] | Annotated[Literal["all"], _LOWER] | None = Field(
+        None, description="quantities that must converge"
+    )
     set: tuple[Text, ...] = Field((), description='overrides of vehicle-file keys, each "KEY=VALUE"')
     tags: tuple[Text, ...] = Field((), description="words of your own, for the tables")
 
@@ -66,17 +70,10 @@ def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
         vehicle=None if vehicle is None else location.join(base, vehicle),
         assignments=tuple(assignment for one in said for assignment in _assignments(one)),
         expect=None if expect is None else location.join(base, expect),
-        require=all_of(require),
+        require=quantities(require),
         report=file.report,
     )
     return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))
-
-
-def all_of(require: Sequence[str] | str | None) -> tuple[str, ...]:
-    """The quantities that are meant."""
-    from massprop_cli import QUANTITIES
-
-    return QUANTITIES if require == "all" else tuple(require or ())
 
 
 def _last(stated: Sequence[Any]) -> Any:

@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from massprop_cli import exits
 from massprop_cli.campaign import work
 from massprop_cli.campaign.runner import Task, Worker
 from massprop_cli.campaign.work import Produced
@@ -51,7 +52,7 @@ def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | N
         worker: Worker = _of_thread.worker
         return worker.work(task)
     except Exception as error:
-        return work.failed(task.job, work.BUG, f"{task.job.shown}: the worker failed ({type(error).__name__}: {error})")
+        return work.failed(task.job, exits.BUG, f"{task.job.shown}: the worker failed ({type(error).__name__}: {error})")
 
 
 class ClusterExecutor:
@@ -138,12 +139,12 @@ class _Flight:
             found: Produced | Differs | None = future.result()
         except KilledWorker:
             said = f"{task.job.shown}: every worker that tried it was lost; is there enough memory on the workers? Run the batch again"
-            return work.failed(task.job, work.BUG, said)
+            return work.failed(task.job, exits.BUG, said)
         except Exception as error:
             if future.status in ("cancelled", "lost") or self._client.status != "running":
                 raise _lost(self._address) from None
             said = f"{task.job.shown}: the worker failed ({type(error).__name__}: {error}); is massprop installed on all workers alike?"
-            return work.failed(task.job, work.BUG, said)
+            return work.failed(task.job, exits.BUG, said)
         finally:
             future.release()
         if isinstance(found, Differs):
@@ -162,7 +163,7 @@ def _prepared(tasks: Sequence[Task], indices: Iterator[int]) -> Iterator[tuple[i
             else:
                 yield index, replace(task, sent=sent), None
         except InputError as error:
-            yield index, None, work.failed(task.job, work.INPUT, str(error))
+            yield index, None, work.failed(task.job, exits.INPUT, str(error))
 
 
 def _unchanged(task: Task, sent: Mapping[str, bytes]) -> bool:

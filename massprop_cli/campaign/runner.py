@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
+from massprop_cli import exits
 from massprop_cli.campaign import work, worker
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced
@@ -120,7 +121,7 @@ class Worker:
                 code = self.end()
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
         said = f"{task.job.shown}: the process that worked on it died twice ({how}); is there enough memory? Run the batch again"
-        return work.failed(task.job, work.BUG, said)
+        return work.failed(task.job, exits.BUG, said)
 
     def _started(self) -> subprocess.Popen[bytes] | None:
         """The process; None once this worker is closed."""

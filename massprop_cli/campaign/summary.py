@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, overload
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
-from massprop_cli import QUANTITIES, UNITS, __version__
+from massprop_cli import QUANTITIES, UNITS, __version__, exits
 from massprop_cli.arrays import Array
 from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, packed, unpacked
@@ -22,8 +22,6 @@ from massprop_cli.errors import InputError
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told."""
-_GRAVITY = (1, 3, 4, 5)
-"""Exit codes from the worst on."""
 
 
 class Row(Item):
@@ -148,8 +146,8 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
     """Count, pool, and decide the campaign's exit code."""
     logs = rows if isinstance(rows, Rows) else Rows(rows)
     codes = [None if row.outcome is None else row.outcome.exit_code for row in logs]
-    worst = next((code for code in _GRAVITY if code in codes), 0)
-    counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *_GRAVITY, None) if code in codes}
+    worst = next((code for code in exits.GRAVITY if code in codes), 0)
+    counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *exits.GRAVITY, None) if code in codes}
     return Summary(
         schema="massprop/summary/1",
         massprop=__version__,

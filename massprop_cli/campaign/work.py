@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from massprop_cli import __version__
+from massprop_cli import __version__, exits
 from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
@@ -19,11 +19,8 @@ from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from massprop_cli.analysis import Analysis
-    from massprop_cli.report.result import Result
+    from massprop_cli.job import Judged
     from massprop_cli.vehicle import VehicleSource
-
-BUG, INPUT, NOT_CONVERGED, NOT_EXPECTED = 1, 3, 4, 5
-"""Exit codes of one log."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +60,9 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
             return None
         return _worked(job, inputs, mark)
     except InputError as error:
-        return failed(job, INPUT, str(error), mark, sha256)
+        return failed(job, exits.INPUT, str(error), mark, sha256)
     except Exception as error:
-        return failed(job, BUG, f"internal error (a bug in massprop): {type(error).__name__}: {error}", input_sha256=sha256)
+        return failed(job, exits.BUG, f"internal error (a bug in massprop): {type(error).__name__}: {error}", input_sha256=sha256)
 
 
 def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_sha256: str | None = None) -> Produced:
@@ -145,26 +142,21 @@ def versions() -> dict[str, str]:
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
-    import numpy as np
-
-    from massprop_cli import analysis, expect, judge, tablefile, telemetry
+    from massprop_cli import expect, tablefile
+    from massprop_cli.job import Demands, of_table
     from massprop_cli.report import result
 
+    settings = job.settings
     expected = None
-    if inputs.expect is not None and job.settings.expect is not None:
-        expected = expect.parse(location.text(inputs.expect, job.settings.expect, "expect file"), location.path(job.settings.expect))
-    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
-    with np.errstate(all="ignore"):
-        table = tablefile.parse(Path(job.shown), inputs.log)
-        source = _vehicle(job, inputs, table.embedded_vehicle)
-        found = analysis.examine(telemetry.read(table, source.vehicle), source, job.settings.assignments)
-        judged = result.result(found)
-    if expected is not None:
-        judged = judge.judge(judged, expected)
-    files = {"result.json": result.to_json(judged).encode(), "history.parquet": _history(found)}
-    if job.settings.report:
+    if inputs.expect is not None and settings.expect is not None:
+        expected = expect.parse(location.text(inputs.expect, settings.expect, "expect file"), location.path(settings.expect))
+    table = tablefile.parse(Path(job.shown), inputs.log)
+    source = _vehicle(job, inputs, table.embedded_vehicle)
+    judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
+    files = {"result.json": result.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
+    if settings.report:
         files["report.html"] = _report(job, files)
-    told = _outcome(job, found, judged, mark, sorted(files))
+    told = _outcome(judged, mark, sorted(files))
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
 
 
@@ -205,33 +197,23 @@ def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
         return html.page([read.read(folder)]).encode()
 
 
-def _outcome(job: Job, found: Analysis, judged: Result, mark: str, files: list[str]) -> Outcome:
-    from massprop_cli import judge
+def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
     from massprop_cli.campaign import told
 
-    unconverged = [
-        f"{name} in phase {phase.name} is {phase.estimates[name].verdict}"
-        for phase in judged.phases
-        for name in job.settings.require
-        if phase.estimates[name].verdict != "converged"
-    ]
-    missed = judge.missed(judged)
-    code = NOT_CONVERGED if unconverged else NOT_EXPECTED if missed else 0
-    reasons = [f"required but not converged: {'; '.join(unconverged)}"] if unconverged else []
-    reasons += [f"not as expected: {'; '.join(missed)}"] if missed else []
+    found = judged.result
     return Outcome(
         schema="massprop/outcome/1",
         fingerprint=mark,
-        exit_code=code,
-        message=line(". ".join(reasons)),
-        input_sha256=judged.provenance.input_sha256,
-        vehicle=told.vehicle(judged),
-        method=str(judged.provenance.settings.get("estimator.method", "")),
-        duration_s=judged.log.duration_s,
-        cycles=judged.log.cycles,
-        delay_cycles=judged.delay.cycles,
-        warnings=[warning.code for warning in judged.warnings],
-        missed=[*unconverged, *missed],
-        bodies=told.bodies(judged, found.vehicle),
+        exit_code=judged.exit_code,
+        message=line(judged.message),
+        input_sha256=found.provenance.input_sha256,
+        vehicle=told.vehicle(found),
+        method=str(found.provenance.settings.get("estimator.method", "")),
+        duration_s=found.log.duration_s,
+        cycles=found.log.cycles,
+        delay_cycles=found.delay.cycles,
+        warnings=[warning.code for warning in found.warnings],
+        missed=[*judged.unconverged, *judged.missed],
+        bodies=told.bodies(found, judged.analysis.vehicle),
         files=files,
     )

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli import exits
+from massprop_cli import require as requirements
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
+from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console
 from massprop_cli.errors import InputError, UsageError
 
@@ -83,7 +85,7 @@ def batch(
     said = context.get_parameter_source("jobs")
     if cluster is not None and said is not None and said.name == "COMMANDLINE":
         raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
-    required = options.required(require)
+    required = requirements.quantities(require)
     folder_of_its_own(Path(out))
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
@@ -100,7 +102,7 @@ def batch(
         vehicle=vehicle,
         assignments=tuple(assignments),
         expect=expect,
-        require=tuple(required),
+        require=required,
         report=report,
     )
     name, planned = discover.plan(paths, over)
@@ -189,4 +191,4 @@ def _leave(found: Summary) -> None:
         if found.baseline and beyond
         else []
     )
-    fail("; ".join(said) + ("; and more" if beyond > 3 else ""), found.exit_code or EXIT_NOT_EXPECTED)
+    fail("; ".join(said) + ("; and more" if beyond > 3 else ""), found.exit_code or exits.NOT_EXPECTED)

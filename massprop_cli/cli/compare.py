@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, guarded
+from massprop_cli import exits
+from massprop_cli.cli.guard import fail, guarded
 from massprop_cli.cli.terminal import console
 from massprop_cli.errors import UsageError
 
@@ -46,4 +47,4 @@ def compare(
         difference_table.show(found, console(no_color))
     beyond = comparison.beyond(found)
     if beyond:
-        fail(f"beyond the baseline: {'; '.join(beyond)}", EXIT_NOT_EXPECTED)
+        fail(f"beyond the baseline: {'; '.join(beyond)}", exits.NOT_EXPECTED)

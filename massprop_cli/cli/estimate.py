@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from massprop_cli import require as requirements
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import EXIT_NOT_CONVERGED, EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
+from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, warn
-
-if TYPE_CHECKING:
-    from massprop_cli.analysis import Analysis
 
 
 @guarded
@@ -46,41 +44,22 @@ def estimate(
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
     not converged, 5 a value is missing or outside its expectation.
     """
-    required = options.required(require)
-    import numpy as np
-
-    from massprop_cli import analysis, judge, store
+    required = requirements.quantities(require)
+    folder_of_its_own(out)
     from massprop_cli import expect as expectations
+    from massprop_cli import job, store
     from massprop_cli.report import result
 
-    folder_of_its_own(out)
-    expected = expectations.load(expect) if expect is not None else None
+    demands = job.Demands(required, expectations.load(expect) if expect is not None else None)
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
-    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
-    with progress(quiet or as_json) as told, np.errstate(all="ignore"):
-        found = analysis.analyse(log, vehicle, assignments, told)
-    judged = result.result(found)
-    if expected is not None:
-        judged = judge.judge(judged, expected)
-    text = result.to_json(judged)
-    store.write(out or Path("massprop-out") / log.stem, found, text)
-    warn(found.notices, quiet)
+    with progress(quiet or as_json) as told:
+        judged = job.of_file(log, vehicle, assignments, demands, told)
+    text = result.to_json(judged.result)
+    store.write(out or Path("massprop-out") / log.stem, judged.analysis, text)
+    warn(judged.analysis.notices, quiet)
     if as_json:
         sys.stdout.write(text)
     elif not quiet:
-        show(judged, no_color)
-    _check_required(found, required)
-    missed = judge.missed(judged)
-    if missed:
-        fail(f"not as expected: {'; '.join(missed)}", EXIT_NOT_EXPECTED)
-
-
-def _check_required(found: Analysis, required: list[str]) -> None:
-    missed = [
-        f"{name} in phase {conclusion.phase.name} is {conclusion.estimates[name].verdict} ({conclusion.estimates[name].reason})"
-        for conclusion in found.conclusions
-        for name in required
-        if conclusion.estimates[name].verdict != "converged"
-    ]
-    if missed:
-        fail(f"required but not converged: {'; '.join(missed)}", EXIT_NOT_CONVERGED)
+        show(judged.result, no_color)
+    if judged.exit_code:
+        fail(judged.message, judged.exit_code)

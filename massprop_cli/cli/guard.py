@@ -10,9 +10,8 @@ from typing import Any, NoReturn
 
 import typer
 
+from massprop_cli import exits
 from massprop_cli.errors import InputError, UsageError
-
-EXIT_BUG, EXIT_USAGE, EXIT_INPUT, EXIT_NOT_CONVERGED, EXIT_NOT_EXPECTED = 1, 2, 3, 4, 5
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:
@@ -23,17 +22,17 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except InputError as error:
-            fail(str(error), EXIT_INPUT)
+            fail(str(error), exits.INPUT)
         except UsageError as error:
-            fail(str(error), EXIT_USAGE)
+            fail(str(error), exits.USAGE)
         except (typer.Exit, typer.Abort):
             raise
         except OSError as error:
-            fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", EXIT_INPUT)
+            fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", exits.INPUT)
         except Exception as error:
             if os.environ.get("MASSPROP_DEBUG"):
                 raise
-            fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", EXIT_BUG)
+            fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", exits.BUG)
 
     return run
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import typer
 
-from massprop_cli import QUANTITIES
-from massprop_cli.errors import InputError, UsageError
+from massprop_cli.errors import InputError
 
 
 class Method(StrEnum):
@@ -42,15 +41,3 @@ def _delay(text: str) -> str:
     except ValueError:
         raise InputError(f"--delay {text!r}: not a delay; give a number of control cycles, 0 or more (may be fractional)") from None
     return '"auto"' if text == "auto" else repr(float(text))
-
-
-def required(text: str | None) -> list[str]:
-    """The quantities of ``--require``; :class:`UsageError` names one that doesn't exist."""
-    if text is None:
-        return []
-    names = [name.strip() for name in text.split(",")]
-    names = list(QUANTITIES) if names == ["all"] else names
-    for name in names:
-        if name not in QUANTITIES:
-            raise UsageError(f"--require {name}: no such quantity; choose from {', '.join(QUANTITIES)} or all")
-    return names

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from massprop_cli.cli.guard import EXIT_NOT_EXPECTED, fail, folder_of_its_own, guarded
+from massprop_cli import exits
+from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def report(
     missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
     if missed:
         more = f"; and {len(missed) - NAMED} more" if len(missed) > NAMED else ""
-        fail(f"not as expected: {'; '.join(missed[:NAMED])}{more}", EXIT_NOT_EXPECTED)
+        fail(f"not as expected: {'; '.join(missed[:NAMED])}{more}", exits.NOT_EXPECTED)
 
 
 def _formats(given: str | None, with_figures: bool) -> tuple[list[str], list[Literal["svg", "png"]]]:

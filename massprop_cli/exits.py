@@ -1,0 +1,7 @@
+"""Exit codes of the contract; where several fit, the first of :data:`GRAVITY` counts."""
+
+from __future__ import annotations
+
+BUG, USAGE, INPUT, NOT_CONVERGED, NOT_EXPECTED = 1, 2, 3, 4, 5
+GRAVITY = (BUG, INPUT, NOT_CONVERGED, NOT_EXPECTED)
+"""Codes that one log may end with, from the worst on."""
