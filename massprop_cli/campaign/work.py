@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -73,10 +74,13 @@ def failed(job: Job, code: int, message: str, mark: str = outcome.UNKEPT, input_
 
 
 def _as_shown(job: Job, message: str) -> str:
-    """The message with the log's and its neighbours' places as the campaign shows them, the same on every machine."""
-    folder = job.log.removesuffix(job.log.replace("\\", "/").rpartition("/")[2])
-    message = message.replace(job.log, job.shown)
-    return message.replace(folder, job.shown.rpartition("/")[0] + "/" * ("/" in job.shown)) if len(folder) > 1 else message
+    """The message with the log's and its neighbours' places as the campaign shows them, the same on every machine.
+
+    A place counts where it stands as a path or the beginning of one, not as the end of another's part: "e/" is in "date/" too.
+    """
+    folder, shown = (f"{place.rpartition('/')[0]}/" * ("/" in place) for place in (job.log, job.shown))
+    places = [rf"(?P<log>{re.escape(job.log)})(?![\w/\\-]|\.\w)", *([re.escape(folder)] if len(folder) > 1 else [])]
+    return re.sub(rf"(?<![^\s'\"(\[{{<=:,;|])(?:{'|'.join(places)})", lambda found: job.shown if found["log"] else shown, message)
 
 
 def own_files(job: Job) -> dict[str, bytes]:
