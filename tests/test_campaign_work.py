@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from massprop_cli.campaign import work
-from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.plan import Job, Settings
+from massprop_cli.campaign.work import Inputs
 
 
 def message(log: str, shown: str, said: str) -> str:
@@ -27,3 +28,21 @@ def message(log: str, shown: str, said: str) -> str:
 )
 def test_a_message_names_places_as_the_campaign_does_and_leaves_other_words_alone(log: str, shown: str, said: str, told: str) -> None:
     assert message(log, shown, said) == told
+
+
+def mark(report: bool) -> str:
+    return work.fingerprint(Job("name", "t.csv", "t.csv", Settings(report=report)), Inputs(b"log", None, None))
+
+
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+def test_a_page_made_by_another_version_of_what_draws_it_is_made_again(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, page = mark(False), mark(True)
+    theirs = work.versions(True) | {library: "0.0"}
+    own = work.versions(False)
+    monkeypatch.setattr(work, "versions", lambda report=False: theirs if report else own)
+    assert (mark(False), mark(True) == page) == (plain, False)
+
+
+def test_the_versions_that_a_page_depends_on_count_where_one_is_made_alone() -> None:
+    assert list(work.versions(False)) == ["massprop", "python", "numpy", "pyarrow"]
+    assert set(work.versions(True)) - set(work.versions(False)) == {"matplotlib", "jinja2"}

@@ -44,7 +44,7 @@ class Differs:
 def on_worker(task: Task, versions: Mapping[str, str]) -> Produced | Differs | None:
     """What a thread of a dask worker does. It doesn't raise: an error that the client can't unpickle would never arrive there."""
     try:
-        own = work.versions()
+        own = work.versions(task.job.settings.report)
         if own != versions:
             return Differs(own)
         if not hasattr(_of_thread, "worker"):
@@ -64,7 +64,7 @@ class ClusterExecutor:
     def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
         """See :class:`massprop_cli.campaign.runner.Executor`; :class:`InputError` where the cluster can't be used, or is lost."""
         with _connected(self.address) as client:
-            _check_versions(client, self.address)
+            _check_versions(client, self.address, any(task.job.settings.report for task in tasks))
             yield from _Flight(client, self.address, tasks).results()
 
 
@@ -75,7 +75,6 @@ class _Flight:
         self._client = client
         self._address = address
         self._tasks = tasks
-        self._versions = work.versions()
         self._done: queue.Queue[Any] = queue.Queue()
         self._flying: dict[str, tuple[int, int, Any]] = {}
         """By key: the task's index, the bytes that went with it, its future."""
@@ -113,7 +112,7 @@ class _Flight:
         with warnings.catch_warnings():
             # the log is in the task because scattered data would be lost with its worker
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
-            future = self._client.submit(on_worker, task, self._versions, pure=False)
+            future = self._client.submit(on_worker, task, work.versions(task.job.settings.report), pure=False)
         self._flying[future.key] = index, _size(task), future
         future.add_done_callback(self._done.put)
 
@@ -148,7 +147,7 @@ class _Flight:
         finally:
             future.release()
         if isinstance(found, Differs):
-            raise _other_versions(self._address, "a worker", found.versions, self._versions)
+            raise _other_versions(self._address, "a worker", found.versions, work.versions(task.job.settings.report))
         return found
 
 
@@ -214,7 +213,7 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-def _check_versions(client: Any, address: str) -> None:
+def _check_versions(client: Any, address: str, report: bool) -> None:
     """Refuse workers, and a scheduler, that lack massprop or have another one; what joins later is asked with each task."""
     from importlib import metadata
 
@@ -222,7 +221,7 @@ def _check_versions(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=FIRST_WORKER_S)
     except TimeoutError:
         raise InputError(f"--cluster {address}: the scheduler has no workers; {_start(address)}") from None
-    expected = work.versions()
+    expected = work.versions(report)
     # a function of the standard library is there whatever is installed
     try:
         answers = {"the scheduler": client.run_on_scheduler(metadata.version, "massprop")}
@@ -233,7 +232,7 @@ def _check_versions(client: Any, address: str) -> None:
         if not isinstance(answer, str):
             said = f"massprop {expected['massprop']} is not installed on {place}"
             raise InputError(f"--cluster {address}: {said}; install it there: pip install 'massprop[cluster]=={expected['massprop']}'")
-    for place, found in client.run(work.versions, on_error="return").items():
+    for place, found in client.run(work.versions, report, on_error="return").items():
         if found != expected:
             raise _other_versions(address, place, found if isinstance(found, dict) else {}, expected)
 

@@ -125,7 +125,7 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
     parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, b"named" if named else b"beside"]
     parts += [b""] if inputs.vehicle is None else [_base(inputs.vehicle[0]), inputs.vehicle[1]]
     parts += [b""] if inputs.expect is None else [_base(settings.expect or ""), inputs.expect]
-    said = (settings.assignments, settings.require, settings.report, sorted(versions().items()))
+    said = (settings.assignments, settings.require, settings.report, sorted(versions(settings.report).items()))
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
         digest.update(len(part).to_bytes(8, "big") + part)
@@ -137,12 +137,13 @@ def _base(place: str) -> bytes:
 
 
 @cache
-def versions() -> dict[str, str]:
-    """Of the program, and of what else decides a result's bytes."""
+def versions(report: bool = False) -> dict[str, str]:
+    """Of the program, and of what else decides a result's bytes, and its page's where there is one."""
     import platform
     from importlib.metadata import version
 
-    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in ("numpy", "pyarrow")}
+    libraries = ("numpy", "pyarrow", *(("matplotlib", "jinja2") if report else ()))
+    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in libraries}
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
