@@ -143,8 +143,11 @@ def test_five_corrupt_logs_among_fifty_are_five_rows_with_their_errors(tmp_path:
 
 def test_the_exit_code_is_the_worst_of_all_logs(here: Path) -> None:
     (here / "expect.toml").write_text('[all]\nmass = { value = 99.0, tolerance = "1 %" }\n')
-    assert batch(here, "logs", "--require", "mass", "--set", "convergence.count=119", "-q", "--jobs", "1").returncode == 4
-    assert batch(here, "logs", "--expect", "expect.toml", "-q", "--jobs", "1").returncode == 5
+    few = ("--set", "convergence.count=119", "-q", "--jobs", "1", "--junit", "j.xml")
+    assert batch(here, "logs", "--require", "mass", *few).returncode == 4
+    assert [(suite.failures, suite.errors) for suite in JUnitXml.fromfile(str(here / "j.xml"))] == [(1, 0)] * 4
+    assert batch(here, "logs", "--expect", "expect.toml", "-q", "--jobs", "1", "--junit", "j.xml").returncode == 5
+    assert [(suite.failures, suite.errors) for suite in JUnitXml.fromfile(str(here / "j.xml"))] == [(1, 0)] * 4
     done = batch(here, "logs", "--expect", "expect.toml", "--require", "mass", "--set", "convergence.count=119")
     assert done.returncode == 4
     assert "required but not converged: mass in phase all is not_converged" in done.stderr

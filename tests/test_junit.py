@@ -62,13 +62,14 @@ def test_without_expectations_each_quantity_is_a_case_that_passes_if_converged()
     assert kinds(found["mass"]) == [Skipped]
 
 
-def test_with_expectations_each_expected_quantity_is_a_case_that_fails_outside_its_tolerance() -> None:
+def test_with_expectations_each_expected_quantity_is_a_case_that_fails_if_missing_or_outside_its_tolerance() -> None:
     found = only(Outcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
     assert list(found) == ["ixx", "cg_x", "mass"]
     assert kinds(found["ixx"]) == [Failure]
     assert found["ixx"].result[0].message == "expected 0.5 ± 0.04 kg m^2 (4 sigma), got 0.62 (off by +0.12, +12 sigma)"
     assert kinds(found["mass"]) == []
-    assert kinds(found["cg_x"]) == [Skipped]
+    assert kinds(found["cg_x"]) == [Failure], "it exits 5 too"
+    assert found["cg_x"].result[0].type == "not_excited"
     assert "expected 0 ± ? m (4 sigma), missing: not_excited" in found["cg_x"].result[0].message
 
 
@@ -82,9 +83,17 @@ def test_a_log_that_could_not_be_used_is_an_error_and_the_others_are_told() -> N
     assert (xml.tests, xml.errors, xml.failures) == (11, 1, 0)
 
 
+def test_required_quantities_that_are_not_converged_are_a_failure_with_its_reason() -> None:
+    (suite,) = document(Outcome("run", recorded.result(), unmet="required but not converged: mass in phase all is not_excited"))
+    assert (suite.tests, suite.failures, suite.errors) == (11, 1, 0)
+    (case,) = (case for case in suite if case.name == "required")
+    assert case.classname == "run.log"
+    assert case.result[0].message == "required but not converged: mass in phase all is not_excited"
+
+
 def test_counts_are_those_of_the_cases() -> None:
     (suite,) = document(Outcome("run", held(recorded.result([recorded.phase("all", cg_x=NOT_EXCITED)]), ixx=0.5, mass=22.5, cg_x=0.0)))
-    assert (suite.tests, suite.failures, suite.errors, suite.skipped) == (3, 1, 0, 1)
+    assert (suite.tests, suite.failures, suite.errors, suite.skipped) == (3, 2, 0, 0)
 
 
 def test_phases_and_docked_object_are_classes_of_one_suite() -> None:

@@ -1,9 +1,10 @@
-"""A campaign as JUnit XML: a suite for each log, an error that says why for each log without a result."""
+"""A campaign as JUnit XML: a suite for each log; an error where it has no result, failures where it missed what was demanded."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from massprop_cli import exits
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import junit
@@ -21,9 +22,10 @@ def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
             yield junit.Outcome(row.name, error="not tried, after --fail-fast", kind="not tried")
         elif "result.json" in row.outcome.files:
             content = place.read(f"{RESULTS}/{row.name}/result.json")
-            yield junit.Outcome(row.name, Result.model_validate_json(content))
+            unmet = row.outcome.message if row.outcome.exit_code == exits.NOT_CONVERGED else None
+            yield junit.Outcome(row.name, Result.model_validate_json(content), unmet=unmet)
         else:
-            kind = "internal error" if row.outcome.exit_code == 1 else "unusable input"
+            kind = "internal error" if row.outcome.exit_code == exits.BUG else "unusable input"
             yield junit.Outcome(row.name, error=row.outcome.message, kind=kind)
     if found.baseline is not None and found.baseline.beyond:
         for number, item in enumerate(found.baseline.beyond, 1):

@@ -1,8 +1,8 @@
 """Results as JUnit XML, which test dashboards read: a suite for each log, a test case for each quantity.
 
-With expectations a test case stands for each expected quantity and fails if the value is outside its tolerance. Without, one stands for
-each of the ten and passes if it is converged. Either is skipped, with the reason, where the motion did not tell the quantity. A log that
-could not be used is an error.
+With expectations a test case stands for each expected quantity and fails if the value is missing or outside its tolerance. Without, one
+stands for each of the ten and passes if it is converged; else it is skipped, with the reason. Where quantities were required and are not
+converged, a test case of its own fails and names them. A log that could not be used is an error.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ class Outcome:
     error: str | None = None
     kind: str = "unusable input"
     """Of error: what failed."""
+    unmet: str | None = None
+    """Which required quantities are not converged, and why."""
 
 
 def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
@@ -55,6 +57,7 @@ def text(found: Iterable[Outcome]) -> str:
 
 def _suite(outcome: Outcome) -> ET.Element:
     cases = [_error(outcome)] if outcome.result is None else _cases(outcome.name, outcome.result)
+    cases += [_unmet(outcome.name, outcome.unmet)] if outcome.unmet else []
     suite = ET.Element("testsuite", {"name": line(outcome.name), "tests": str(len(cases))})
     for key, tag in _COUNTED.items():
         suite.set(key, str(sum(case.find(tag) is not None for case in cases)))
@@ -70,6 +73,12 @@ def _suite(outcome: Outcome) -> ET.Element:
 def _error(outcome: Outcome) -> ET.Element:
     case = _case(outcome.name, "log", "usable")
     _say(case, "error", outcome.error or "no result", outcome.kind)
+    return case
+
+
+def _unmet(name: str, why: str) -> ET.Element:
+    case = _case(name, "log", "required")
+    _say(case, "failure", why, "not converged")
     return case
 
 
@@ -105,10 +114,8 @@ def _case(name: str, part: str, quantity: str) -> ET.Element:
 
 def _quantity(case: ET.Element, quantity: str, item: EstimateItem) -> ET.Element:
     if item.expected is not None:
-        if item.verdict not in INFORMED:
-            _say(case, "skipped", why(item), item.verdict)
-        elif not item.expected.met:
-            _say(case, "failure", why(item), "not as expected")
+        if not item.expected.met:
+            _say(case, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
     elif item.verdict != "converged":
         _say(case, "skipped", gap(quantity, item), item.verdict)
     value, sigma = words.numbers(item.value, item.sigma)
