@@ -7,10 +7,12 @@ import pytest
 from scipy import stats
 
 from massprop_cli import QUANTITIES
-from massprop_cli.campaign import pool, told
+from massprop_cli.campaign import baseline, pool, told
+from massprop_cli.campaign.baseline import Earlier
 from massprop_cli.campaign.outcome import Body, Outcome, Value, Vehicle
 from massprop_cli.campaign.pool import Samples
 from massprop_cli.campaign.summary import Row, pooled, summary
+from massprop_cli.gate import Gate
 from massprop_cli.posterior import quantities
 from tests import flight, recorded
 
@@ -161,6 +163,16 @@ def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row
         "bodies": [Body(part="phase", name="all", estimates=estimates)],
     }
     return Row(name=f"log-{number}", log=f"log-{number}.csv", tags=[], outcome=Outcome.model_validate(stated | changes))
+
+
+def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None:
+    dim = {name: Value(value=1.0, sigma=9.0, verdict="not_excited") for name in QUANTITIES}
+    empty = row(1, 22.0, bodies=[Body(part="phase", name="all", estimates=dim)])
+    rows = [row(1, 22.0), row(2, 22.1)]
+    told = baseline.compare(rows, Earlier(summary("before", [empty]), "s"), Gate())
+    assert [item.message for item in told.beyond] == ["nothing could be compared: no log of the baseline has a value"]
+    assert summary("now", rows, told).exit_code == 5
+    assert baseline.compare(rows, Earlier(summary("before", [row(1, 22.0)]), "s"), Gate()).beyond == []
 
 
 def test_a_campaign_pools_each_vehicle_and_counts_a_copied_log_once() -> None:

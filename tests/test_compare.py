@@ -12,7 +12,7 @@ import pytest
 from massprop_cli import QUANTITIES, gate, schemas
 from massprop_cli.errors import InputError
 from massprop_cli.gate import Gate
-from massprop_cli.report.compare import Comparison, beyond, compare, to_json
+from massprop_cli.report.compare import Comparison, beyond, compare, failure, to_json
 from massprop_cli.report.result import Result
 from massprop_cli.report.result import to_json as result_json
 from massprop_cli.tolerance import Tolerance
@@ -115,7 +115,27 @@ def test_a_docked_object_is_compared_and_one_that_is_lost_is_missing() -> None:
     other = recorded.result(phases, docked_object=recorded.docked(mass={"value": 30.0}))
     assert [line.partition(":")[0] for line in beyond(between(other, with_it))] == ["mass in docked object (combined less single)"]
     assert len(beyond(between(recorded.result(phases), with_it))) == 10
-    assert between(with_it, recorded.result(phases)).within
+    found = between(with_it, recorded.result(phases))
+    assert (found.within, found.compared) == (True, 20)
+    assert found.warnings == [
+        "nothing could be compared in docked object (combined less single): no quantity has a value in both "
+        "(result: 10 converged; baseline: 10 absent)"
+    ]
+
+
+def test_two_results_without_a_value_in_both_do_not_pass_for_equal() -> None:
+    told = between(one(**dict.fromkeys(QUANTITIES, NOT_EXCITED)), one(**dict.fromkeys(QUANTITIES, NOT_EXCITED)))
+    assert (told.within, told.compared, beyond(told)) == (False, 0, [])
+    said = "nothing could be compared in phase all: no quantity has a value in both (result: 10 not_excited; baseline: 10 not_excited)"
+    assert failure(told) == said
+    lost = between(one(**dict.fromkeys(QUANTITIES, NOT_EXCITED)), one(**dict.fromkeys(QUANTITIES[1:], NOT_EXCITED)))
+    assert failure(lost).endswith("beyond the baseline: ixx in phase all: 0.62 kg m^2 in the baseline, missing in the result (not_excited)")
+
+
+def test_one_quantity_in_both_is_enough_to_compare() -> None:
+    few = one(**dict.fromkeys(QUANTITIES[1:], NOT_EXCITED))
+    found = between(few, few)
+    assert (found.within, found.compared, found.warnings, failure(found)) == (True, 1, [], "")
 
 
 def changed(**changes: Any) -> Result:
@@ -224,6 +244,20 @@ def test_compare_exits_5_with_one_line_beyond_the_gate(tmp_path: Path) -> None:
     done = massprop(tmp_path, "compare", new, old, "--max-sigma", "0.5", "--json")
     assert done.returncode == 5
     assert math.isclose(json.loads(done.stdout)["parts"][0]["differences"]["mass"]["difference"], 0.3)
+
+
+def test_compare_exits_5_where_nothing_could_be_compared_and_warns_of_a_part_of_which_nothing_could(tmp_path: Path) -> None:
+    nothing = dict.fromkeys(QUANTITIES, NOT_EXCITED)
+    save(tmp_path / "none", one(**nothing))
+    done = massprop(tmp_path, "compare", "none", "none", "--json")
+    assert (done.returncode, json.loads(done.stdout)["compared"]) == (5, 0)
+    assert done.stderr.startswith("massprop: nothing could be compared in phase all: no quantity has a value in both (result: 10 not_ex")
+    assert len(done.stderr.splitlines()) == 1
+    save(tmp_path / "half", recorded.result([recorded.phase("a"), recorded.phase("b", **nothing)]))
+    done = massprop(tmp_path, "compare", "half", "half")
+    assert done.returncode == 0
+    assert done.stderr.startswith("massprop: warning: nothing could be compared in phase b: ")
+    assert massprop(tmp_path, "compare", "half", "half", "-q").stderr == ""
 
 
 REFUSED = {

@@ -42,16 +42,19 @@ def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
     """What lies further from the baseline than the gate allows (4 sigma of the difference unless it says otherwise).
 
     The sigma of a difference is sqrt(s1² + s2²): what both have in common is not taken into account. What the baseline told and this
-    campaign doesn't is beyond, whatever the reason; what it lacks itself is not.
+    campaign doesn't is beyond, whatever the reason; what it lacks itself is not, unless it lacks everything: nothing could be compared.
     """
     old = earlier.campaign
     now = {row.name: n for n, row in enumerate(rows)}
     before = set()
+    tells = False
     beyond: list[Beyond] = []
     for row in old.logs:
         if row.outcome is not None and row.outcome.bodies:
             before.add(row.name)
+            tells |= any(_told(value) for body in row.outcome.bodies for value in body.estimates.values())
             beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
+    beyond += [] if tells else [_beyond("nothing could be compared: no log of the baseline has a value")]
     pools = {_key(pool): pool for pool in summary.pooled(rows)}
     beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
     return Baseline(

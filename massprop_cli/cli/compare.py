@@ -31,7 +31,7 @@ def compare(
     """Hold a result against a baseline: differences in units and sigmas, for regression in CI.
 
     Writes nothing. Exit 0 if every difference is within --max-sigma, or what the tolerance file allows, 3 if the two can't be compared,
-    5 if one is beyond, or a value of the baseline is missing.
+    5 if one is beyond, a value of the baseline is missing, or no quantity has a value in both.
     """
     if not math.isfinite(max_sigma):
         raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
@@ -45,6 +45,8 @@ def compare(
         sys.stdout.write(comparison.to_json(found))
     elif not quiet:
         difference_table.show(found, console(no_color))
-    beyond = comparison.beyond(found)
-    if beyond:
-        fail(f"beyond the baseline: {'; '.join(beyond)}", exits.NOT_EXPECTED)
+    failure = comparison.failure(found)
+    for warning in [] if quiet or not found.compared else found.warnings:
+        typer.echo(f"massprop: warning: {warning}", err=True)
+    if failure:
+        fail(failure, exits.NOT_EXPECTED)

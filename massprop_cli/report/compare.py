@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import Field
@@ -54,6 +56,7 @@ class Part(Item):
 
     part: Literal["phase", "docked"]
     name: str
+    compared: int = Field(description="quantities that have a value on both sides")
     differences: dict[str, Difference]
 
 
@@ -64,9 +67,13 @@ class Comparison(Item):
     result: Side
     baseline: Side
     conventions: Conventions
-    within: bool = Field(description="every difference is within its tolerance, and nothing that the baseline has is missing")
+    within: bool = Field(
+        description="something was compared, every difference is within its tolerance, and nothing that the baseline has is missing"
+    )
+    compared: int = Field(description="quantities of all parts that have a value on both sides")
     parts: list[Part]
     notes: list[str]
+    warnings: list[str] = Field(description="parts in which nothing could be compared")
 
 
 def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
@@ -75,21 +82,36 @@ def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
     gate.check([phase.name for phase in result.result.phases])
     before = {key: body.estimates for key, body in parts(baseline.result)}
     after = {key: body.estimates for key, body in parts(result.result)}
-    found = []
+    found, empty = [], []
     for key in dict.fromkeys([*before, *after]):
         docked = not key.startswith("phase ")
         name = key.removeprefix("phase ")
         pairs = {q: (after.get(key, {}).get(q), before.get(key, {}).get(q)) for q in QUANTITIES}
         differences = {q: _difference(q, new, old, gate, None if docked else name) for q, (new, old) in pairs.items()}
-        found.append(Part(part="docked" if docked else "phase", name=name, differences=differences))
+        both = sum(d.difference is not None for d in differences.values())
+        found.append(Part(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
+        empty += [] if both else [_nothing(_title(found[-1]), after.get(key), before.get(key))]
+    compared = sum(part.compared for part in found)
     return Comparison(
         result=_side(result),
         baseline=_side(baseline),
         conventions=result.result.conventions,
-        within=all(d.within for part in found for d in part.differences.values()),
+        within=compared > 0 and all(d.within for part in found for d in part.differences.values()),
+        compared=compared,
         parts=found,
         notes=_notes(result.result, baseline.result),
+        warnings=empty,
     )
+
+
+def _nothing(title: str, new: Mapping[str, EstimateItem] | None, old: Mapping[str, EstimateItem] | None) -> str:
+    """That no quantity of a part has a value on both sides, and why."""
+    here, there = (", ".join(f"{n} {verdict}" for verdict, n in _verdicts(side).items()) for side in (new, old))
+    return f"nothing could be compared in {title}: no quantity has a value in both (result: {here}; baseline: {there})"
+
+
+def _verdicts(side: Mapping[str, EstimateItem] | None) -> Mapping[str, int]:
+    return {"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values())
 
 
 def _side(recorded: Recorded) -> Side:
@@ -184,6 +206,13 @@ def _absent(other: EstimateItem | None) -> EstimateItem:
     """In place of a docked object that one of the two does not have."""
     unit = other.unit if other else ""
     return EstimateItem(value=None, sigma=None, unit=unit, verdict="not_excited", final_at_s=None, reason="no docked object")
+
+
+def failure(found: Comparison) -> str:
+    """Why the result does not stand against the baseline; empty where it does. Where nothing was compared, that is why."""
+    missed = beyond(found)
+    reasons = [f"beyond the baseline: {'; '.join(missed)}"] if missed else []
+    return ". ".join([*([] if found.compared else ["; ".join(found.warnings)]), *reasons])
 
 
 def beyond(found: Comparison) -> list[str]:
