@@ -113,7 +113,7 @@ def test_a_summary_says_what_failed_what_is_pooled_and_all_logs(tmp_path: Path) 
     text = (tmp_path / "s.md").read_text()
     html = MarkdownIt("commonmark").enable("table").render(text)
     assert "<h2>✗ night &lt;b&gt;: 3 logs</h2>" in html
-    assert "<p>2 done, 1 unusable.</p>" in html
+    assert "<p>1 unusable, 2 done.</p>" in html
     assert "<td>a | b # c</td>" in html
     assert "<li>off | far</li>" in html
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", line) for line in re.findall(r"<tr>(.*?)</tr>", html, re.DOTALL)]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from rich.console import Console
 
-from massprop_cli.campaign.outcome import Value
+from massprop_cli.campaign.outcome import Value, contradicted, state
 from massprop_cli.campaign.summary import Row, Summary, summary, to_json
 from massprop_cli.report import campaign_markdown, campaign_page, campaign_table
 from tests.test_browser import CHROMIUM, browser
@@ -54,6 +54,41 @@ def test_a_page_is_the_same_bytes_again_and_escapes_what_is_hostile() -> None:
     assert "\u202e" not in text
     assert "&lt;script&gt;alert(1)" in text
     assert re.search(r"script-src 'sha256-[A-Za-z0-9+/]{43}='", text)
+
+
+def test_logs_that_are_done_with_warnings_are_counted_by_code_wherever_the_campaign_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    codes = [["jet-sign", "jet-sign"], ["jet-sign"], ["delay-mismatch", "jet-sign"], []]
+    found = summary("night", [row(n, 22.0, warnings=said) for n, said in enumerate(codes, 1)] + [failed(5)])
+    assert (found.exit_codes, found.warned, found.contradicted) == ({"0": 4, "3": 1}, 3, 0)
+    assert found.warnings == {"jet-sign": 3, "delay-mismatch": 1}
+    said = "1 unusable, 4 done; 3 with warnings (jet-sign 3, delay-mismatch 1)"
+    assert f'<p class="headline">{said}</p>' in "".join(campaign_page.page(found))
+    assert f"{said}." in campaign_markdown.text(found, 100_000).replace("\\", "")
+    campaign_table.show(found, Console(width=200))
+    assert capsys.readouterr().out.splitlines()[-1] == f"5 logs: {said}"
+    assert Summary.model_validate_json("".join(to_json(found))).warnings == found.warnings
+    assert campaign_markdown.text(summary("n", [row(1, 22.0, warnings=["x"])]), 100_000).startswith("## ⚠ n: 1 logs")
+
+
+def test_a_log_that_is_done_with_warnings_does_not_look_like_one_without() -> None:
+    states = [entry.state for entry in campaign_page._entries(summary("n", [row(1, 22.0), row(2, 22.0, warnings=["gyro-units"])]))]
+    assert states == ["done", "done, with warnings"]
+    text = "".join(campaign_page.page(summary("n", [row(1, 22.0, warnings=["gyro-units"])])))
+    assert '<span class="sign" aria-hidden="true">⚠</span> done, with warnings' in text
+    assert "<option>done, with warnings</option>" in text
+
+
+def test_logs_that_their_vehicle_file_contradicts_are_counted_apart() -> None:
+    fine = row(1, 22.0, warnings=[]).outcome
+    assert fine is not None
+    body = fine.bodies[0]
+    value = body.estimates["ixx"].model_copy(update={"verdict": "contradicted"})
+    body = body.model_copy(update={"estimates": body.estimates | {"ixx": value}})
+    one = fine.model_copy(update={"bodies": [body], "warnings": ["jet-sign"]})
+    assert (contradicted(one), state(one)) == (True, "done, contradicted")
+    assert (contradicted(fine), state(fine), contradicted(None), state(None)) == (False, "done", False, "not tried")
+    found = summary("night", [row(1, 22.0), failed(2)]).model_copy(update={"contradicted": 1, "warned": 1, "warnings": {"jet-sign": 1}})
+    assert campaign_page.counts(found) == "1 unusable, 1 done; 1 contradicted by the vehicle file; 1 with warnings (jet-sign 1)"
 
 
 def test_logs_that_contradict_each_other_are_said_to_wherever_their_mean_is_shown() -> None:

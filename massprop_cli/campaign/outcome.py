@@ -72,6 +72,21 @@ class Outcome(Item):
     files: list[str] = Field([], description="of the result folder, outcome.json aside")
 
 
+STATES = {1: "internal error", 3: "unusable", 4: "not converged", 5: "not as expected", None: "not tried", 0: "done"}
+"""What an exit code means, in words, from the worst on."""
+
+
+def contradicted(found: Outcome | None) -> bool:
+    """Whether the log and its vehicle file contradict each other in any quantity."""
+    return found is not None and any(str(item.verdict) == "contradicted" for body in found.bodies for item in body.estimates.values())
+
+
+def state(found: Outcome | None) -> str:
+    """What became of a log, in words: what its exit code means, and what was said against its values."""
+    doubt = "contradicted" if contradicted(found) else "with warnings" if found is not None and found.warnings else ""
+    return STATES[found.exit_code if found else None] + f", {doubt}" * bool(doubt)
+
+
 def to_json(found: Outcome) -> bytes:
     """Canonical text: same outcome, same bytes."""
     data = found.model_dump(by_alias=True, mode="json")

@@ -6,6 +6,7 @@ Rows are held packed and written one by one, so that a campaign takes hardly mor
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, overload
@@ -16,7 +17,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, Vali
 from massprop_cli import QUANTITIES, UNITS, __version__, exits
 from massprop_cli.arrays import Array
 from massprop_cli.campaign import location, pool
-from massprop_cli.campaign.outcome import Item, Outcome, Value, packed, unpacked
+from massprop_cli.campaign.outcome import Item, Outcome, Value, contradicted, packed, unpacked
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
 
@@ -137,6 +138,9 @@ class Summary(Item):
     name: str
     exit_code: int = Field(description="the worst of the logs' codes: 1, then 3, then 4, then 5; 5 if beyond the baseline")
     exit_codes: dict[str, int] = Field(description="how many logs have which; none: not tried")
+    contradicted: int = Field(0, description="how many logs and their vehicle files contradict each other")
+    warned: int = Field(0, description="how many logs have warnings")
+    warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
     logs: Annotated[Sequence[Row], WrapValidator(_held), WrapSerializer(_open)]
     pooled: list[Pool]
     baseline: Baseline | None = None
@@ -145,7 +149,14 @@ class Summary(Item):
 def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) -> Summary:
     """Count, pool, and decide the campaign's exit code."""
     logs = rows if isinstance(rows, Rows) else Rows(rows)
-    codes = [None if row.outcome is None else row.outcome.exit_code for row in logs]
+    codes: list[int | None] = []
+    against, warned, warnings = 0, 0, Counter[str]()
+    for found in (row.outcome for row in logs):
+        codes.append(None if found is None else found.exit_code)
+        against += contradicted(found)
+        said = set(found.warnings) if found is not None else set()
+        warned += bool(said)
+        warnings.update(said)
     worst = next((code for code in exits.GRAVITY if code in codes), 0)
     counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *exits.GRAVITY, None) if code in codes}
     return Summary(
@@ -154,6 +165,9 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
         name=name,
         exit_code=worst or (5 if baseline is not None and baseline.beyond else 0),
         exit_codes=counted,
+        contradicted=against,
+        warned=warned,
+        warnings=dict(sorted(warnings.items(), key=lambda one: (-one[1], one[0]))),
         logs=logs,
         pooled=pooled(logs),
         baseline=baseline,

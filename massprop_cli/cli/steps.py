@@ -63,7 +63,10 @@ class _Lines:
             self.say(step)
 
     def say(self, step: Step) -> None:
+        from massprop_cli.campaign.outcome import state
+
         job, found = self._jobs[step.index], step.outcome
-        what = f"exit {found.exit_code}: {found.message}" if found.exit_code else "done"
+        doubts = f" ({', '.join(dict.fromkeys(found.warnings))})" if found.warnings else ""
+        what = f"exit {found.exit_code}: {found.message}" if found.exit_code else f"{state(found)}{doubts}"
         kept = ", unchanged" if step.kept else ""
         typer.echo(f"massprop: [{step.index + 1}/{len(self._jobs)}] {job.name}{kept}: {what}", err=True)

@@ -13,15 +13,15 @@ from importlib import resources
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.campaign.outcome import Body, Outcome, Value
+from massprop_cli.campaign.outcome import STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
 from massprop_cli.report import html, view, words
 
-STATES = {0: "done", 1: "internal error", 3: "unusable", 4: "not converged", 5: "not as expected", None: "not tried"}
-"""What an exit code means, in words."""
 _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
 _MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
+_CONTRADICTED, _WARNED = ("✕", "not_excited"), ("⚠", "not_converged")
+"""Sign and mark of a log that is done and yet in doubt."""
 _UNLIKELY = 1e-3
 """A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""
 
@@ -100,13 +100,13 @@ def page(found: Summary) -> Iterator[str]:
 
 
 def counts(found: Summary) -> str:
-    """How many logs came to what, in words."""
-    said = [
-        f"{found.exit_codes[key]} {STATES[code]}"
-        for code, key in ((c, "none" if c is None else str(c)) for c in STATES)
-        if key in found.exit_codes
-    ]
-    return ", ".join(said)
+    """How many logs came to what, in words, the worst first; then how many of them all are in doubt."""
+    keys = ((code, "none" if code is None else str(code)) for code in STATES)
+    said = [", ".join(f"{found.exit_codes[key]} {STATES[code]}" for code, key in keys if key in found.exit_codes)]
+    said += [f"{found.contradicted} contradicted by the vehicle file"] if found.contradicted else []
+    codes = ", ".join(f"{code} {count}" for code, count in found.warnings.items())
+    said += [f"{found.warned} with warnings ({codes})"] if found.warned else []
+    return "; ".join(said)
 
 
 def _entries(found: Summary) -> Iterator[Entry]:
@@ -116,6 +116,9 @@ def _entries(found: Summary) -> Iterator[Entry]:
 def _entry(number: int, row: Row) -> Entry:
     found = row.outcome
     code = found.exit_code if found else None
+    sign, mark = _SIGNS[code], _MARKS.get(code, "unobservable")
+    if found is not None and code == 0 and (found.warnings or contradicted(found)):
+        sign, mark = _CONTRADICTED if contradicted(found) else _WARNED
     bodies = found.bodies if found else []
     items = [item for body in bodies for item in body.estimates.values()]
     return Entry(
@@ -125,9 +128,9 @@ def _entry(number: int, row: Row) -> Entry:
         log=row.log,
         tags=", ".join(row.tags),
         vehicle=found.vehicle.name if found and found.vehicle else "",
-        state=STATES[code],
-        sign=_SIGNS[code],
-        mark=_MARKS.get(code, "unobservable"),
+        state=state(found),
+        sign=sign,
+        mark=mark,
         message=found.message if found else "",
         parts=tuple(title(body) for body in bodies),
         cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES),
