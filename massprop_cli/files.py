@@ -7,6 +7,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from massprop_cli.errors import InputError
+
 
 def text(path: Path, content: str) -> None:
     """Write UTF-8 text whole."""
@@ -24,6 +26,14 @@ def whole(path: Path, save: Callable[[Path], object]) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_name(log: str, shown: str | None = None) -> None:
+    """:class:`InputError` where a log's path could not be written into a result."""
+    try:
+        log.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{shown or log}: the file's name is not UTF-8; rename it") from None
 
 
 def _save(path: Path, content: str) -> None:

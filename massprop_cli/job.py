@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import analysis, exits, judge, telemetry
+from massprop_cli import analysis, exits, files, judge, telemetry
 from massprop_cli.analysis import Analysis, Progress
 from massprop_cli.expect import Expectations
 from massprop_cli.report import result
@@ -63,6 +63,7 @@ def of_file(
     progress: Progress | None = None,
 ) -> Judged:
     """A log read from its file, with the vehicle that is named or belongs to it; :class:`InputError` where either can't be used."""
+    files.check_name(str(log))
     # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
     with np.errstate(all="ignore"):
         return _judged(analysis.analyse(log, vehicle, assignments, progress), demands or Demands())

@@ -243,6 +243,12 @@ def test_a_folder_instead_of_a_log_is_refused(name: str, tmp_path: Path) -> None
     refused(tmp_path, log, names=[log, "is a folder", "name the log file itself"])
 
 
+def test_a_log_whose_name_no_result_could_hold_is_refused(tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(flight(), tmp_path / "log.parquet").rename(tmp_path / os.fsdecode(b"l\xff.parquet"))
+    refused(tmp_path, log, names=["the file's name is not UTF-8; rename it"])
+
+
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_an_empty_file_is_refused(suffix: str, tmp_path: Path) -> None:
     save_vehicle(tmp_path)

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from massprop_cli import __version__, exits
+from massprop_cli import __version__, exits, files
 from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
@@ -103,10 +103,7 @@ def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
         return place in sent if sent is not None and job.log in sent else location.exists(place)
 
     settings = job.settings
-    try:
-        job.log.encode()
-    except UnicodeEncodeError:
-        raise InputError(f"{job.shown}: the file's name is not UTF-8; rename it") from None
+    files.check_name(job.log, job.shown)
     log = read(job.log, "log")
     places = [settings.vehicle] if settings.vehicle is not None else [place for place in _beside(job.log) if exists(place)]
     vehicle = next(((place, read(place, "vehicle file")) for place in places), None)
