@@ -1,29 +1,91 @@
-"""Result folders: every file is written under a temporary name and moved into place whole."""
+"""Result folders: every file is written under a temporary name and moved into place whole.
+
+run.json names the log whose result a folder holds, so that no other log's takes its place unless it is told to.
+"""
 
 from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from massprop_cli import files
+from massprop_cli import files, foldername
 from massprop_cli.analysis import Analysis
 from massprop_cli.errors import InputError
 from massprop_cli.report import result
 
+BASE = Path("massprop-out")
+RUN = "run.json"
+_RESERVED = ("results",)
+"""Names in the base folder that a campaign uses."""
 
-def write(folder: Path, analysis: Analysis, result_json: str) -> None:
-    """Write history.parquet, run.json and, last, result.json."""
-    run = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node(), "log": str(analysis.log.path.resolve())}
-    run |= {"vehicle": analysis.source.source}
+
+def write(out: Path | None, analysis: Analysis, result_json: str) -> Path:
+    """Write run.json, history.parquet and, last, result.json; the folder they are in, a default one where ``out`` names none."""
+    log = analysis.log.path
     try:
+        folder = _claimed(log) if out is None else out
         folder.mkdir(parents=True, exist_ok=True)
-        for name in ("history.parquet", "run.json", "result.json"):
+        for name in ("history.parquet", RUN, "result.json"):
             if (folder / name).is_dir():
                 raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+        files.text(folder / RUN, _run(log, analysis.source.source))
         files.whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
-        files.text(folder / "run.json", json.dumps(run, indent=1, ensure_ascii=False) + "\n")
         files.text(folder / "result.json", result_json)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+        raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+    return folder
+
+
+def plain(log: Path) -> Path:
+    """The default folder of a log where no other log has taken it."""
+    return BASE / foldername.safe(log.stem)
+
+
+def run(folder: Path) -> Mapping[str, Any]:
+    """What run.json says; nothing where it is missing or not massprop's."""
+    try:
+        said = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _claimed(log: Path) -> Path:
+    """The log's default folder, made if it isn't there: never one that holds anything else than this log's result.
+
+    The one that has its result already; else the first that is not there of massprop-out/STEM, FOLDER-STEM, and that with a digest of the
+    log's path.
+    """
+    own = [folder for folder in _candidates(log) if run(folder).get("log") == _identity(log)]
+    if own:
+        return own[0]
+    for folder in _candidates(log):
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        # named at once, so that a process that comes next finds whose it is
+        files.text(folder / RUN, _run(log, ""))
+        return folder
+    raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder with --out")
+
+
+def _candidates(log: Path) -> Iterator[Path]:
+    whole = _identity(log)
+    both = f"{Path(whole).parent.name}-{log.stem}"
+    names = (log.stem, both, *(f"{foldername.safe(both)}-{foldername.digest(whole, length)}" for length in (8, 64)))
+    yield from (BASE / name for name in map(foldername.safe, names) if foldername.same(name) not in _RESERVED)
+
+
+def _identity(log: Path) -> str:
+    """Its absolute path. A link counts as a log of its own, since it may have another vehicle file beside it."""
+    return str(log.parent.resolve() / log.name).encode("utf-8", "backslashreplace").decode()
+
+
+def _run(log: Path, vehicle: str) -> str:
+    said = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node(), "log": _identity(log), "vehicle": vehicle}
+    return json.dumps(said, indent=1, ensure_ascii=False) + "\n"

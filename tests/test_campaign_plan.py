@@ -69,6 +69,15 @@ def test_names_are_short_safe_and_tell_logs_apart(logs: list[tuple[str, int]], c
     assert got == called
 
 
+def test_names_of_any_script_fit_a_file_system_and_differ_there() -> None:
+    ring, angstrom = "\u00c5", "\u212b"  # one and the same to some file systems
+    logs = [found(f"a/{ring}.csv", 1), found(f"b/{angstrom}.csv", 1), found(f"{'山' * 80}/{'川' * 80}.csv", 2)]
+    called = names(logs)
+    assert called[0].startswith("a-")
+    assert called[1].startswith("b-")
+    assert len(called[2].encode()) < 140
+
+
 def test_names_of_many_equal_logs_still_differ() -> None:
     logs = [found("r/a-b/c.csv", 2), found("r/a/b-c.csv", 2), found("r/" + "x" * 300 + ".csv", 1), found("r/" + "x" * 299 + "y.csv", 1)]
     got = names(logs)

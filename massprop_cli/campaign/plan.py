@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-_UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
-"""What a folder's name should not hold, or not begin or end with."""
-_LONGEST = 120
-"""Characters of a name; longer ones end with a digest."""
+from massprop_cli import foldername
 
 
 @dataclass(frozen=True)
@@ -83,10 +78,10 @@ def names(logs: Sequence[Found]) -> list[str]:
             return found
         depth = [min(deep + (n in same), len(log.parts)) for n, (log, deep) in enumerate(zip(logs, depth, strict=True))]
         found = [_name(log, deep) for log, deep in zip(logs, depth, strict=True)]
-    for more in (lambda log: log.parts[-1].rpartition(".")[2].lower(), lambda log: _digest("/".join(log.parts))):
+    for more in (lambda log: log.parts[-1].rpartition(".")[2].lower(), lambda log: foldername.digest("/".join(log.parts))):
         same = _shared(found)
         found = [
-            f"{name}-{_UNSAFE.sub('_', more(log))}" if n in same else name for n, (name, log) in enumerate(zip(found, logs, strict=True))
+            f"{name}-{foldername.safe(more(log))}" if n in same else name for n, (name, log) in enumerate(zip(found, logs, strict=True))
         ]
     return found
 
@@ -98,8 +93,8 @@ def _text(path: str) -> str:
 
 def _shared(found: Sequence[str]) -> set[int]:
     """Which have a name that another has too."""
-    counts = Counter(name.casefold() for name in found)
-    return {n for n, name in enumerate(found) if counts[name.casefold()] > 1}
+    counts = Counter(map(foldername.same, found))
+    return {n for n, name in enumerate(found) if counts[foldername.same(name)] > 1}
 
 
 def _name(log: Found, deep: int) -> str:
@@ -108,9 +103,4 @@ def _name(log: Found, deep: int) -> str:
     above = log.parts[:-1]
     if stem.lower() == "log" and above:
         folders, stem = (folders[:-1], folders[-1]) if folders else ([], above[-1])
-    whole = _UNSAFE.sub("_", "-".join(part for part in (*folders, stem) if part.strip("/"))) or "log"
-    return whole if len(whole) <= _LONGEST else f"{whole[:_LONGEST]}-{_digest(whole)}"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return foldername.safe("-".join(part for part in (*folders, stem) if part.strip("/")))

@@ -86,12 +86,16 @@ def batch(
     if cluster is not None and said is not None and said.name == "COMMANDLINE":
         raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
     required = requirements.quantities(require)
-    folder_of_its_own(Path(out))
+    from massprop_cli.campaign import urlplace
+    from massprop_cli.campaign.place import LocalPlace
+
+    folder = urlplace.at(out)
+    folder_of_its_own(folder.folder if isinstance(folder, LocalPlace) else None)
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
     from massprop_cli import gate
     from massprop_cli.campaign import baseline as baselines
-    from massprop_cli.campaign import discover, flow, location, summary, urlplace
+    from massprop_cli.campaign import discover, flow, location, summary
     from massprop_cli.campaign import junit as suites
     from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
@@ -112,7 +116,6 @@ def batch(
     if earlier is not None:
         allowed.check(baselines.phases(earlier))
     against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
-    folder = urlplace.at(out)
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with folder.lock():
         try:

@@ -20,7 +20,12 @@ def estimate(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Result folder (default: massprop-out/LOGSTEM).", envvar="MASSPROP_OUT", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM where that is taken).",
+            envvar="MASSPROP_OUT",
+            show_default=False,
+        ),
     ] = None,
     method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
@@ -55,7 +60,9 @@ def estimate(
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told)
     text = result.to_json(judged.result)
-    store.write(out or Path("massprop-out") / log.stem, judged.analysis, text)
+    folder = store.write(out, judged.analysis, text)
+    if out is None and folder != store.plain(log) and not quiet:
+        typer.echo(f"massprop: {store.plain(log)} is taken; the result is in {folder}", err=True)
     warn(judged.analysis.notices, quiet)
     if as_json:
         sys.stdout.write(text)

@@ -44,6 +44,9 @@ def fail(message: str, code: int) -> NoReturn:
 
 
 def folder_of_its_own(out: Path | None) -> None:
-    """Refuse an ``--out`` that names no folder, or the one we are in."""
-    if out is not None and not str(out).strip(". "):
-        raise UsageError(f"--out {str(out)!r}: name a folder of its own")
+    """Refuse an ``--out`` that names no folder, or the one we are in or one above it, however it is spelt."""
+    if out is None:
+        return
+    here = Path.cwd()
+    if not str(out).strip(". ") or Path(os.path.realpath(out)) in (here, *here.parents):
+        raise UsageError(f"--out {str(out)!r}: is the current folder, or one above it; name a folder of its own")

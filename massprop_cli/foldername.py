@@ -1,0 +1,30 @@
+"""Names of result folders, made from names of logs: one part of a path, whatever the log is called."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+
+_UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
+"""What a folder's name should not hold, or not begin or end with."""
+_LONGEST = 120
+"""Bytes of a name; longer ones end with a digest."""
+
+
+def safe(text: str) -> str:
+    """The text as a folder's name: what a file system may refuse, or take for another folder, becomes "_"."""
+    whole = _UNSAFE.sub("_", text) or "log"
+    if len(whole.encode()) <= _LONGEST:
+        return whole
+    return f"{whole.encode()[:_LONGEST].decode(errors='ignore')}-{digest(whole)}"
+
+
+def same(name: str) -> str:
+    """Equal for names that some file system takes for one: upper and lower case, accents spelt in two ways."""
+    return unicodedata.normalize("NFKC", name.casefold())
+
+
+def digest(text: str, length: int = 8) -> str:
+    """Tells texts apart that make the same name."""
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:length]
