@@ -5,26 +5,36 @@ run.json names the log whose result a folder holds, so that no other log's takes
 
 from __future__ import annotations
 
-import json
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from massprop_cli import files, foldername
+from massprop_cli import files, foldername, rendered
 from massprop_cli.analysis import Analysis
 from massprop_cli.errors import InputError
+from massprop_cli.rendered import RUN, Cleared
 from massprop_cli.report import result
 
 BASE = Path("massprop-out")
-RUN = "run.json"
 _RESERVED = ("results",)
 """Names in the base folder that a campaign uses."""
 
 
-def write(out: Path | None, analysis: Analysis, result_json: str) -> Path:
-    """Write run.json, history.parquet and, last, result.json; the folder they are in, a default one where ``out`` names none."""
+@dataclass(frozen=True)
+class Stored:
+    """Where a result is, and what became of the pages that told of an earlier one there."""
+
+    folder: Path
+    pages: Cleared
+
+
+def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
+    """Write run.json, history.parquet and, last, result.json, into a default folder where ``out`` names none.
+
+    Pages that massprop rendered from another result in that folder are removed first.
+    """
     log = analysis.log.path
     try:
         folder = _claimed(log) if out is None else out
@@ -32,26 +42,20 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Path:
         for name in ("history.parquet", RUN, "result.json"):
             if (folder / name).is_dir():
                 raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-        files.text(folder / RUN, _run(log, analysis.source.source))
+        file = folder / "result.json"
+        unchanged = file.exists() and file.read_bytes() == result_json.encode()
+        pages = Cleared() if unchanged else rendered.clear(folder)
+        rendered.write_run(folder, _run(log, analysis.source.source), rendered.listed(folder) if unchanged else {})
         files.whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
-        files.text(folder / "result.json", result_json)
+        files.text(file, result_json)
     except OSError as error:
         raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
-    return folder
+    return Stored(folder, pages)
 
 
 def plain(log: Path) -> Path:
     """The default folder of a log where no other log has taken it."""
     return BASE / foldername.safe(log.stem)
-
-
-def run(folder: Path) -> Mapping[str, Any]:
-    """What run.json says; nothing where it is missing or not massprop's."""
-    try:
-        said = json.loads((folder / RUN).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return said if isinstance(said, dict) else {}
 
 
 def _claimed(log: Path) -> Path:
@@ -60,7 +64,7 @@ def _claimed(log: Path) -> Path:
     The one that has its result already; else the first that is not there of massprop-out/STEM, FOLDER-STEM, and that with a digest of the
     log's path.
     """
-    own = [folder for folder in _candidates(log) if run(folder).get("log") == _identity(log)]
+    own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
     if own:
         return own[0]
     for folder in _candidates(log):
@@ -69,7 +73,7 @@ def _claimed(log: Path) -> Path:
         except FileExistsError:
             continue
         # named at once, so that a process that comes next finds whose it is
-        files.text(folder / RUN, _run(log, ""))
+        rendered.write_run(folder, _run(log, ""), {})
         return folder
     raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder with --out")
 
@@ -86,6 +90,6 @@ def _identity(log: Path) -> str:
     return str(log.parent.resolve() / log.name).encode("utf-8", "backslashreplace").decode()
 
 
-def _run(log: Path, vehicle: str) -> str:
-    said = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node(), "log": _identity(log), "vehicle": vehicle}
-    return json.dumps(said, indent=1, ensure_ascii=False) + "\n"
+def _run(log: Path, vehicle: str) -> dict[str, str]:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"time": now, "host": platform.node(), "log": _identity(log), "vehicle": vehicle}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -41,7 +42,7 @@ def of(found: Analysis, path: str) -> Analysis:
 
 def stored(found: Analysis, path: str) -> Path:
     one = of(found, path)
-    folder = store.write(None, one, result.to_json(result.result(one)))
+    folder = store.write(None, one, result.to_json(result.result(one))).folder
     assert (folder / "result.json").exists()
     return folder
 
@@ -150,3 +151,60 @@ def test_estimate_says_where_a_result_went_if_not_where_one_would_look(tmp_path:
     done = massprop(tmp_path, "estimate", "flights/seed-0002/log.parquet", "--json")
     assert done.stderr == "massprop: massprop-out/log is taken; the result is in massprop-out/seed-0002-log\n"
     assert done.stdout == (tmp_path / "massprop-out" / "seed-0002-log" / "result.json").read_text()
+
+
+def digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def test_pages_of_an_earlier_result_go_with_it_and_what_massprop_did_not_write_stays(tmp_path: Path) -> None:
+    log = simulate(tmp_path / "flights", 1) / "seed-0001" / "log.parquet"
+    out = tmp_path / "out"
+    massprop(tmp_path, "estimate", log, "--out", out, "-q")
+    first = digest(out / "result.json")
+    (out / "mass.svg").write_text("mine")
+    (out / "notes.md").write_text("mine")
+    done = massprop(tmp_path, "report", out, "--format", "html,md,csv,svg", "--figure", "cg")
+    assert done.returncode == 0, done.stderr
+    assert f"Made from result.json, SHA-256 <code>{first}</code>.</footer>" in (out / "report.html").read_text()
+    assert (out / "report.md").read_text().endswith(f"\nMade from result.json, SHA-256 `{first}`.\n")
+    (out / "report.csv").write_text("changed")
+    before = contents(out)
+
+    again = massprop(tmp_path, "estimate", log, "--out", out)
+    assert (again.returncode, again.stderr) == (0, ""), "the same result keeps its pages"
+    assert {name for name, content in contents(out).items() if before[name] != content} <= {"run.json"}
+
+    other = massprop(tmp_path, "estimate", log, "--out", out, "--set", "convergence.count=50")
+    assert other.returncode == 0
+    assert digest(out / "result.json") != first
+    assert other.stderr.splitlines() == [
+        f"massprop: removed cg.svg, report.html, report.md of the earlier result; make them again with massprop report {out}",
+        f"massprop: warning: report.csv in {out} may tell of another result than result.json beside it",
+    ]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "history.parquet", "mass.svg", "notes.md", "report.csv", "result.json", "run.json",
+    ]  # fmt: skip
+    assert ((out / "mass.svg").read_text(), (out / "report.csv").read_text()) == ("mine", "changed")
+
+
+@pytest.mark.parametrize("listed", [{"../mine.txt": "{digest}"}, {"mine.txt": 3}, ["mine.txt"], "mine.txt", {"mine.txt": "0" * 64}])
+def test_a_run_file_that_was_tampered_with_removes_nothing(listed: object, found: Analysis, here: Path) -> None:
+    (here / "mine.txt").write_text("mine")
+    (here / "out").mkdir()
+    (here / "out" / "mine.txt").write_text("mine")
+    said = json.dumps({"log": "x", "rendered": listed}).replace("{digest}", digest(here / "mine.txt"))
+    (here / "out" / "run.json").write_text(said)
+    stored = store.write(Path("out"), found, result.to_json(result.result(found)))
+    assert stored.pages.removed == ()
+    assert (here / "mine.txt").read_text() == (here / "out" / "mine.txt").read_text() == "mine"
+
+
+def test_a_page_that_goes_elsewhere_is_no_business_of_the_result(tmp_path: Path) -> None:
+    log = simulate(tmp_path / "flights", 1) / "seed-0001" / "log.parquet"
+    massprop(tmp_path, "estimate", log, "-q")
+    run = (tmp_path / "massprop-out" / "log" / "run.json").read_bytes()
+    massprop(tmp_path, "report", "massprop-out/log", "--format", "md", "--out", "review", "-q")
+    assert (tmp_path / "massprop-out" / "log" / "run.json").read_bytes() == run
+    massprop(tmp_path, "estimate", log, "-q", "--set", "convergence.count=50")
+    assert (tmp_path / "review" / "report.md").exists()

@@ -189,14 +189,15 @@ def _history(found: Analysis) -> bytes:
 
 
 def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
-    from massprop_cli.report import html, read
+    from massprop_cli.report import html, read, stamp
 
     with tempfile.TemporaryDirectory() as aside:
         folder = Path(aside) / job.name
         folder.mkdir()
         for name, content in files.items():
             (folder / name).write_bytes(content)
-        return html.page([read.read(folder)]).encode()
+        recorded = [read.read(folder)]
+        return stamp.page(html.page(recorded), recorded).encode()
 
 
 def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:

@@ -11,7 +11,7 @@ import typer
 from massprop_cli import require as requirements
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import progress, show, warn
+from massprop_cli.cli.terminal import progress, show, told_of, warn
 
 
 @guarded
@@ -60,9 +60,8 @@ def estimate(
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told)
     text = result.to_json(judged.result)
-    folder = store.write(out, judged.analysis, text)
-    if out is None and folder != store.plain(log) and not quiet:
-        typer.echo(f"massprop: {store.plain(log)} is taken; the result is in {folder}", err=True)
+    stored = store.write(out, judged.analysis, text)
+    told_of(stored, None if out is not None else store.plain(log), quiet)
     warn(judged.analysis.notices, quiet)
     if as_json:
         sys.stdout.write(text)

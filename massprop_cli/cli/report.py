@@ -12,13 +12,12 @@ import typer
 from massprop_cli import exits
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.errors import InputError, UsageError
+from massprop_cli.rendered import TEXTS
 
 if TYPE_CHECKING:
     from massprop_cli.expect import Expectations
     from massprop_cli.report.read import Recorded
 
-TEXTS = {"html": "report.html", "md": "report.md", "csv": "report.csv", "junit": "report.junit.xml"}
-"""Formats of text and the files that they are written to."""
 FIGURES: tuple[Literal["svg", "png"], ...] = ("svg", "png")
 """Formats of figures."""
 NAMED = 50
@@ -62,7 +61,8 @@ def report(
     recorded = [_held(read.read(path), wanted) for path in once.values()]
     files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
-    for path in _write(folder, files):
+    own = len(recorded) == 1 and folder.resolve() == recorded[0].path.parent.resolve()
+    for path in _write(folder, files, own):
         if not quiet:
             typer.echo(str(path))
     names = labels(recorded)
@@ -104,13 +104,13 @@ def _texts(recorded: Sequence[Recorded], formats: Sequence[str]) -> dict[str, by
 
 def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:
     if name == "html":
-        from massprop_cli.report import html
+        from massprop_cli.report import html, stamp
 
-        return lambda recorded: html.page(list(recorded))
+        return lambda recorded: stamp.page(html.page(recorded), recorded)
     if name == "md":
-        from massprop_cli.report import markdown
+        from massprop_cli.report import markdown, stamp
 
-        return markdown.text
+        return lambda recorded: stamp.markdown(markdown.text(recorded), recorded)
     if name == "csv":
         from massprop_cli.report import rows
 
@@ -138,9 +138,9 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
     }
 
 
-def _write(folder: Path, contents: dict[str, bytes]) -> list[Path]:
-    """Every file whole; none where one of them can't be."""
-    from massprop_cli import files
+def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
+    """Every file whole; none where one of them can't be. ``own``: the folder is that of the result itself, which notes what it holds."""
+    from massprop_cli import files, rendered
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -149,6 +149,8 @@ def _write(folder: Path, contents: dict[str, bytes]) -> list[Path]:
                 raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
         for name, content in contents.items():
             files.whole(folder / name, partial(_save, content))
+        if own:
+            rendered.record(folder, contents)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
     return [folder / name for name in contents]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from massprop_cli.report.result import Result
+    from massprop_cli.store import Stored
     from massprop_cli.telemetry import Notice
 
 
@@ -48,3 +50,15 @@ def warn(notices: Iterable[Notice], quiet: bool) -> None:
     """Warnings on stderr, one a line."""
     for notice in [] if quiet else notices:
         typer.echo(f"massprop: warning: {notice.message} [{notice.code}]", err=True)
+
+
+def told_of(stored: Stored, expected: Path | None, quiet: bool) -> None:
+    """On stderr, where a result went if not where it was ``expected``, and what became of an earlier result's pages."""
+    said = [f"{expected} is taken; the result is in {stored.folder}"] if expected not in (None, stored.folder) else []
+    pages = stored.pages
+    if pages.removed:
+        said.append(f"removed {', '.join(pages.removed)} of the earlier result; make them again with massprop report {stored.folder}")
+    if pages.left:
+        said.append(f"warning: {', '.join(pages.left)} in {stored.folder} may tell of another result than result.json beside it")
+    for line in [] if quiet else said:
+        typer.echo(f"massprop: {line}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ class Recorded:
     result: Result
     history: dict[str, dict[str, Array]]
     """Phase name to column name to values (K,), NaN where nothing can be said; empty where no history.parquet lies beside result.json."""
+    sha256: str = ""
+    """Of result.json."""
 
     @property
     def name(self) -> str:
@@ -56,7 +59,7 @@ def read(path: Path) -> Recorded:
             raise InputError(
                 f"{file}: estimates hold {', '.join(part.estimates) or 'nothing'}, not the ten quantities in their order; make it again"
             )
-    return Recorded(file, result, _history(file.with_name("history.parquet"), result))
+    return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
 
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
