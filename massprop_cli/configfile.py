@@ -40,7 +40,8 @@ def read_text(path: Path, what: str) -> str:
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}; check the path") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 TOML") from None
+        kind = "JSON" if what.endswith(".json") else "TOML"
+        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 {kind}") from None
     except (OSError, ValueError) as error:
         shown = str(path) if len(str(path)) <= 200 else f"{str(path)[:200]}..."
         raise InputError(f"{shown!r}: cannot be read: {getattr(error, 'strerror', None) or error}") from None

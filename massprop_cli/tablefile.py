@@ -48,7 +48,7 @@ class Table:
 def read_table(path: Path) -> Table:
     """Read a CSV or Parquet file whole. :class:`InputError` for anything that is not a readable, non-empty table."""
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; name the log file itself")
+        raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
     try:
         data = path.read_bytes()
     except FileNotFoundError:

@@ -240,7 +240,7 @@ def test_a_folder_instead_of_a_log_is_refused(name: str, tmp_path: Path) -> None
     save_vehicle(tmp_path)
     log = tmp_path / name
     log.mkdir()
-    refused(tmp_path, log, names=[log, "is a folder", "name the log file itself"])
+    refused(tmp_path, log, names=[log, "is a folder", "name the log file itself", f"massprop batch {log}"])
 
 
 def test_a_log_whose_name_no_result_could_hold_is_refused(tmp_path: Path) -> None:

@@ -110,6 +110,9 @@ REFUSED = {
     "an out below a file": (("run", "--format", "md", "--out", "file/x"), 3, ("file/x", "cannot be written", "--out")),
     "a report that is a folder": (("taken", "--format", "csv,md"), 3, ("report.md", "is a folder", "nothing was written")),
     "a result that is not there": (("run", "nowhere", "--format", "md"), 3, ("nowhere", "no such result.json")),
+    "a folder of results": ((".", "--format", "md"), 3, (".: holds no result.json", "such as other")),
+    "a log": (("log.parquet", "--format", "md"), 3, ("log.parquet: is a table, not a result", "massprop estimate log.parquet")),
+    "a result that is no text": (("binary.json", "--format", "md"), 3, ("not a text file", "a result.json is UTF-8 JSON")),
     "a folder without a result": (("empty", "--format", "md"), 3, ("empty", "holds no result.json")),
     "a result of another version": (("other", "--format", "md"), 3, ("massprop/result/9", "massprop/result/1")),
     "an expect file that is not there": (("run", "--format", "md", "--expect", "no.toml"), 3, ("no.toml", "no such expect file")),
@@ -128,6 +131,8 @@ def test_report_refuses_and_writes_nothing_with(arguments: tuple[str, ...], code
     (tmp_path / "taken" / "report.md").mkdir()
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
+    (tmp_path / "log.parquet").write_bytes(b"PAR1")
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe")
     (tmp_path / "other.toml").write_text('[[phases]]\nname = "cruise"\nmass = 1\n')
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "result.json").write_text('{"schema": "massprop/result/9"}')

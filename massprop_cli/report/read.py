@@ -15,6 +15,9 @@ from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 from massprop_cli.report.result import DockedObject, PhaseItem, Result
 
+LOGS = (".parquet", ".csv")
+"""Endings of tables, which are no results."""
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -38,7 +41,9 @@ def read(path: Path) -> Recorded:
     """Read a result folder or its result.json; :class:`InputError` names what is wrong with it."""
     file = path / "result.json" if path.is_dir() else path
     if path.is_dir() and not file.exists():
-        raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote")
+        raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote{_below(path)}")
+    if file.suffix.lower() in LOGS and file.exists():
+        raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
     text = configfile.read_text(file, "result.json")
     try:
         data = json.loads(text)
@@ -60,6 +65,12 @@ def read(path: Path) -> Recorded:
                 f"{file}: estimates hold {', '.join(part.estimates) or 'nothing'}, not the ten quantities in their order; make it again"
             )
     return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _below(folder: Path) -> str:
+    """Where in a folder of results the first of them is."""
+    found = sorted((*folder.glob("*/result.json"), *folder.glob("results/*/result.json")))
+    return f", such as {found[0].parent}" if found else ""
 
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
