@@ -119,7 +119,7 @@ def test_five_corrupt_logs_among_fifty_are_five_rows_with_their_errors(tmp_path:
     why = corrupt(chosen)
     done = batch(tmp_path, "logs", "--junit", "junit.xml")
     assert done.returncode == 3
-    assert done.stderr.splitlines()[-1] == "massprop: 5 of 50 logs failed (45 done, 5 unusable)"
+    assert done.stderr.splitlines()[-1] == "massprop: 5 of 50 logs failed (5 unusable, 45 done)"
     found = summary(tmp_path / "massprop-out")
     assert found["exit_codes"] == {"0": 45, "3": 5}
     bad = {row["log"].split("/")[0]: row["outcome"]["message"] for row in found["logs"] if row["outcome"]["exit_code"]}
