@@ -57,7 +57,6 @@ def result(phases: list[dict[str, Any]] | None = None, **changes: Any) -> Result
             "commands": "jets",
             "jets": ["roll_p1"],
             "thrust_scale_sigma": 0.0,
-            "known": {},
         },
         "log": {"path": "log.parquet", "rows": 1200, "cycles": 1200, "duration_s": 60.0, "cycle_s": 0.05},
         "delay": {"cycles": 2.0, "source": "vehicle", "detected_cycles": None, "sigma_cycles": None},

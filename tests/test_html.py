@@ -163,6 +163,21 @@ def test_the_matrix_is_printed_about_cg_and_o_in_both_conventions(flyer: Recorde
     assert "products are the tensor's own elements, ixy = −Σ m x y" in flyer_page.said()
 
 
+def test_values_without_a_usable_verdict_are_dimmed_and_have_two_figures_in_every_matrix(flyer: Recorded) -> None:
+    lost = changed(flyer, "ixy", {"verdict": "contradicted"})
+    text = html.page([lost])
+    page = Page(text)
+    assert page.table("Whole log")[2][1] == "0.040"
+    for caption in ("About the CG, tensor", "About O, tensor"):
+        assert page.table(caption)[1][2] == page.table(caption)[2][1]
+        assert len(page.table(caption)[1][2]) == len("0.040") < len(page.table(caption)[1][1])
+    assert text.count('<td class="rough">') == 2 * 4
+    moments = [row[1] for row in page.table("Principal moments and axes")[1:]]
+    assert moments == ["0.62", "2.5", "2.8"]
+    whole = Page(html.page([changed(flyer, "cg_x", {"verdict": "contradicted"})]))
+    assert len(whole.table("About O, tensor")[1][1]) == len("0.64") < len(whole.table("About the CG, tensor")[1][1])
+
+
 def test_principal_moments_and_axes_rebuild_the_inertia(flyer_page: Page) -> None:
     rows = flyer_page.table("Principal moments and axes")[1:]
     numbers = np.array([[float(cell.replace("−", "-").lstrip("± ")) for cell in row[1:6]] for row in rows])

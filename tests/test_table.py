@@ -9,7 +9,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.expect import Expectations, Wanted
 from massprop_cli.gate import Gate
 from massprop_cli.judge import judge
-from massprop_cli.report import difference_table, table, words
+from massprop_cli.report import difference_table, digits, table
 from massprop_cli.report.compare import compare
 from massprop_cli.report.result import Result
 from massprop_cli.tolerance import FOUR_SIGMA, Tolerance
@@ -51,9 +51,9 @@ def test_no_number_is_cut_short_however_narrow_the_terminal(width: int) -> None:
     found = compare(recorded.recorded(docked), recorded.recorded(docked), Gate())
     difference_table.show(found, Console(file=out, width=width, no_color=True, highlight=False))
     for name in QUANTITIES:
-        for number in words.numbers(recorded.VALUES[name], recorded.SIGMAS[name]):
+        for number in digits.numbers(recorded.VALUES[name], recorded.SIGMAS[name]):
             assert number in text
-        assert words.numbers(recorded.VALUES[name], recorded.SIGMAS[name])[0] in out.getvalue()
+        assert digits.numbers(recorded.VALUES[name], recorded.SIGMAS[name])[0] in out.getvalue()
 
 
 def test_names_with_markup_are_shown_as_they_are() -> None:
@@ -62,3 +62,17 @@ def test_names_with_markup_are_shown_as_they_are() -> None:
     text = printed(found)
     assert "phase [bold]x[/nope]" in text
     assert "[red]tug" in text
+
+
+def coloured(found: Result) -> str:
+    out = io.StringIO()
+    table.show(found, Console(file=out, width=132, force_terminal=True, color_system="standard", highlight=False))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("verdict", ["contradicted", "not_excited", "unobservable"])
+def test_a_value_without_a_usable_verdict_has_two_figures_and_is_dimmed(verdict: str) -> None:
+    found = recorded.result([recorded.phase("all", ixx={"value": -825.1234567, "sigma": 4.0, "verdict": verdict})])
+    assert cells(printed(found), "ixx")[1:3] == ["-830", "4.0"]
+    assert "\x1b[2m-830\x1b[0m" in coloured(found)
+    assert "\x1b[2m2.800" not in coloured(found)

@@ -58,6 +58,11 @@ def inertia(phase: PhaseItem) -> Array:
     return tensor(values(phase.estimates)[:6])
 
 
+def inertia_sigmas(phase: PhaseItem) -> Array:
+    """(3, 3) about the CG, kg m²; NaN where nothing can be said."""
+    return tensor(np.array([np.nan if item.sigma is None else item.sigma for item in phase.estimates.values()])[:6])
+
+
 def principal(phase: PhaseItem) -> Principal | None:
     """Eigenvalues and eigenvectors; the variance of λ = vᵀ I v to first order is gᵀ P g with g = ∂λ/∂(ixx … izz)."""
     matrix = inertia(phase)

@@ -16,7 +16,8 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.campaign.outcome import STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
-from massprop_cli.report import html, view, words
+from massprop_cli.judge import INFORMED
+from massprop_cli.report import digits, html, view, words
 
 _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
 _MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
@@ -37,6 +38,8 @@ class Cell:
     key: str
     """The value in full, to sort by; empty where there is none."""
     missed: bool
+    rough: bool
+    """Whether its verdict makes the value no use."""
 
 
 @dataclass(frozen=True)
@@ -152,9 +155,9 @@ def title(body: Body | Pool) -> str:
 
 
 def _cell(item: Value) -> Cell:
-    value, sigma = (view.minus(text) for text in words.numbers(item.value, item.sigma))
+    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     key = "" if item.value is None else repr(item.value)
-    return Cell(item.verdict, words.SIGNS[item.verdict], value, sigma, key, item.met is False)
+    return Cell(item.verdict, words.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
 
 
 def _pool(found: Pool) -> tuple[Pool, list[dict[str, str]]]:
@@ -162,7 +165,7 @@ def _pool(found: Pool) -> tuple[Pool, list[dict[str, str]]]:
 
 
 def _pooled(name: str, item: Pooled) -> dict[str, str]:
-    value, sigma = (view.minus(text) for text in words.numbers(item.value, item.sigma))
+    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma))
     unlikely = item.p_value is not None and item.p_value < _UNLIKELY
     tilted = item.trend_per_log is not None and item.trend_sigma is not None and abs(item.trend_per_log) > 3.3 * item.trend_sigma
     return {
@@ -184,7 +187,7 @@ def _pooled(name: str, item: Pooled) -> dict[str, str]:
 def _slope(item: Pooled) -> str:
     if item.trend_per_log is None or item.trend_sigma is None:
         return "–"
-    value, sigma = (view.minus(text) for text in words.numbers(item.trend_per_log, item.trend_sigma))
+    value, sigma = (view.minus(text) for text in digits.numbers(item.trend_per_log, item.trend_sigma))
     return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
 
 
@@ -195,7 +198,7 @@ def _short(ratio: float | None) -> str:
 def _without(item: Pooled) -> str:
     if item.without_outliers is None:
         return ""
-    return "{} ± {}".format(*(view.minus(text) for text in words.numbers(*item.without_outliers)))
+    return "{} ± {}".format(*(view.minus(text) for text in digits.numbers(*item.without_outliers)))
 
 
 def doubts(found: Pool) -> list[str]:

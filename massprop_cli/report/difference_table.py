@@ -6,7 +6,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from massprop_cli.report import words
+from massprop_cli.judge import INFORMED
+from massprop_cli.report import digits, words
 from massprop_cli.report.compare import Comparison, Difference, Part
 from massprop_cli.report.table import fitted
 
@@ -43,7 +44,12 @@ def _table(part: Part) -> Table:
 
 def _cells(d: Difference) -> list[str]:
     sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}"
-    difference, sigma = words.numbers(d.difference, d.difference_sigma)
+    difference, sigma = digits.numbers(d.difference, d.difference_sigma)
     if d.difference == 0 or (d.difference is not None and d.difference_sigma is None):
         difference = f"{d.difference:.6g}"
-    return [words.numbers(d.value, d.sigma)[0], words.numbers(d.baseline_value, d.baseline_sigma)[0], difference, sigma, sigmas]
+    return [_value(d.value, d.sigma, d.verdict), _value(d.baseline_value, d.baseline_sigma, d.baseline_verdict), difference, sigma, sigmas]
+
+
+def _value(value: float | None, sigma: float | None, verdict: str) -> str:
+    shown = digits.numbers(value, sigma, verdict)[0]
+    return shown if verdict in INFORMED else f"[dim]{shown}[/]"

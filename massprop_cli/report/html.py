@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.errors import InputError
-from massprop_cli.report import body, checks, figures, view, words
+from massprop_cli.report import body, checks, digits, figures, view, words
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.foreign import visible
 from massprop_cli.report.inline import gathered, inline
@@ -49,7 +49,7 @@ class Phase:
     grids: list[view.Grid]
     axes: list[view.Axis]
     note: str
-    nearest: tuple[tuple[str, ...], ...] | None
+    nearest: view.Grid | None
     ellipsoid: Figure
     excitation: Figure
     correlation: Figure
@@ -133,7 +133,6 @@ def _setting(value: object) -> str:
 
 def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> Phase:
     bearing_mass = recorded.result.vehicle.bearing_mass_kg
-    nearest = item.physical.nearest_consistent
     found = correlation.correlation(item.covariance)
     return Phase(
         anchor=table.anchor,
@@ -141,7 +140,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
         grids=view.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
         axes=view.axes(item),
         note=item.physical.note,
-        nearest=None if nearest is None else view.grid(body.array(nearest), np.full((3, 3), np.nan)),
+        nearest=view.nearest(item),
         ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
         excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
         correlation=_figure("correlation", recorded, f"correlation{number}", item.name),
@@ -152,7 +151,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
 
 
 def _two(value: float) -> str:
-    return view.ABSENT if np.isnan(value) else view.minus(f"{value:.2f}")
+    return digits.ABSENT if np.isnan(value) else view.minus(f"{value:.2f}")
 
 
 def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None) -> Figure:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from massprop_cli.judge import INFORMED, parts, why
-from massprop_cli.report import words
+from massprop_cli.report import digits, words
 from massprop_cli.report.foreign import line
 from massprop_cli.report.gaps import gap
 from massprop_cli.report.labels import labels
@@ -118,7 +118,7 @@ def _quantity(case: ET.Element, quantity: str, item: EstimateItem) -> ET.Element
             _say(case, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
     elif item.verdict != "converged":
         _say(case, "skipped", gap(quantity, item), item.verdict)
-    value, sigma = words.numbers(item.value, item.sigma)
+    value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
     ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {words.unit(item.unit)}, {item.verdict}"
     return case
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from massprop_cli.judge import missed, parts
-from massprop_cli.report import words
+from massprop_cli.report import digits, words
 from massprop_cli.report.foreign import markdown as shown
 from massprop_cli.report.gaps import gaps
 from massprop_cli.report.labels import labels
@@ -131,7 +131,7 @@ def _part(part: str, body: PhaseItem | DockedObject) -> list[str]:
 
 
 def _cells(name: str, item: EstimateItem) -> list[str]:
-    value, sigma = words.numbers(item.value, item.sigma)
+    value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
     final = "–" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
     return [shown(name), value, sigma, words.unit(item.unit), f"{words.SIGNS[item.verdict]} {item.verdict.replace('_', ' ')}", final]
 

@@ -7,7 +7,8 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from massprop_cli.report import words
+from massprop_cli.judge import INFORMED
+from massprop_cli.report import digits, words
 from massprop_cli.report.result import EstimateItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
@@ -58,10 +59,12 @@ def _table(title: str, estimates: dict[str, EstimateItem]) -> Table:
     for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
         table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
     for name, item in estimates.items():
-        value, sigma = words.numbers(item.value, item.sigma)
+        value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
         final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
         verdict = f"[{_STYLE[item.verdict]}]{item.verdict}[/]"
         cells = [*([_nominal(item)] if nominal else []), *(_expected(item) if expected else [])]
+        if item.verdict not in INFORMED:
+            value, sigma = (f"[dim]{text}[/]" for text in (value, sigma))
         table.add_row(name, value, sigma, words.unit(item.unit), verdict, final, *cells)
     return table
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from massprop_cli.conclude import WANTED, Verdict
 from massprop_cli.report.result import Result
 
@@ -62,18 +60,6 @@ def thrust_scale(result: Result) -> str:
     if vehicle.thrust_scale_sigma > 0:
         return f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia."
     return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
-
-
-def numbers(value: float | None, sigma: float | None) -> tuple[str, str]:
-    """Value and sigma with as many decimals as two figures of the sigma have."""
-    if value is None or sigma is None:
-        return "–", "–"
-    if not sigma > 0:
-        return f"{value:.6g}", f"{sigma:.2g}"
-    decimals = 1 - math.floor(math.log10(sigma))
-    if decimals > 7 and (abs(value) < 1e-3 or decimals > 12):
-        return f"{value:.{max(decimals + math.floor(math.log10(abs(value) or 1)), 1)}e}", f"{sigma:.1e}"
-    return f"{value:.{max(decimals, 0)}f}", f"{sigma:.{max(decimals, 0)}f}"
 
 
 def remedy(quantity: str, verdict: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.arrays import Array
-from massprop_cli.report import words
+from massprop_cli.report import digits, words
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
@@ -151,7 +151,11 @@ def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) 
     start = f"{words.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:
         return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
-    told = "no value is reported" if item.value is None else "ends at {} ± {} {}".format(*words.numbers(item.value, item.sigma), item.unit)
+    told = (
+        "no value is reported"
+        if item.value is None
+        else "ends at {} ± {} {}".format(*digits.numbers(item.value, item.sigma, item.verdict), item.unit)
+    )
     final = "" if item.final_at_s is None else f", final from {item.final_at_s:.2f} s on"
     early = "" if cut is None else f"; before {cut:.2f} s it runs out of the picture"
     return f"{start}{told}{final}, {item.verdict.replace('_', ' ')}{early}"

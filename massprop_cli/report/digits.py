@@ -1,0 +1,50 @@
+"""Numbers as a person reads them: two significant figures of its sigma decide how many digits a value has.
+
+A value whose verdict is no use (not excited, contradicted, unobservable) has two significant figures at most, whatever its sigma claims.
+"""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal
+
+from massprop_cli.judge import INFORMED
+
+ABSENT = "–"
+LONGEST = 7
+"""Places before the point, and after it, that are written out; beyond them a number has an exponent."""
+FIGURES = 17
+"""A double has no more."""
+_EXACT = Context(prec=1000)
+
+
+def numbers(value: float | None, sigma: float | None, verdict: str = "converged") -> tuple[str, str]:
+    """Value and sigma as text; where sigma is 0 the value has six figures."""
+    if value is None or sigma is None:
+        return ABSENT, ABSENT
+    usable = verdict in INFORMED
+    if not sigma > 0:
+        return f"{value:.6g}" if usable else figures(value), figures(sigma)
+    decimals = 1 - _exponent(sigma)
+    shown = min(decimals, (FIGURES if usable else 2) - 1 - _exponent(value)) if value else decimals
+    small = decimals > LONGEST and (abs(value) < 1e-3 or decimals > 12)
+    large = shown < 0 and max(_exponent(value), _exponent(sigma)) >= LONGEST
+    return _written(value, shown, small or large), _written(sigma, decimals, small or large)
+
+
+def figures(value: float, count: int = 2) -> str:
+    """So many significant figures."""
+    exponent = _exponent(value, count)
+    return _written(value, count - 1 - exponent if value else 0, powers=not -5 <= exponent < LONGEST)
+
+
+def _exponent(value: float, count: int = 2) -> int:
+    """Of ten, after rounding: two figures of 0.0996 are 0.10. That of 0 is 0."""
+    return int(f"{value:.{count - 1}e}".split("e")[1])
+
+
+def _written(value: float, decimals: int, powers: bool) -> str:
+    """Rounded to so many decimals, which may be negative; ``powers``: with an exponent. Nothing rounds to a negative zero."""
+    rounded = Decimal(repr(value)).quantize(Decimal(1).scaleb(-decimals), context=_EXACT)
+    if rounded == 0:
+        return "0" if powers else f"{0:.{max(decimals, 0)}f}"
+    return f"{rounded:e}" if powers else f"{rounded:f}"
