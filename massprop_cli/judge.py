@@ -9,7 +9,7 @@ from massprop_cli.expect import Expectations, Wanted
 from massprop_cli.report.result import DockedObject, EstimateItem, ExpectationFile, Expected, PhaseItem, Result
 
 INFORMED = ("converged", "not_converged")
-"""Verdicts of values that the motion told."""
+"""Verdicts of values that the motion told; a contradicted one meets no expectation."""
 
 
 def judge(found: Result, expectations: Expectations) -> Result:
@@ -76,23 +76,30 @@ def parts(found: Result) -> list[tuple[str, PhaseItem | DockedObject]]:
     ]
 
 
+def contradiction(body: PhaseItem | DockedObject) -> str:
+    """Why log and vehicle file contradict each other there; empty where they don't."""
+    return body.contradiction or next((item.reason for item in body.estimates.values() if item.verdict == "contradicted"), "")
+
+
 def missed(found: Result) -> list[str]:
     """What is not as expected, a phrase each: quantity, expected, got, tolerance."""
     return [
-        f"{name} in {part}: {why(item)}"
+        f"{name} in {part}: {why(item, contradiction(body))}"
         for part, body in parts(found)
         for name, item in body.estimates.items()
         if item.expected is not None and not item.expected.met
     ]
 
 
-def why(item: EstimateItem) -> str:
-    """One estimate and its expectation in words."""
+def why(item: EstimateItem, contradiction: str = "") -> str:
+    """One estimate and its expectation in words; ``contradiction`` is that of its phase."""
     expected = item.expected
     if expected is None:
         return ""
     wanted = f"expected {expected.value:.9g} ± {_allowed(expected)} {item.unit}"
     by = f" ({expected.stated})" if expected.stated.endswith(("%", "sigma")) else ""
+    if item.verdict == "contradicted":
+        return f"{wanted}{by}, contradicted: {contradiction or item.reason}"
     if item.value is None or item.verdict not in INFORMED:
         return f"{wanted}{by}, missing: {item.verdict}, {item.reason}"
     off = "" if expected.sigmas is None else f", {expected.sigmas:+.3g} sigma"

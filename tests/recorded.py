@@ -72,3 +72,19 @@ def result(phases: list[dict[str, Any]] | None = None, **changes: Any) -> Result
 def recorded(found: Result | None = None, folder: str = "run") -> Recorded:
     """The same as read from a folder."""
     return Recorded(Path("/results") / folder / "result.json", found or result(), {})
+
+
+CAUSE = "jet roll_p1 pushes the other way (jet-sign)"
+
+
+def contradicted(name: str = "all", **changes: Any) -> dict[str, Any]:
+    """A phase whose log contradicts the vehicle file: all quantities but ``izz``, not excited, ``cg_x``, not converged, and ``cg_y``,
+    unobservable."""
+    wrong: dict[str, dict[str, Any]] = {
+        quantity: {"verdict": "contradicted", "final_at_s": None, "reason": CAUSE} for quantity in QUANTITIES
+    }
+    wrong["ixx"] |= {"value": -825.1234567, "sigma": 4.0}
+    wrong["izz"] |= {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it; it wants torque about Z"}
+    wrong["cg_x"] |= {"verdict": "not_converged", "reason": "it still moved more than the tolerance"}
+    wrong["cg_y"] |= {"verdict": "unobservable", "value": None, "sigma": None, "reason": "no motion of this vehicle can inform it"}
+    return phase(name, **wrong) | {"contradiction": CAUSE} | changes

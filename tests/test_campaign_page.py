@@ -105,6 +105,28 @@ def test_logs_that_contradict_each_other_are_said_to_wherever_their_mean_is_show
     assert not campaign_page.doubts(summary("night", [row(n, 22.0) for n in range(4)]).pooled[0])
 
 
+def test_a_log_with_contradicted_quantities_is_marked_in_its_row_and_counted() -> None:
+    good, bad = row(1, 22.0), row(2, 22.0)
+    assert bad.outcome is not None
+    wrong = Value(value=-825.1234567, sigma=4.0, shared=0.0, verdict="contradicted")
+    body = bad.outcome.bodies[0].model_copy(update={"estimates": bad.outcome.bodies[0].estimates | {"ixx": wrong, "izz": wrong}})
+    outcome = bad.outcome.model_copy(update={"bodies": [body], "warnings": ["jet-sign"]})
+    found = summary("night", [good, bad.model_copy(update={"outcome": outcome})])
+    text = "".join(campaign_page.page(found))
+    first, second = re.findall(r"<tr[^>]*data-state.*?</tr>", text, re.DOTALL)
+    assert 'class="alarmed"' not in first
+    assert second.startswith('<tr class="alarmed"')
+    assert "‼ 2 contradicted" in second
+    assert 'aria-label="contradicted">‼</span>−830 ' in second
+    markdown = campaign_markdown.text(found, 100_000)
+    assert markdown.startswith("## ‼ night: 2 logs")
+    assert "| log-2 | done, ‼ contradicted | 2 quantities are contradicted (jet-sign) |" in markdown.replace("\\", "")
+    told = io.StringIO()
+    campaign_table.show(found, Console(file=told, width=400, force_terminal=True, color_system="standard", highlight=False))
+    assert "\x1b[1;31m2 logs: 2 done, 1 with contradicted quantities\x1b[0m" in told.getvalue()
+    assert campaign_page.counts(found) == "2 done, 1 with contradicted quantities"
+
+
 def test_a_thousand_logs_make_a_page_that_a_browser_takes_easily() -> None:
     assert len("".join(campaign_page.page(campaign(1000))).encode()) < 3_000_000
 

@@ -282,3 +282,13 @@ def test_compare_refuses(arguments: tuple[str, ...], says: str, code: int, tmp_p
     assert (done.returncode, done.stdout) == (code, "")
     assert "Traceback" not in done.stderr
     assert says in done.stderr
+
+
+def test_a_contradicted_value_is_within_nothing_of_a_baseline() -> None:
+    found = between(one(mass={"verdict": "contradicted"}), one())
+    assert beyond(found) == ["mass in phase all: 22 kg in the baseline, contradicted in the result (contradicted)"]
+    assert not found.within
+    both = between(one(mass={"verdict": "contradicted"}), one(mass={"verdict": "contradicted"}))
+    assert both.parts[0].differences["mass"].note == "contradicted in both"
+    half = between(one(mass={"verdict": "contradicted"}), one(mass=NOT_EXCITED))
+    assert half.parts[0].differences["mass"].note == "contradicted in the result, missing in the baseline"

@@ -310,3 +310,10 @@ def test_a_missing_expect_file_is_refused(tmp_path: Path) -> None:
     done = massprop(tmp_path, "estimate", LOG, "--expect", "nowhere.toml")
     assert done.returncode == 3
     assert "nowhere.toml: no such expect file" in done.stderr
+
+
+def test_a_contradicted_value_meets_no_expectation_and_says_the_cause() -> None:
+    wanted = expect.Expectations("e", "c" * 64, {"mass": expect.Wanted(22.0, Tolerance(50.0, "relative"))}, (), {})
+    found = judge(recorded.result([recorded.contradicted()]), wanted)
+    assert not of(found, "mass").met
+    assert missed(found) == [f"mass in phase all: expected 22 ± 11 kg (50 %), contradicted: {recorded.CAUSE}"]

@@ -17,7 +17,7 @@ from massprop_cli.arrays import Array
 from massprop_cli.dynamics import elements, tensor
 from massprop_cli.errors import InputError, UsageError
 from massprop_cli.report import body, figures, words
-from massprop_cli.report.figures import correlation, ellipsoid, excitation, innovations, series
+from massprop_cli.report.figures import canvas, comparison, correlation, ellipsoid, excitation, innovations, palette, series
 from massprop_cli.report.read import Recorded
 from massprop_cli.report.result import PhaseItem
 from tests.recording import SVG, changed, drawn, precision, record
@@ -362,3 +362,17 @@ def test_figures_leave_pyplot_alone_and_matplotlib_until_one_is_drawn(tmp_path: 
         f"figures.draw('correlation', read.read(Path({str(flyer.path)!r})), 'svg'); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+
+
+def test_a_contradicted_estimate_is_red_with_a_cross_and_the_caption_says_so(flyer: Recorded) -> None:
+    wrong = changed(flyer, "mass", {"verdict": "contradicted"})
+    assert palette.RED in figures.draw("mass", wrong, "svg").decode()
+    assert palette.RED not in figures.draw("mass", flyer, "svg").decode()
+    assert "Red with a cross: contradicted" in figures.picture("mass", wrong).caption
+    assert "contradicted" not in figures.picture("mass", flyer).caption
+    assert "It rests on contradicted values." in figures.picture("ellipsoid", wrong).caption
+    side_by_side = comparison.picture([flyer.result.phases[0].estimates, wrong.result.phases[0].estimates])
+    svgs = {panel.key: canvas.render([panel], "svg").decode() for panel in side_by_side.panels}
+    assert 'id="mass-contradicted"' in svgs["mass"]
+    assert palette.RED in svgs["mass"]
+    assert palette.RED not in svgs["ixx"]

@@ -13,7 +13,8 @@ from massprop_cli import QUANTITIES
 from massprop_cli.report import checks, figures, html, view, words
 from massprop_cli.report.figures import palette
 from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import Delay, Innovations, WarningItem
+from massprop_cli.report.result import Delay, Innovations, PhaseItem, WarningItem
+from tests import recorded
 from tests.recording import changed, record
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
@@ -135,6 +136,43 @@ def test_what_is_not_converged_is_explained_with_its_cure(flyer: Recorded) -> No
     assert words.VERDICTS["unobservable"] in page.said()
 
 
+def test_a_contradiction_stands_in_red_before_anything_else_and_no_motion_cures_it(flyer: Recorded) -> None:
+    phase = PhaseItem.model_validate(recorded.contradicted())
+    text = html.page([replace(flyer, result=flyer.result.model_copy(update={"phases": [phase]}))])
+    page = Page(text)
+    summary = text[text.index('<section id="summary"') :]
+    assert summary.index('class="alarm"') < summary.index(recorded.CAUSE) < summary.index("0 of 10 quantities converged, 7 contradicted")
+    assert "7 of 10 quantities contradicted" in page.said()
+    assert re.search(r"\.alarm .*var\(--red\)", text)
+    assert page.table("Whole log")[1] == ["Ixx", "−830", "± 4.0", "kg m²", "‼ contradicted"]
+    cures = {row[0]: row[1:] for row in page.table("Quantities that are not converged")[1:]}
+    assert cures["Mass"] == ["‼ contradicted", recorded.CAUSE, "mend the cause; no motion cures it"]
+    assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "mend what contradicts this phase first"]
+    assert cures["CG x"][2] == "mend what contradicts this phase first"
+    assert "can't give it" in cures["CG y"][2]
+    assert words.VERDICTS["contradicted"] in page.said()
+    fine = html.page([flyer])
+    assert 'class="alarm"' not in fine
+
+
+def test_a_contradicted_docked_object_is_named_though_its_phases_are_fine(docking: Recorded) -> None:
+    assert docking.result.docked_object is not None
+    docked = docking.result.docked_object.model_copy(update={"contradiction": "phase single is contradicted"})
+    page = Page(html.page([replace(docking, result=docking.result.model_copy(update={"docked_object": docked}))]))
+    assert "Docked object: combined less single: 0 of 10 quantities contradicted phase single is contradicted" in page.said()
+
+
+def test_a_comparison_marks_the_result_that_is_contradicted(flyer: Recorded) -> None:
+    bad = replace(flyer, result=recorded.result([recorded.contradicted()]))
+    text = html.page([flyer, bad])
+    _, good, wrong = Page(text).table("All results")
+    assert "contradicted" not in "".join(good)
+    assert "‼ contradicted" in wrong[1]
+    assert wrong[2].startswith("‼contradicted, −830")
+    assert text.count('<tr class="alarmed">') == 1
+    assert text.count('class="alarm"') == 1
+
+
 def test_nominal_and_expected_values_stand_beside_the_estimate(flyer: Recorded) -> None:
     wanted = {"value": 0.63, "tolerance": 0.001, "stated": "0.001", "met": False, "difference": -0.01, "sigmas": -2968.2}
     page = Page(html.page([changed(flyer, "ixx", {"nominal": 0.615, "expected": wanted})]))
@@ -156,8 +194,8 @@ def test_the_matrix_is_printed_about_cg_and_o_in_both_conventions(flyer: Recorde
     assert about_cg[0] == pytest.approx([0.62, 0.04, -0.07], abs=2e-5)
     assert np.diag(other) == pytest.approx(np.diag(about_cg))
     assert other[0, 1:] == pytest.approx(-about_cg[0, 1:])
-    recorded = np.array(flyer.result.phases[0].inertia_about_origin, dtype=float)
-    assert about_o == pytest.approx(recorded, rel=2e-4)
+    stored = np.array(flyer.result.phases[0].inertia_about_origin, dtype=float)
+    assert about_o == pytest.approx(stored, rel=2e-4)
     c = np.array([-0.018, 0.027, 0.012])
     assert about_o - about_cg == pytest.approx(22 * (c @ c * np.eye(3) - np.outer(c, c)), rel=0.1, abs=1e-4)
     assert "products are the tensor's own elements, ixy = −Σ m x y" in flyer_page.said()
@@ -268,9 +306,9 @@ def contrast(colour: str, ground: str) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-@pytest.mark.parametrize("colour", [palette.INK, palette.MUTED, palette.BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE])
+@pytest.mark.parametrize("colour", [palette.INK, palette.MUTED, palette.BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE, palette.RED])
 def test_text_and_lines_stand_out_from_their_ground_in_light_and_dark(colour: str) -> None:
-    least = 4.5 if colour in (palette.INK, palette.MUTED) else 3.0
+    least = 4.5 if colour in (palette.INK, palette.MUTED, palette.RED) else 3.0
     for ground in (palette.PAPER, palette.SHADE):
         assert contrast(colour, ground) >= least
         assert contrast(palette.DARK[colour], palette.DARK[ground]) >= least

@@ -138,3 +138,16 @@ def test_an_absolute_tolerance_is_named_in_its_unit() -> None:
     wanted = Expectations("e", "c" * 64, {"mass": Wanted(25.0, Tolerance(0.5, "absolute"))}, (), {})
     case = only(Outcome("run", judge(recorded.result(), wanted)))["mass"]
     assert case.result[0].message == "expected 25 ± 0.5 kg, got 22 (off by -3, -12 sigma)"
+
+
+def test_a_contradicted_quantity_fails_with_the_cause_expected_or_not() -> None:
+    found = recorded.result([recorded.contradicted()])
+    for cases_ in (only(Outcome("run", found)), only(Outcome("run", held(found, mass=22.0)))):
+        assert kinds(cases_["mass"]) == kinds(cases_["ixx"]) == [Failure]
+        assert recorded.CAUSE in cases_["mass"].result[0].message
+        assert cases_["ixx"].result[0].message == f"contradicted: {recorded.CAUSE}; mend the cause; no motion cures it"
+        assert cases_["ixx"].system_out == "ixx = -830 ± 4.0 kg m², contradicted"
+    assert cases_["mass"].result[0].message == f"expected 22 ± 1 kg (4 sigma), contradicted: {recorded.CAUSE}"
+    (suite,) = document(Outcome("run", found))
+    assert (suite.tests, suite.failures, suite.skipped) == (10, 7, 3)
+    assert "torque about Z" not in junit.text([Outcome("run", found)])

@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 from massprop_cli import QUANTITIES
 from massprop_cli.expect import Expectations, Wanted
 from massprop_cli.judge import judge
-from massprop_cli.report import markdown
+from massprop_cli.report import markdown, words
 from massprop_cli.report.foreign import line
 from massprop_cli.report.result import Result
 from massprop_cli.tolerance import FOUR_SIGMA, Tolerance
@@ -180,3 +180,22 @@ def test_any_text_in_a_cell_reads_back_as_it_was(name: str) -> None:
 
 def test_same_results_give_the_same_bytes() -> None:
     assert markdown.text([recorded.recorded()]) == markdown.text([recorded.recorded()])
+
+
+def test_a_contradiction_comes_first_and_offers_no_motion_as_its_cure() -> None:
+    found = recorded.result([recorded.contradicted("single"), recorded.phase("combined")], docked_object=recorded.docked())
+    text = markdown.text([recorded.recorded(found), recorded.recorded(folder="fine")])
+    (entry,) = [entry for entry in items(text) if "Contradicted in" in entry]
+    assert f"Contradicted in phase single: {recorded.CAUSE}" in entry
+    assert text.index("Contradicted in") < text.index("Log log.parquet")
+    overview, single, *_ = tables(text)
+    assert overview[1][3] == "20 of 30, ‼ 7 contradicted"
+    assert overview[2][3] == "10 of 10"
+    assert single[1] == ["ixx", "-830", "4.0", "kg m²", "‼ contradicted", "–"]
+    assert f"ixx in phase single: contradicted: {recorded.CAUSE}; mend the cause; no motion cures it" in items(text)
+    assert "izz in phase single: not_excited: the motion in this phase hardly informed it; mend what contradicts this phase first" in items(
+        text
+    )
+    for name in QUANTITIES:
+        assert words.cure(name) not in text or name == "cg_y"
+    assert "Contradicted" not in markdown.text([recorded.recorded()])

@@ -109,3 +109,13 @@ def test_names_that_hold_separators_stay_in_their_cell(name: str) -> None:
 def test_lines_end_as_rfc_4180_says() -> None:
     text = rows.text([recorded.recorded()])
     assert text.count("\r\n") == text.count("\n") == 2
+
+
+def test_a_contradiction_has_a_column_and_numbers_stay_in_full_precision() -> None:
+    docked = recorded.docked() | {"contradiction": "phase single is contradicted"}
+    found = recorded.result([recorded.contradicted("single"), recorded.phase("combined")], docked_object=docked)
+    one, two, three = read(rows.text([recorded.recorded(found)]))
+    assert [row["contradiction"] for row in (one, two, three)] == [recorded.CAUSE, "", "phase single is contradicted"]
+    assert (one["ixx_kg_m2"], one["ixx_sigma_kg_m2"], one["ixx_verdict"]) == ("-825.1234567", "4.0", "contradicted")
+    assert f"mass: contradicted: {recorded.CAUSE}; mend the cause" in one["missing"]
+    assert "torque about" not in one["missing"]

@@ -76,3 +76,14 @@ def test_a_value_without_a_usable_verdict_has_two_figures_and_is_dimmed(verdict:
     assert cells(printed(found), "ixx")[1:3] == ["-830", "4.0"]
     assert "\x1b[2m-830\x1b[0m" in coloured(found)
     assert "\x1b[2m2.800" not in coloured(found)
+
+
+def test_a_contradicted_phase_says_the_cause_in_bold_red_under_its_table() -> None:
+    found = recorded.result([recorded.contradicted("single"), recorded.phase("combined")])
+    assert cells(printed(found), "ixx") == ["ixx", "-830", "4.0", "kg m²", "contradicted", ""]
+    before, after = printed(found).split(f"contradicted: {recorded.CAUSE}\n")
+    assert "phase single" in before
+    assert "phase combined" not in before
+    assert "phase combined" in after
+    assert f"\x1b[1;31mcontradicted: {recorded.CAUSE}\x1b[0m" in coloured(found)
+    assert "contradicted" not in printed(recorded.result())

@@ -76,9 +76,9 @@ STATES = {1: "internal error", 3: "unusable", 4: "not converged", 5: "not as exp
 """What an exit code means, in words, from the worst on."""
 
 
-def contradicted(found: Outcome | None) -> bool:
-    """Whether the log and its vehicle file contradict each other in any quantity."""
-    return found is not None and any(str(item.verdict) == "contradicted" for body in found.bodies for item in body.estimates.values())
+def contradicted(found: Outcome | None) -> int:
+    """In how many quantities a log and its vehicle file contradict each other."""
+    return sum(item.verdict == "contradicted" for body in (found.bodies if found else []) for item in body.estimates.values())
 
 
 def state(found: Outcome | None) -> str:

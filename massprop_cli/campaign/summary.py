@@ -153,7 +153,7 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
     against, warned, warnings = 0, 0, Counter[str]()
     for found in (row.outcome for row in logs):
         codes.append(None if found is None else found.exit_code)
-        against += contradicted(found)
+        against += contradicted(found) > 0
         said = set(found.warnings) if found is not None else set()
         warned += bool(said)
         warnings.update(said)

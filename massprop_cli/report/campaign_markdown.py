@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from massprop_cli.campaign.outcome import state
+from massprop_cli.campaign.outcome import contradicted, state
 from massprop_cli.campaign.summary import Pool, Row, Summary
-from massprop_cli.report import campaign_page
+from massprop_cli.report import campaign_page, words
 from massprop_cli.report.foreign import markdown as shown
 
 _ROOM = 400
@@ -31,12 +31,12 @@ def text(found: Summary, largest: int) -> str:
 
 def _blocks(found: Summary) -> Iterator[list[str]]:
     """Pieces that are kept whole, the most important first; a row of a table is one."""
-    sign = "✗" if found.exit_code else "⚠" if found.contradicted or found.warned else "✓"
+    sign = "✗" if found.exit_code else words.SIGNS["contradicted"] if found.contradicted else "⚠" if found.warned else "✓"
     yield [f"## {sign} {shown(found.name)}: {len(found.logs)} logs", "", f"{campaign_page.counts(found)}.", ""]
-    wrong = [row for row in found.logs if row.outcome is None or row.outcome.exit_code]
+    wrong = [row for row in found.logs if row.outcome is None or row.outcome.exit_code or contradicted(row.outcome)]
     if wrong:
         yield [*_head(["log", "outcome", "why"], "lll")]
-        yield from ([_row([shown(row.name), state(row.outcome), shown(row.outcome.message if row.outcome else "")])] for row in wrong)
+        yield from ([_row([shown(row.name), state(row.outcome), shown(_message(row))])] for row in wrong)
         yield [""]
     if found.baseline is not None:
         beyond = found.baseline.beyond
@@ -67,6 +67,13 @@ def _all(row: Row) -> str:
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}" if items else "–"
     vehicle = shown(found.vehicle.name) if found and found.vehicle else "–"
     return _row([shown(row.name), vehicle, state(row.outcome), converged, shown(", ".join(dict.fromkeys(found.warnings))) if found else ""])
+
+
+def _message(row: Row) -> str:
+    if row.outcome is None:
+        return ""
+    codes = ", ".join(dict.fromkeys(row.outcome.warnings))
+    return row.outcome.message or f"{contradicted(row.outcome)} quantities are contradicted{f' ({codes})' if codes else ''}"
 
 
 def _head(columns: list[str], sides: str) -> list[str]:

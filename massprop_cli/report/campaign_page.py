@@ -63,6 +63,7 @@ class Entry:
     verdicts: str
     """Those that occur, with spaces between."""
     converged: int
+    contradicted: int
     estimates: int
     warnings: str
 
@@ -139,6 +140,7 @@ def _entry(number: int, row: Row) -> Entry:
         cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES),
         verdicts=" ".join(dict.fromkeys(item.verdict for item in items)),
         converged=sum(item.verdict == "converged" for item in items),
+        contradicted=contradicted(found),
         estimates=len(items),
         warnings=", ".join(dict.fromkeys(found.warnings)) if found else "",
     )

@@ -32,7 +32,8 @@ def show(found: Summary, console: Console) -> None:
         console.print(
             "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
         )
-    console.print(escape(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {campaign_page.counts(found)}"))
+    style = "bold red" if found.contradicted else ""
+    console.print(escape(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {campaign_page.counts(found)}"), style=style)
 
 
 def _table(pool: Pool) -> Table:

@@ -187,7 +187,7 @@ def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | Non
         tolerance=allowed,
         stated=tolerance.stated(quantity),
         within=before is None if difference is None else abs(difference) <= (allowed or 0.0),
-        note=_missing(value, before) or ("no sigma: none but an equal value is within" if tolerance.kind == "sigma" and not sigma else ""),
+        note=_missing(new, old) or ("no sigma: none but an equal value is within" if tolerance.kind == "sigma" and not sigma else ""),
     )
 
 
@@ -196,10 +196,15 @@ def _told(item: EstimateItem) -> float | None:
     return item.value if item.verdict in INFORMED else None
 
 
-def _missing(value: float | None, before: float | None) -> str:
-    if value is None:
-        return "missing in both" if before is None else "missing in the result"
-    return "missing in the baseline" if before is None else ""
+def _missing(new: EstimateItem, old: EstimateItem) -> str:
+    said = [
+        (("contradicted" if item.verdict == "contradicted" else "missing"), which)
+        for item, which in ((new, "the result"), (old, "the baseline"))
+        if _told(item) is None
+    ]
+    if len({how for how, _ in said}) == 1 and len(said) == 2:
+        return f"{said[0][0]} in both"
+    return ", ".join(f"{how} in {which}" for how, which in said)
 
 
 def _absent(other: EstimateItem | None) -> EstimateItem:

@@ -1,8 +1,9 @@
 """Results as JUnit XML, which test dashboards read: a suite for each log, a test case for each quantity.
 
 With expectations a test case stands for each expected quantity and fails if the value is missing or outside its tolerance. Without, one
-stands for each of the ten and passes if it is converged; else it is skipped, with the reason. Where quantities were required and are not
-converged, a test case of its own fails and names them. A log that could not be used is an error.
+stands for each of the ten and passes if it is converged; else it is skipped, with the reason. A contradicted quantity fails with the
+cause, expected or not. Where quantities were required and are not converged, a test case of its own fails and names them. A log that
+could not be used is an error.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from massprop_cli.judge import INFORMED, parts, why
+from massprop_cli.judge import INFORMED, contradiction, parts, why
 from massprop_cli.report import digits, words
 from massprop_cli.report.foreign import line
 from massprop_cli.report.gaps import gap
@@ -100,10 +101,10 @@ def _properties(found: Result) -> ET.Element:
 def _cases(name: str, found: Result) -> list[ET.Element]:
     held = found.expectations is not None
     return [
-        _quantity(_case(name, part, quantity), quantity, item)
+        _quantity(_case(name, part, quantity), quantity, item, contradiction(body))
         for part, body in parts(found)
         for quantity, item in body.estimates.items()
-        if not held or item.expected is not None
+        if not held or item.expected is not None or item.verdict == "contradicted"
     ]
 
 
@@ -112,12 +113,14 @@ def _case(name: str, part: str, quantity: str) -> ET.Element:
     return ET.Element("testcase", {"classname": line(f"{name.replace('.', '_')}.{part.replace('.', '_')}"), "name": quantity})
 
 
-def _quantity(case: ET.Element, quantity: str, item: EstimateItem) -> ET.Element:
-    if item.expected is not None:
+def _quantity(case: ET.Element, quantity: str, item: EstimateItem, contradicted: str) -> ET.Element:
+    if item.verdict == "contradicted":
+        _say(case, "failure", why(item, contradicted) or gap(quantity, item, contradicted), item.verdict)
+    elif item.expected is not None:
         if not item.expected.met:
             _say(case, "failure", why(item), "not as expected" if item.verdict in INFORMED else item.verdict)
     elif item.verdict != "converged":
-        _say(case, "skipped", gap(quantity, item), item.verdict)
+        _say(case, "skipped", gap(quantity, item, contradicted), item.verdict)
     value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
     ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {words.unit(item.unit)}, {item.verdict}"
     return case

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from massprop_cli.judge import missed, parts
+from massprop_cli.judge import contradiction, missed, parts
 from massprop_cli.report import digits, words
 from massprop_cli.report.foreign import markdown as shown
 from massprop_cli.report.gaps import gaps
@@ -77,7 +77,9 @@ def _overview(recorded: Sequence[Recorded], names: Sequence[str]) -> list[str]:
 def _summary(found: Result) -> list[str]:
     items = [item for _, body in parts(found) for item in body.estimates.values()]
     held = [item.expected for item in items if item.expected is not None]
+    contradicted = sum(item.verdict == "contradicted" for item in items)
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}"
+    converged += f", {words.SIGNS['contradicted']} {contradicted} contradicted" if contradicted else ""
     sign = "✓" if all(expected.met for expected in held) else "✗"
     met = f"{sign} {sum(expected.met for expected in held)} of {len(held)}" if held else "–"
     return [converged, met, str(len(found.warnings))]
@@ -86,12 +88,24 @@ def _summary(found: Result) -> list[str]:
 def _sections(found: Result, name: str) -> list[list[str]]:
     """A result in sections, so that a long one can be cut between two of them."""
     return [
-        [f"## {shown(name)}", "", _origin(found), "", *_verdict(found)],
+        [f"## {shown(name)}", "", *_alarm(found), _origin(found), "", *_verdict(found)],
         *(_part(part, body) for part, body in parts(found)),
         _list("Conventions:", words.conventions(found)),
-        _list("Not converged, and the motion that would tell it:", gaps(found)),
+        _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would tell it:", gaps(found)),
         *_warnings(found),
     ]
+
+
+def _alarms(found: Result) -> list[str]:
+    """What contradicts itself, a sentence for each part."""
+    return [f"Contradicted in {part}: {contradiction(body)}" for part, body in parts(found) if contradiction(body)]
+
+
+def _alarm(found: Result) -> list[str]:
+    if not _alarms(found):
+        return []
+    said = "Contradicted values stand as found and their sigmas do not hold: do not use them. Mend the cause; no motion cures it."
+    return [*(f"**{words.SIGNS['contradicted']} {shown(line)}**  " for line in _alarms(found)), said, ""]
 
 
 def _origin(found: Result) -> str:

@@ -11,7 +11,7 @@ import io
 from collections.abc import Sequence
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.judge import parts
+from massprop_cli.judge import contradiction, parts
 from massprop_cli.report.foreign import cell
 from massprop_cli.report.gaps import gap
 from massprop_cli.report.labels import labels
@@ -31,7 +31,7 @@ def _of(quantity: str) -> tuple[str, ...]:
 COLUMNS = (
     *("result", "log", "vehicle", "environment", "method", "part", "phase", "start_s", "end_s"),
     *(column for quantity in QUANTITIES for column in _of(quantity)),
-    *("inertia_about", "axes", "products_of_inertia", "delay_cycles", "missing", "warnings", "expectations"),
+    *("inertia_about", "axes", "products_of_inertia", "delay_cycles", "contradiction", "missing", "warnings", "expectations"),
     *("massprop", "input_sha256", "vehicle_sha256"),
 )
 """In their order."""
@@ -49,12 +49,14 @@ def text(recorded: Sequence[Recorded]) -> str:
 
 
 def _row(name: str, found: Result, part: PhaseItem | DockedObject) -> list[str]:
+    contradicted = contradiction(part)
     return [
         *(cell(name), cell(found.log.path), cell(found.vehicle.name), found.vehicle.environment),
         *(cell(str(found.provenance.settings.get("estimator.method", ""))), *_part(part)),
         *(value for quantity in QUANTITIES for value in _quantity(part.estimates[quantity])),
         *(found.conventions.inertia_about, "body", found.conventions.products_of_inertia, repr(found.delay.cycles)),
-        cell("; ".join(f"{q}: {gap(q, item)}" for q, item in part.estimates.items() if item.verdict != "converged")),
+        cell(contradicted),
+        cell("; ".join(f"{q}: {gap(q, item, contradicted)}" for q, item in part.estimates.items() if item.verdict != "converged")),
         cell("; ".join(f"{warning.message} [{warning.code}]" for warning in found.warnings)),
         cell("" if found.expectations is None else found.expectations.path),
         *(cell(found.provenance.massprop), cell(found.provenance.input_sha256), cell(found.provenance.vehicle_sha256)),

@@ -7,9 +7,10 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from massprop_cli.judge import INFORMED
+from massprop_cli.judge import INFORMED, contradiction
 from massprop_cli.report import digits, words
-from massprop_cli.report.result import EstimateItem, Result
+from massprop_cli.report.foreign import line
+from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
 _NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
@@ -19,12 +20,19 @@ def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for phase in found.phases:
         title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
-        fitted(_table(title, phase.estimates), console)
+        _part(title, phase, console)
     if found.docked_object is not None:
         docked = found.docked_object
-        fitted(_table(f"docked object: phase {docked.after} less phase {docked.before}", docked.estimates), console)
-    for line in _legend(found):
-        console.print(escape(line))
+        _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, console)
+    for told in _legend(found):
+        console.print(escape(told))
+
+
+def _part(title: str, body: PhaseItem | DockedObject, console: Console) -> None:
+    fitted(_table(title, body.estimates), console)
+    cause = contradiction(body)
+    if cause:
+        console.print(escape(f"contradicted: {line(cause)}"), style=_STYLE["contradicted"])
 
 
 def fitted(table: Table, console: Console) -> None:

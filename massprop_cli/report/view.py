@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from massprop_cli import CG, INERTIA
 from massprop_cli.arrays import Array
-from massprop_cli.judge import INFORMED
+from massprop_cli.judge import INFORMED, contradiction
 from massprop_cli.report import body, digits, words
-from massprop_cli.report.result import EstimateItem, PhaseItem, Result
+from massprop_cli.report.gaps import reason
+from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
 
 AXES = ("X", "Y", "Z")
 
@@ -49,6 +50,8 @@ class Table:
     title: str
     rows: tuple[Row, ...]
     estimates: dict[str, EstimateItem]
+    contradiction: str
+    """Why log and vehicle file contradict each other; empty where they don't."""
 
     @property
     def nominal(self) -> bool:
@@ -69,6 +72,11 @@ class Table:
     def converged(self) -> int:
         """How many are converged."""
         return sum(row.verdict == "converged" for row in self.rows)
+
+    @property
+    def contradicted(self) -> int:
+        """How many are contradicted."""
+        return sum(row.verdict == "contradicted" for row in self.rows)
 
     @property
     def open(self) -> tuple[Row, ...]:
@@ -116,19 +124,20 @@ def tables(result: Result) -> list[Table]:
     for number, phase in enumerate(result.phases, 1):
         name = f"Phase {phase.name}" if several or phase.name != "all" else "Whole log"
         span = f"{minus(f'{phase.start_s:.3f}'.rstrip('0').rstrip('.'))} to {f'{phase.end_s:.3f}'.rstrip('0').rstrip('.')} s"
-        found.append(table(f"phase-{number}", f"{name}, {span}", phase.estimates))
+        found.append(table(f"phase-{number}", f"{name}, {span}", phase))
     docked = result.docked_object
     if docked is not None:
-        found.append(table("docked", f"Docked object: {docked.after} less {docked.before}", docked.estimates))
+        found.append(table("docked", f"Docked object: {docked.after} less {docked.before}", docked))
     return found
 
 
-def table(anchor: str, title: str, estimates: dict[str, EstimateItem]) -> Table:
+def table(anchor: str, title: str, part: PhaseItem | DockedObject) -> Table:
     """The table of ten estimates."""
-    return Table(anchor, title, tuple(_row(name, item) for name, item in estimates.items()), estimates)
+    cause = contradiction(part)
+    return Table(anchor, title, tuple(_row(name, item, cause) for name, item in part.estimates.items()), part.estimates, cause)
 
 
-def _row(name: str, item: EstimateItem) -> Row:
+def _row(name: str, item: EstimateItem, contradicted: str) -> Row:
     value, sigma = (minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(
@@ -138,7 +147,7 @@ def _row(name: str, item: EstimateItem) -> Row:
         unit=words.unit(item.unit),
         verdict=item.verdict,
         sign=words.SIGNS[item.verdict],
-        reason=item.reason,
+        reason=reason(item, contradicted),
         final="" if item.final_at_s is None else f"{item.final_at_s:.2f} s",
         nominal="" if item.nominal is None else minus(f"{item.nominal:.6g}"),
         expected="" if expected is None else f"{minus(f'{expected.value:.6g}')} ± {expected.stated}",
@@ -220,7 +229,7 @@ def axes(phase: PhaseItem) -> list[Axis]:
 def cures(table: Table) -> list[tuple[str, Row, str]]:
     """For each quantity that is not converged: its name, row, and what would help."""
     keys = {symbol: key for key, symbol in words.SYMBOLS.items()}
-    return [(row.symbol, row, words.remedy(keys[row.symbol], row.verdict)) for row in table.open]
+    return [(row.symbol, row, words.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open]
 
 
 def minus(text: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from massprop_cli.conclude import WANTED, Verdict
+from massprop_cli.judge import contradiction, parts
 from massprop_cli.report.result import Result
 
 SYMBOLS = {
@@ -14,7 +15,7 @@ VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
     "not_excited": "a motion of this vehicle could tell it, but this log's commands did not, or disturbances drowned them",
-    "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold",
+    "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold; not to be used",
     "unobservable": "no motion of this vehicle could tell it by this method",
 }
 SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
@@ -40,7 +41,8 @@ def conventions(result: Result) -> list[str]:
         "CG is from O, the vehicle's declared reference point, in body axes.",
     ]
     if result.provenance.settings.get("estimator.method") != "thesis":
-        lines.append("± is one standard deviation.")
+        contradicted = any(contradiction(body) for _, body in parts(result))
+        lines.append(f"± is one standard deviation{'; of a contradicted quantity it does not hold' if contradicted else ''}.")
     if bearing:
         lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
     return [*lines, thrust_scale(result)]
@@ -62,8 +64,12 @@ def thrust_scale(result: Result) -> str:
     return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
 
 
-def remedy(quantity: str, verdict: str) -> str:
-    """What to do about a quantity that is not converged."""
+def remedy(quantity: str, verdict: str, contradiction: str = "") -> str:
+    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the cure."""
+    if verdict == "contradicted":
+        return "mend the cause; no motion cures it"
+    if contradiction and verdict != "unobservable":
+        return "mend what contradicts this phase first"
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":

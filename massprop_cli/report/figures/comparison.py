@@ -21,6 +21,7 @@ MARKERS: dict[Verdict, tuple[str, bool]] = {
     "converged": ("o", True),
     "not_converged": ("D", False),
     "not_excited": ("o", False),
+    "contradicted": ("X", True),
     "unobservable": ("x", True),
 }
 """Marker of each verdict, and whether it is filled."""
@@ -30,7 +31,8 @@ def picture(found: Sequence[dict[str, EstimateItem]]) -> Picture:
     """A panel for each quantity; results are numbered from 1 as they come."""
     caption = (
         "Each result's value with a bar of ± one sigma, over its number in the table. Filled circle: converged; open diamond: not "
-        "converged; open circle: not excited. Dashes: what was expected of it. The range fits the converged values; others may lie outside."
+        "converged; open circle: not excited; filled cross: contradicted, its bar does not hold. Dashes: what was expected of it. The "
+        "range fits the converged values; others may lie outside."
     )
     return Picture(caption, tuple(_panel(name, [items[name] for items in found]) for name in QUANTITIES))
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprop_cli import INERTIA
 from massprop_cli.arrays import Array
 from massprop_cli.report import body
 from massprop_cli.report.figures import axis, palette
@@ -42,7 +43,10 @@ def picture(recorded: Recorded) -> Picture:
     phases, bearing_mass = recorded.result.phases, recorded.result.vehicle.bearing_mass_kg
     found = [(number, phase, body.ellipsoid(phase, bearing_mass)) for number, phase in enumerate(phases, 1)]
     panels = tuple(_panel(number, phase, seen, view, len(phases) > 1) for number, phase, seen in found for view in VIEWS)
-    return Picture(_caption([seen for *_, seen in found]), panels, 4)
+    said = _caption([seen for *_, seen in found])
+    if any(phase.estimates[name].verdict == "contradicted" for phase in phases for name in (*INERTIA, "mass")):
+        said += " It rests on contradicted values."
+    return Picture(said, panels, 4)
 
 
 def outline(seen: body.Ellipsoid, directions: Array, points: int = 65) -> Array:

@@ -40,6 +40,8 @@ def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> 
         f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
         "from there on. The range fits the settled part."
     )
+    if any(phase.estimates[name].verdict == "contradicted" for name in names for _, phase, _ in parts):
+        said += " Red with a cross: contradicted, the band does not hold."
     cuts = [(words.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
     told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
     return f"{said} The start runs out of the picture: {', '.join(told)}." if told else said
@@ -73,7 +75,8 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
             return
         axis.values(axes, limits, heading, words.unit(item.unit))
         rows = thin(value, [] if final is None else [final], parts_of(len(recorded.history)))
-        _series(axes, f"{name}-{{}}-{number}", time_s, value, sigma, rows)
+        colour = palette.RED if item.verdict == "contradicted" else palette.BLUE
+        _series(axes, f"{name}-{{}}-{number}", colour, time_s, value, sigma, rows)
         _outcome(axes, f"{name}-{{}}-{number}", time_s[-1], item)
         _references(axes, f"{name}-{{}}-{number}", item, limits)
         if any(axes.get_legend_handles_labels()[1]):
@@ -102,11 +105,11 @@ def _limits(found: Limits | None, item: EstimateItem) -> Limits | None:
     return found if min(wanted) >= found.low and max(wanted) <= found.high else padded(min(wanted), max(wanted), 0.04)
 
 
-def _series(axes: Axes, gid: str, time_s: Array, value: Array, sigma: Array, rows: NDArray[np.intp]) -> None:
+def _series(axes: Axes, gid: str, colour: str, time_s: Array, value: Array, sigma: Array, rows: NDArray[np.intp]) -> None:
     banded = rows[np.isfinite(sigma[rows])]
     low, high = value[banded] - sigma[banded], value[banded] + sigma[banded]
-    axes.fill_between(time_s[banded], low, high, color=palette.BLUE, alpha=0.25, linewidth=0, gid=gid.format("band"))
-    axes.plot(time_s[rows], value[rows], color=palette.BLUE, gid=gid.format("value"))
+    axes.fill_between(time_s[banded], low, high, color=colour, alpha=0.25, linewidth=0, gid=gid.format("band"))
+    axes.plot(time_s[rows], value[rows], color=colour, gid=gid.format("value"))
 
 
 def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
@@ -114,7 +117,8 @@ def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
         axes.axvline(item.final_at_s, color=palette.MUTED, linestyle=(0, (4, 3)), linewidth=0.9, gid=gid.format("final"))
     if item.value is not None:
         spread = [item.sigma or 0.0]
-        drawn = axes.errorbar([end_s], [item.value], spread, fmt="o", markersize=3.5, capsize=2.5, color=palette.INK, zorder=5)
+        marker, size, colour = ("X", 6.0, palette.RED) if item.verdict == "contradicted" else ("o", 3.5, palette.INK)
+        drawn = axes.errorbar([end_s], [item.value], spread, fmt=marker, markersize=size, capsize=2.5, color=colour, zorder=5)
         drawn.lines[0].set_gid(gid.format("reported"))
         drawn.lines[0].set_clip_on(False)
 

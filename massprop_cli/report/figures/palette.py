@@ -6,19 +6,19 @@ A colour never carries a meaning alone: line style, marker or label say the same
 from __future__ import annotations
 
 PAPER, INK, MUTED, GRID, SHADE = "#ffffff", "#1b1f24", "#5b646e", "#d8dde3", "#eef1f4"
-BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#00805e", "#a3507f"
+BLUE, ORANGE, GREEN, PURPLE, RED = "#0072b2", "#d55e00", "#00805e", "#a3507f", "#b3001b"
 
 DARK = {
     PAPER: "#14181d", INK: "#e6edf3", MUTED: "#a3adb8", GRID: "#343b44", SHADE: "#1f252c",
-    BLUE: "#62bdf0", ORANGE: "#ff9a5c", GREEN: "#3ed0a5", PURPLE: "#e8a3c9",
+    BLUE: "#62bdf0", ORANGE: "#ff9a5c", GREEN: "#3ed0a5", PURPLE: "#e8a3c9", RED: "#ff7a85",
 }  # fmt: skip
 """Each colour's tone on a dark ground."""
 NAMES = {
     PAPER: "paper", INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade",
-    BLUE: "blue", ORANGE: "orange", GREEN: "green", PURPLE: "purple",
+    BLUE: "blue", ORANGE: "orange", GREEN: "green", PURPLE: "purple", RED: "red",
 }  # fmt: skip
 """Each colour's name as a CSS variable."""
-VERDICT = {"converged": BLUE, "not_converged": ORANGE, "not_excited": PURPLE, "unobservable": INK}
+VERDICT = {"converged": BLUE, "not_converged": ORANGE, "not_excited": PURPLE, "contradicted": RED, "unobservable": INK}
 """The line of a quantity with this verdict."""
 
 
