@@ -88,3 +88,32 @@ def contradicted(name: str = "all", **changes: Any) -> dict[str, Any]:
     wrong["cg_x"] |= {"verdict": "not_converged", "reason": "it still moved more than the tolerance"}
     wrong["cg_y"] |= {"verdict": "unobservable", "value": None, "sigma": None, "reason": "no motion of this vehicle can inform it"}
     return phase(name, **wrong) | {"contradiction": CAUSE} | changes
+
+
+def mended(contradiction: str = "", **changes: dict[str, Any]) -> dict[str, Any]:
+    """What the log gives with the jet's sign turned."""
+    kept = ("value", "sigma", "unit", "verdict")
+    told = {name: {key: item[key] for key in kept} for name, item in estimates(**changes).items()}
+    settings = ["jets.roll_p1.force_n=[0.0, 0.0, -1.112]", "cycle.command_delay_cycles=2.0"]
+    phases = [{"name": "all", "estimates": told, "contradiction": contradiction}]
+    return {"code": "jet-sign", "message": "With jet roll_p1 turned round", "settings": settings, "phases": phases}
+
+
+def assumptions(*phases: str) -> list[dict[str, Any]]:
+    """Three: one that the log can't tell, one that it hardly could, one that it would."""
+    scaled = {name: VALUES[name] / 100 for name in QUANTITIES if not name.startswith("cg")}
+    steps = (
+        ("thrust-scale", "All thrust is as the vehicle file states it", "1 %", scaled, None, True),
+        ("imu-position", "The IMU is where the vehicle file says", "1 mm", {"cg_x": -0.000996, "mass": 123.4}, 2.12, True),
+        ("pulse-shape", "Thrust rises at once", "1 ms", {"ixx": 0.0}, 12.3, False),
+    )
+    return [
+        {
+            "code": code,
+            "message": message,
+            "step": step,
+            "stated": stated,
+            "effects": [{"phase": phase, "change": change, "seen_sigma": seen} for phase in phases or ("all",)],
+        }
+        for code, message, step, change, seen, stated in steps
+    ]

@@ -13,7 +13,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.report import checks, figures, html, view, words
 from massprop_cli.report.figures import palette
 from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import Delay, Innovations, PhaseItem, WarningItem
+from massprop_cli.report.result import Delay, Innovations, Mended, PhaseItem, WarningItem
 from tests import recorded
 from tests.recording import changed, record
 
@@ -171,6 +171,33 @@ def test_a_comparison_marks_the_result_that_is_contradicted(flyer: Recorded) -> 
     assert wrong[2].startswith("‼contradicted, −830")
     assert text.count('<tr class="alarmed">') == 1
     assert text.count('class="alarm"') == 1
+
+
+def test_the_mended_answer_stands_apart_with_the_settings_to_give(flyer: Recorded) -> None:
+    found = recorded.result([recorded.contradicted()], mended=[recorded.mended()], assumptions=recorded.assumptions())
+    page = Page(html.page([replace(flyer, result=found)]))
+    assert page.table("Mended")[1] == ["Ixx", "0.620", "± 0.010", "kg m²", "✓ converged"]
+    assert page.table("Whole log")[1][1] == "−830"
+    assert "--set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]' --set cycle.command_delay_cycles=2.0" in page.said()
+    assert {"#mended", "#assumptions"} <= set(page.links)
+    assert {"mended", "assumptions"} <= set(page.ids)
+    assert "What the log gives if it is mended" in page.said()
+    assert "still contradicted" not in page.said()
+    odd = found.model_copy(update={"mended": [Mended.model_validate(recorded.mended("the rates don't add up"))]})
+    assert "still contradicted: the rates don't add up" in Page(html.page([replace(flyer, result=odd)])).said()
+
+
+def test_assumptions_are_part_of_the_page_with_what_one_step_changes(flyer: Recorded) -> None:
+    scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
+    phase = recorded.phase() | {"implied_thrust_scale": scale}
+    page = Page(html.page([replace(flyer, result=recorded.result([phase], assumptions=recorded.assumptions()))]))
+    rows = page.table("What one step changes")
+    assert rows[0] == ["Quantity", "Unit", "thrust-scale1 %", "imu-position1 mm", "pulse-shape1 ms"]
+    assert rows[3] == ["Ixz", "kg m²", "−0.00070", "–", "–"]
+    assert rows[-1] == ["the log would notice", "no", "hardly, 2.1 σ", "yes, 12 σ"]
+    assert "Thrust rises at once [pulse-shape, a default]" in page.said()
+    assert page.table("Whole log")[0][2] == "± sigma (thrust taken as exact)"
+    assert "The known mass implies 1.0340 ± 0.0021 of the stated thrust." in page.said()
 
 
 def test_nominal_and_expected_values_stand_beside_the_estimate(flyer: Recorded) -> None:
@@ -393,13 +420,22 @@ def test_innovations_are_held_against_what_chance_leaves(flyer: Recorded, flyer_
     rows = flyer_page.table("Whitened innovations")[1:]
     found = flyer.result.phases[0].innovations
     assert found is not None
-    assert len(rows) == 13
+    assert len(rows) == 19
+    assert "19 of 19 checks hold" in flyer_page.said()
     assert float(rows[0][1]) == pytest.approx(found.nis, rel=1e-2)
     assert all(row[3] == "✓" for row in rows)
     wrong = Innovations(cycles=1000, nis=9.0, channel_variance=[1, 1, 1.4, 1, 1, 1], lag_one_correlation=[0, 0, 0, 0.3, 0, 0])
     assert [check.what for check in checks.innovations(wrong) if not check.inside] == [
         "normalised innovation squared, all six channels", "variance, rate Z", "correlation from cycle to cycle, specific force X",
     ]  # fmt: skip
+
+
+def test_what_commands_explain_of_innovations_has_no_allowance() -> None:
+    odd = Innovations(
+        cycles=1000, nis=6.0, channel_variance=[1.0] * 6, lag_one_correlation=[0.0] * 6, lack_of_fit=[1.0, 1.0, 1.7, 1.0, 1.0, 1.0]
+    )
+    (outside,) = [check for check in checks.innovations(odd) if not check.inside]
+    assert outside.cells == ("what commands and motion explain of its innovations, rate Z", "1.7", "1")
 
 
 def test_the_allowance_of_a_check_is_that_of_a_random_sample() -> None:

@@ -199,3 +199,35 @@ def test_a_contradiction_comes_first_and_offers_no_motion_as_its_cure() -> None:
     for name in QUANTITIES:
         assert words.cure(name) not in text or name == "cg_y"
     assert "Contradicted" not in markdown.text([recorded.recorded()])
+
+
+def test_the_mended_answer_has_its_own_heading_and_the_settings_to_give() -> None:
+    found = recorded.result([recorded.contradicted()], mended=[recorded.mended("still odd")])
+    text = markdown.text([recorded.recorded(found)])
+    result, mended = tables(text)
+    assert result[1][1:3] == ["-830", "4.0"]
+    assert mended[0] == ["quantity", "value", "± sigma", "unit", "verdict"]
+    assert mended[1] == ["ixx", "0.620", "0.010", "kg m²", "✓ converged"]
+    assert text.index("### If it is mended") < text.index("    --set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]'\n    --set cycle")
+    assert "Not the result: With jet roll_p1 turned round (jet-sign)" in items(text)
+    assert any("still contradicted: still odd" in entry for entry in items(text))
+
+
+def test_assumptions_have_a_table_of_what_one_step_changes_per_phase() -> None:
+    phases = [recorded.phase("single"), recorded.phase("combined")]
+    found = recorded.result(phases, assumptions=recorded.assumptions("single", "combined"))
+    text = markdown.text([recorded.recorded(found)])
+    one, _, steps, again = tables(text)
+    assert one[0][2] == "± sigma (thrust taken as exact)"
+    assert steps == again
+    assert steps[0] == ["quantity", "unit", "thrust-scale, 1 %", "imu-position, 1 mm", "pulse-shape, 1 ms"]
+    assert steps[1] == ["ixx", "kg m²", "+0.0062", "–", "0"]
+    assert steps[-1] == ["the log would notice", "", "no", "hardly, 2.1 σ", "yes, 12 σ"]
+    assert "Thrust rises at once [pulse-shape, a default]" in items(text)
+    assert "What one step changes, phase combined:" in items(text)
+
+
+def test_what_a_known_mass_implies_of_the_thrust_is_said() -> None:
+    scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
+    text = markdown.text([recorded.recorded(recorded.result([recorded.phase() | {"implied_thrust_scale": scale}]))])
+    assert "The known mass implies 1.0340 ± 0.0021 of the stated thrust." in items(text)

@@ -87,3 +87,43 @@ def test_a_contradicted_phase_says_the_cause_in_bold_red_under_its_table() -> No
     assert "phase combined" in after
     assert f"\x1b[1;31mcontradicted: {recorded.CAUSE}\x1b[0m" in coloured(found)
     assert "contradicted" not in printed(recorded.result())
+
+
+def test_the_mended_answer_stands_apart_under_what_mends_it_with_the_settings_to_give() -> None:
+    bad = recorded.mended("the rates don't add up", ixx={"verdict": "contradicted", "value": -825.1, "sigma": 4.0})
+    text = printed(recorded.result([recorded.contradicted()], mended=[recorded.mended(), bad]))
+    result, good, still = text.split("If it is mended (not the result): With jet roll_p1 turned round [jet-sign]\n")
+    assert cells(result, "ixx")[1] == "-830"
+    assert cells(good, "ixx") == ["ixx", "0.620", "0.010", "kg m²", "converged"]
+    assert "  --set 'jets.roll_p1.force_n=[0.0, 0.0, -1.112]'\n  --set cycle.command_delay_cycles=2.0\n" in good
+    assert cells(still, "ixx") == ["ixx", "-830", "4.0", "kg m²", "contradicted"]
+    assert "still contradicted: the rates don't add up" in still
+    assert "contradicted" not in good
+    assert "mended" not in printed(recorded.result())
+
+
+def test_assumptions_stand_after_the_tables_with_the_change_of_each_value() -> None:
+    text = printed(recorded.result([recorded.contradicted()], mended=[recorded.mended()], assumptions=recorded.assumptions()))
+    result, rest = text.split("Assumptions: what the values rest on and no sigma holds\n")
+    assert "± sigma (thrust taken as exact)" in result
+    assert "- The IMU is where the vehicle file says [imu-position, stated by the vehicle file]" in rest
+    assert cells(rest, "ixx") == ["ixx", "+0.0062", "–", "0", "kg m²"]
+    assert cells(rest, "mass") == ["mass", "+0.22", "+120", "–", "kg"]
+    assert cells(rest, "noticed?") == ["noticed?", "no", "hardly, 2.1 σ", "yes, 12 σ", ""]
+    assert "Assumptions" not in printed(recorded.result())
+    assert "taken as exact" not in printed(recorded.result())
+
+
+@pytest.mark.parametrize("width", [80, 100, 132])
+def test_an_explained_heading_does_not_push_the_table_over_the_edge(width: int) -> None:
+    text = printed(recorded.result(assumptions=recorded.assumptions()), width)
+    table_lines = text[: text.index("mass ")].splitlines()
+    assert max(map(len, table_lines)) <= width
+    assert "± sigma" in text
+    assert "(thrust taken as exact)" in text
+
+
+def test_what_a_known_mass_implies_stands_under_the_table() -> None:
+    scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
+    text = printed(recorded.result([recorded.phase() | {"implied_thrust_scale": scale}]))
+    assert "The known mass implies 1.0340 ± 0.0021 of the stated thrust.\n" in text

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.errors import InputError
-from massprop_cli.report import body, checks, digits, figures, view, words
+from massprop_cli.report import assumptions, body, checks, digits, figures, mended, view, words
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.foreign import visible
 from massprop_cli.report.inline import gathered, inline
@@ -101,13 +101,16 @@ def _clean(value: object) -> object:
 def _report(recorded: Recorded) -> Mapping[str, Any]:
     result = recorded.result
     tables = view.tables(result)
+    phases = [_phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)]
+    held = [check.inside for phase in phases for check in phase.checks]
     return {
         "result": result,
         "tables": tables,
         "conventions": words.conventions(result),
-        "phases": [
-            _phase(recorded, number, item, table) for (number, item), table in zip(enumerate(result.phases, 1), tables, strict=False)
-        ],
+        "phases": phases,
+        "checks": f"{sum(held)} of {len(held)} checks hold" if held else "",
+        "assumptions": assumptions,
+        "mended": mended,
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
         "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
         "settings": settings(result),

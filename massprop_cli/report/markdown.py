@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from massprop_cli.conclude import Verdict
 from massprop_cli.judge import contradiction, missed, parts
-from massprop_cli.report import digits, words
+from massprop_cli.report import assumptions, digits, mended, words
 from massprop_cli.report.foreign import markdown as shown
 from massprop_cli.report.gaps import gaps
 from massprop_cli.report.labels import labels
 from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.report.result import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 LARGEST = 200_000
 """Bytes of UTF-8, however many the results: more is cut off by those who show summaries of jobs."""
@@ -89,7 +90,9 @@ def _sections(found: Result, name: str) -> list[list[str]]:
     """A result in sections, so that a long one can be cut between two of them."""
     return [
         [f"## {shown(name)}", "", *_alarm(found), _origin(found), "", *_verdict(found)],
-        *(_part(part, body) for part, body in parts(found)),
+        *(_part(part, body, found) for part, body in parts(found)),
+        *(_mended(one) for one in found.mended),
+        *_assumptions(found),
         _list("Conventions:", words.conventions(found)),
         _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would tell it:", gaps(found)),
         *_warnings(found),
@@ -129,11 +132,11 @@ def _verdict(found: Result) -> list[str]:
     return _list(f"**✗ {len(wrong)} not as expected** ({against}):", wrong)
 
 
-def _part(part: str, body: PhaseItem | DockedObject) -> list[str]:
+def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]:
     span = f", {body.start_s:.6g} to {body.end_s:.6g} s" if isinstance(body, PhaseItem) else ""
     nominal = any(item.nominal is not None for item in body.estimates.values())
     held = any(item.expected is not None for item in body.estimates.values())
-    columns = ["quantity", "value", "± sigma", "unit", "verdict", "final at"]
+    columns = ["quantity", "value", assumptions.sigma_heading(found, body), "unit", "verdict", "final at"]
     columns += (["nominal"] if nominal else []) + (["expected", "tolerance", "met"] if held else [])
     alignment = "lrrllr" + ("r" if nominal else "") + ("rrl" if held else "")
     rows = [
@@ -141,13 +144,51 @@ def _part(part: str, body: PhaseItem | DockedObject) -> list[str]:
         for name, item in body.estimates.items()
     ]
     note = [f"Physical consistency: {shown(body.physical.note)}.", ""] if isinstance(body, PhaseItem) and body.physical.note else []
+    implied = assumptions.implied_thrust(body)
+    note += [f"{shown(implied[0].upper() + implied[1:])}.", ""] if implied else []
     return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_table(columns, alignment), *rows, "", *note]
+
+
+def _mended(one: Mended) -> list[str]:
+    found = [f"### {mended.TITLE}", "", f"Not the result: {shown(one.message)} ({shown(one.code)})", ""]
+    found += [*(f"    {option}" for option in mended.options(one)), ""] if one.settings else []
+    for phase in one.phases:
+        still = mended.still(phase)
+        found += [f"Phase {shown(phase.name)}{f': **{shown(still)}**' if still else ''}", ""]
+        found += _table(["quantity", "value", "± sigma", "unit", "verdict"], "lrrll")
+        found += [_row([shown(name), value, sigma, unit, _verdict_words(told)]) for name, value, sigma, unit, told in mended.rows(phase)]
+        found.append("")
+    return found
+
+
+def _assumptions(found: Result) -> list[list[str]]:
+    said = [f"- {shown(assumptions.said(one))}" for one in found.assumptions]
+    return [
+        *([["### Assumptions", "", *said, ""]] if said else []),
+        *(_sensitivity(one) for one in assumptions.sensitivities(found)),
+    ]
+
+
+def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
+    columns = ["quantity", "unit", *(shown(f"{code}, {step}") for code, step in one.steps)]
+    return [
+        f"What one step changes, phase {shown(one.phase)}:",
+        "",
+        *_table(columns, "ll" + "r" * len(one.steps)),
+        *(_row([shown(name), unit, *changes]) for name, unit, changes in one.rows),
+        _row([assumptions.NOTICED, "", *one.noticed]),
+        "",
+    ]
+
+
+def _verdict_words(verdict: Verdict) -> str:
+    return f"{words.SIGNS[verdict]} {verdict.replace('_', ' ')}"
 
 
 def _cells(name: str, item: EstimateItem) -> list[str]:
     value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
     final = "–" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
-    return [shown(name), value, sigma, words.unit(item.unit), f"{words.SIGNS[item.verdict]} {item.verdict.replace('_', ' ')}", final]
+    return [shown(name), value, sigma, words.unit(item.unit), _verdict_words(item.verdict), final]
 
 
 def _nominal(item: EstimateItem) -> list[str]:

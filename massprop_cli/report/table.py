@@ -8,28 +8,41 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from massprop_cli.judge import INFORMED, contradiction
-from massprop_cli.report import digits, words
+from massprop_cli.report import assumptions, digits, mended, words
 from massprop_cli.report.foreign import line
-from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.report.result import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
 _NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
+
+_ENDLESS = 10_000
 
 
 def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for phase in found.phases:
         title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
-        _part(title, phase, console)
+        _part(title, phase, found, console)
     if found.docked_object is not None:
         docked = found.docked_object
-        _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, console)
+        _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, found, console)
     for told in _legend(found):
         console.print(escape(told))
+    for one in found.mended:
+        _mended(one, console)
+    _assumptions(found, console)
 
 
-def _part(title: str, body: PhaseItem | DockedObject, console: Console) -> None:
-    fitted(_table(title, body.estimates), console)
+def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
+    heading = assumptions.sigma_heading(found, body)
+    table = _table(title, body.estimates, heading)
+    if _width(table, console) > console.width:
+        # an explanation in a heading is no reason to run over the edge
+        table = _table(title, body.estimates, heading.replace(" (", "\n("))
+    fitted(table, console)
+    implied = assumptions.implied_thrust(body)
+    if implied:
+        console.print(escape(f"{implied[0].upper()}{implied[1:]}."))
     cause = contradiction(body)
     if cause:
         console.print(escape(f"contradicted: {line(cause)}"), style=_STYLE["contradicted"])
@@ -37,13 +50,55 @@ def _part(title: str, body: PhaseItem | DockedObject, console: Console) -> None:
 
 def fitted(table: Table, console: Console) -> None:
     """Print a table; without its lines where the terminal is too narrow for them, and beyond its edge before a number is cut short."""
-    wide = console.options.update(width=10_000)
     terminal = console.width
-    if Measurement.get(console, wide, table).maximum > terminal:
+    if _width(table, console) > terminal:
         table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
-    console.width = max(terminal, Measurement.get(console, wide, table).minimum)
+    console.width = max(terminal, Measurement.get(console, console.options.update(width=_ENDLESS), table).minimum)
     console.print(table)
     console.width = terminal
+
+
+def _width(table: Table, console: Console) -> int:
+    return Measurement.get(console, console.options.update(width=_ENDLESS), table).maximum
+
+
+def _mended(one: Mended, console: Console) -> None:
+    console.print()
+    console.print(escape(f"{mended.TITLE} (not the result): {line(one.message)} [{line(one.code)}]"), style="bold")
+    for phase in one.phases:
+        table = Table(title=escape(f"mended, phase {phase.name}"), title_justify="left", title_style="dim")
+        for name in ("quantity", "value", "± sigma", "unit", "verdict"):
+            table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
+        for name, value, sigma, unit, verdict in mended.rows(phase):
+            table.add_row(escape(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
+        fitted(table, console)
+        if phase.contradiction:
+            console.print(escape(line(mended.still(phase))), style=_STYLE["contradicted"])
+    for option in mended.options(one):
+        console.print(escape(f"  {option}"), soft_wrap=True)
+
+
+def _assumptions(found: Result, console: Console) -> None:
+    if not found.assumptions:
+        return
+    console.print()
+    console.print("Assumptions: what the values rest on and no sigma holds", style="bold")
+    for assumption in found.assumptions:
+        console.print(escape(f"- {line(assumptions.said(assumption))}"))
+    for one in assumptions.sensitivities(found):
+        table = Table(title=escape(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
+        table.add_column("quantity", no_wrap=True)
+        for code, step in one.steps:
+            table.add_column(escape(f"{line(code)}\n{line(step)}"), justify="right", no_wrap=True)
+        table.add_column("unit", no_wrap=True)
+        for name, unit, changes in one.rows:
+            table.add_row(name, *changes, unit)
+        table.add_row("noticed?", *one.noticed, "")
+        fitted(table, console)
+
+
+def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
+    return texts if verdict in INFORMED else tuple(f"[dim]{text}[/]" for text in texts)
 
 
 def _legend(found: Result) -> list[str]:
@@ -59,21 +114,19 @@ def _legend(found: Result) -> list[str]:
     return [*lines, words.thrust_scale(found)]
 
 
-def _table(title: str, estimates: dict[str, EstimateItem]) -> Table:
+def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Table:
     table = Table(title=escape(title), title_justify="left", title_style="bold")
     nominal = any(item.nominal is not None for item in estimates.values())
     expected = any(item.expected is not None for item in estimates.values())
-    names = ["quantity", "value", "± sigma", "unit", "verdict", "final at"]
+    names = ["quantity", "value", heading, "unit", "verdict", "final at"]
     for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
-        table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
+        table.add_column(name, justify="right" if name in (*_NUMBERS, heading) else "left", no_wrap=True)
     for name, item in estimates.items():
         value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
         final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
         verdict = f"[{_STYLE[item.verdict]}]{item.verdict}[/]"
         cells = [*([_nominal(item)] if nominal else []), *(_expected(item) if expected else [])]
-        if item.verdict not in INFORMED:
-            value, sigma = (f"[dim]{text}[/]" for text in (value, sigma))
-        table.add_row(name, value, sigma, words.unit(item.unit), verdict, final, *cells)
+        table.add_row(name, *_dimmed(item.verdict, value, sigma), words.unit(item.unit), verdict, final, *cells)
     return table
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from massprop_cli import CG, INERTIA
 from massprop_cli.arrays import Array
 from massprop_cli.judge import INFORMED, contradiction
-from massprop_cli.report import body, digits, words
+from massprop_cli.report import assumptions, body, digits, words
 from massprop_cli.report.gaps import reason
 from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
 
@@ -50,6 +50,10 @@ class Table:
     title: str
     rows: tuple[Row, ...]
     estimates: dict[str, EstimateItem]
+    sigma: str
+    """The heading of the sigmas."""
+    implied: str
+    """What a known mass says of the thrust; empty where there is none."""
     contradiction: str
     """Why log and vehicle file contradict each other; empty where they don't."""
 
@@ -124,17 +128,18 @@ def tables(result: Result) -> list[Table]:
     for number, phase in enumerate(result.phases, 1):
         name = f"Phase {phase.name}" if several or phase.name != "all" else "Whole log"
         span = f"{minus(f'{phase.start_s:.3f}'.rstrip('0').rstrip('.'))} to {f'{phase.end_s:.3f}'.rstrip('0').rstrip('.')} s"
-        found.append(table(f"phase-{number}", f"{name}, {span}", phase))
+        found.append(table(f"phase-{number}", f"{name}, {span}", phase, result))
     docked = result.docked_object
     if docked is not None:
-        found.append(table("docked", f"Docked object: {docked.after} less {docked.before}", docked))
+        found.append(table("docked", f"Docked object: {docked.after} less {docked.before}", docked, result))
     return found
 
 
-def table(anchor: str, title: str, part: PhaseItem | DockedObject) -> Table:
+def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> Table:
     """The table of ten estimates."""
     cause = contradiction(part)
-    return Table(anchor, title, tuple(_row(name, item, cause) for name, item in part.estimates.items()), part.estimates, cause)
+    rows = tuple(_row(name, item, cause) for name, item in part.estimates.items())
+    return Table(anchor, title, rows, part.estimates, assumptions.sigma_heading(result, part), assumptions.implied_thrust(part), cause)
 
 
 def _row(name: str, item: EstimateItem, contradicted: str) -> Row:

@@ -1,0 +1,86 @@
+"""What the values rest on and the log can't tell, or not well, as text: what one step of each assumption does to each value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.report import digits, words
+from massprop_cli.report.result import Assumption, DockedObject, PhaseItem, Result
+
+TOLD = 5.0
+"""Sigmas of misfit from which on the log itself would tell that an assumption is one step off."""
+NOTICED = "the log would notice"
+SIGMA = "± sigma"
+EXACT_THRUST = f"{SIGMA} (thrust taken as exact)"
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One phase: a column for each assumption, a row for each quantity."""
+
+    phase: str
+    steps: tuple[tuple[str, str], ...]
+    """Code and step of each assumption."""
+    rows: tuple[tuple[str, str, tuple[str, ...]], ...]
+    """Quantity, unit, and the change of its value for each assumption."""
+    noticed: tuple[str, ...]
+    """Whether the log would notice each."""
+
+
+def sensitivities(found: Result) -> list[Sensitivity]:
+    """For each phase that any assumption has a say in."""
+    names = dict.fromkeys(effect.phase for assumption in found.assumptions for effect in assumption.effects)
+    return [_sensitivity(found, name) for name in names]
+
+
+def _sensitivity(found: Result, phase: str) -> Sensitivity:
+    held = [(assumption, effect) for assumption in found.assumptions for effect in assumption.effects if effect.phase == phase]
+    return Sensitivity(
+        phase=phase,
+        steps=tuple((assumption.code, assumption.step) for assumption, _ in held),
+        rows=tuple((name, words.unit(UNITS[name]), tuple(_change(effect.change.get(name)) for _, effect in held)) for name in QUANTITIES),
+        noticed=tuple(_noticed(effect.seen_sigma) for _, effect in held),
+    )
+
+
+def _change(change: float | None) -> str:
+    if change is None:
+        return digits.ABSENT
+    return f"{'+' if change > 0 else ''}{digits.figures(change)}"
+
+
+def _noticed(seen_sigma: float | None) -> str:
+    if seen_sigma is None:
+        return "no"
+    return f"{'yes' if seen_sigma >= TOLD else 'hardly'}, {digits.figures(seen_sigma)} σ"
+
+
+def said(assumption: Assumption) -> str:
+    """One assumption in words."""
+    return f"{assumption.message} [{assumption.code}, {'stated by the vehicle file' if assumption.stated else 'a default'}]"
+
+
+def sigma_heading(found: Result, body: PhaseItem | DockedObject) -> str:
+    """What a column of sigmas is called: they hold nothing of the thrust's uncertainty where none is stated and nothing calibrates it."""
+    moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in found.assumptions)
+    exact = moves and found.vehicle.thrust_scale_sigma == 0 and not _calibrated(found, body)
+    return EXACT_THRUST if exact else SIGMA
+
+
+def _calibrated(found: Result, body: PhaseItem | DockedObject) -> bool:
+    """Whether a known mass or inertia tells the thrust's scale; of a docked object, one in both of its phases."""
+    if any(name not in CG for name in body.known):
+        return True
+    return isinstance(body, DockedObject) and all(
+        _calibrated(found, phase) for phase in found.phases if phase.name in (body.before, body.after)
+    )
+
+
+def implied_thrust(body: PhaseItem | DockedObject) -> str:
+    """What a mass from elsewhere says of the thrust; empty where there is none."""
+    if isinstance(body, DockedObject) or body.implied_thrust_scale is None:
+        return ""
+    found = body.implied_thrust_scale
+    value, sigma = digits.numbers(found.value, found.sigma)
+    return f"the {found.by.replace('.', ' ')} implies {value} ± {sigma} of the stated thrust"

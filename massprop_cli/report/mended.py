@@ -1,0 +1,30 @@
+"""What a log gives if a fault that it names is mended, as text: beside the result, never in its place."""
+
+from __future__ import annotations
+
+import shlex
+
+from massprop_cli.conclude import Verdict
+from massprop_cli.report import digits, words
+from massprop_cli.report.foreign import line
+from massprop_cli.report.result import Mended, MendedPhase
+
+TITLE = "If it is mended"
+
+
+def options(found: Mended) -> list[str]:
+    """The options of ``massprop estimate`` that mend it, as a shell takes them."""
+    return [f"--set {shlex.quote(line(setting))}" for setting in found.settings]
+
+
+def rows(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
+    """Quantity, value, sigma, unit, verdict."""
+    return [
+        (name, *digits.numbers(item.value, item.sigma, item.verdict), words.unit(item.unit), item.verdict)
+        for name, item in phase.estimates.items()
+    ]
+
+
+def still(phase: MendedPhase) -> str:
+    """What mending doesn't mend; empty where it mends all."""
+    return f"still contradicted: {phase.contradiction}" if phase.contradiction else ""
