@@ -30,14 +30,25 @@ class Check:
     @property
     def cells(self) -> tuple[str, str, str]:
         """What, value and expectation as text."""
-        return self.what, f"{self.value:.3g}".replace("-", "−"), f"{self.expected:g} ± {self.allowance:.2g}"
+        return (
+            self.what,
+            f"{self.value:.3g}".replace("-", "−"),
+            f"{self.expected:g}" + (f" ± {self.allowance:.2g}" if self.allowance else ""),
+        )
 
 
 def innovations(found: Innovations) -> list[Check]:
-    """Scatter over N independent normal cycles: 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one."""
+    """Scatter over N independent normal cycles: 6 ± √(12/N) for the sum of squares, 1 ± √(2/N) for variances, 0 ± 1/√N for lag one.
+
+    What commands and motion explain of a channel's innovations is 1 where it is no more than chance, so it has no allowance.
+    """
     n = found.cycles
     checks = [Check("normalised innovation squared, all six channels", found.nis, 6.0, COUNT * np.sqrt(12 / n))]
     checks += [Check(f"variance, {name}", v, 1.0, COUNT * np.sqrt(2 / n)) for name, v in zip(CHANNELS, found.channel_variance, strict=True)]
+    checks += [
+        Check(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0)
+        for name, factor in zip(CHANNELS, found.lack_of_fit, strict=True)
+    ]
     return checks + [
         Check(f"correlation from cycle to cycle, {name}", c, 0.0, COUNT / np.sqrt(n))
         for name, c in zip(CHANNELS, found.lag_one_correlation, strict=True)
