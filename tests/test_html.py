@@ -146,7 +146,7 @@ def test_a_contradiction_stands_in_red_before_anything_else_and_no_motion_cures_
     assert re.search(r"\.alarm .*var\(--red\)", text)
     assert page.table("Whole log")[1] == ["Ixx", "−830", "± 4.0", "kg m²", "‼ contradicted"]
     cures = {row[0]: row[1:] for row in page.table("Quantities that are not converged")[1:]}
-    assert cures["Mass"] == ["‼ contradicted", recorded.CAUSE, "mend the cause; no motion cures it"]
+    assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "mend the cause; no motion cures it"]
     assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "mend what contradicts this phase first"]
     assert cures["CG x"][2] == "mend what contradicts this phase first"
     assert "can't give it" in cures["CG y"][2]

@@ -104,7 +104,7 @@ def test_the_mended_answer_stands_apart_under_what_mends_it_with_the_settings_to
 
 def test_assumptions_stand_after_the_tables_with_the_change_of_each_value() -> None:
     text = printed(recorded.result([recorded.contradicted()], mended=[recorded.mended()], assumptions=recorded.assumptions()))
-    result, rest = text.split("Assumptions: what the values rest on and no sigma holds\n")
+    result, rest = text.split("Assumptions: what the values rest on\n")
     assert "± sigma (thrust taken as exact)" in result
     assert "- The IMU is where the vehicle file says [imu-position, stated by the vehicle file]" in rest
     assert cells(rest, "ixx") == ["ixx", "+0.0062", "–", "0", "kg m²"]

@@ -82,7 +82,7 @@ def _assumptions(found: Result, console: Console) -> None:
     if not found.assumptions:
         return
     console.print()
-    console.print("Assumptions: what the values rest on and no sigma holds", style="bold")
+    console.print("Assumptions: what the values rest on", style="bold")
     for assumption in found.assumptions:
         console.print(escape(f"- {line(assumptions.said(assumption))}"))
     for one in assumptions.sensitivities(found):

@@ -232,9 +232,13 @@ def axes(phase: PhaseItem) -> list[Axis]:
 
 
 def cures(table: Table) -> list[tuple[str, Row, str]]:
-    """For each quantity that is not converged: its name, row, and what would help."""
+    """For each quantity that is not converged: its name, row, and what would help; contradicted ones, which share a cause, together."""
     keys = {symbol: key for key, symbol in words.SYMBOLS.items()}
-    return [(row.symbol, row, words.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open]
+    wrong = [row for row in table.open if row.verdict == "contradicted"]
+    together = [(", ".join(row.symbol for row in wrong), wrong[0], words.remedy("", "contradicted"))] if wrong else []
+    return together + [
+        (row.symbol, row, words.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open if row not in wrong
+    ]
 
 
 def minus(text: str) -> str:

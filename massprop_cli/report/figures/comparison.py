@@ -66,8 +66,10 @@ def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) 
     (marker, filled), colour = MARKERS[verdict], palette.VERDICT[verdict]
     at, values, sigmas = (list(column) for column in zip(*drawn, strict=True))
     face = colour if filled else palette.PAPER
+    # a cross of a circle's size looks like a square
+    larger = 2.5 if marker == "X" else 0.0
     size, cap = (4.0, 2.0) if len(items) <= 40 else (2.5, 0.0)
-    bars = axes.errorbar(at, values, sigmas, fmt=marker, markersize=size, color=colour, markerfacecolor=face, capsize=cap)
+    bars = axes.errorbar(at, values, sigmas, fmt=marker, markersize=size + larger, color=colour, markerfacecolor=face, capsize=cap)
     bars.lines[0].set_gid(f"{name}-{verdict}")
 
 
