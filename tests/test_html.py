@@ -405,6 +405,19 @@ def test_hostile_names_are_only_text(docking: Recorded) -> None:
             ET.fromstring(svg)
 
 
+def test_hostile_causes_settings_and_assumptions_are_only_text(flyer: Recorded) -> None:
+    mended = recorded.mended(HOSTILE) | {"code": HOSTILE, "message": HOSTILE, "settings": [HOSTILE]}
+    hostile = [one | {"code": HOSTILE, "message": HOSTILE, "step": HOSTILE} for one in recorded.assumptions(HOSTILE)]
+    found = recorded.result([recorded.contradicted(contradiction=HOSTILE)], mended=[mended], assumptions=hostile)
+    for text in (html.page([replace(flyer, result=found)]), html.page([flyer, replace(flyer, result=found)])):
+        page = Page(text)
+        assert not [tag for tag, _ in page.tags if tag in ("script", "img")]
+        assert not [attributes for _, attributes in page.tags if "onerror" in attributes]
+        assert "{{7*7}}" in page.said()
+        assert not set(text) & set("\x00\x1b\u202e\ud800")
+        text.encode()
+
+
 def test_provenance_names_hashes_versions_and_where_settings_came_from(flyer: Recorded, flyer_page: Page) -> None:
     provenance = flyer.result.provenance
     told = flyer_page.table("Provenance")

@@ -231,3 +231,16 @@ def test_what_a_known_mass_implies_of_the_thrust_is_said() -> None:
     scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
     text = markdown.text([recorded.recorded(recorded.result([recorded.phase() | {"implied_thrust_scale": scale}]))])
     assert "The known mass implies 1.0340 ± 0.0021 of the stated thrust." in items(text)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_cause_setting_or_assumption_is_shown_as_it_is(name: str) -> None:
+    mended = recorded.mended(name) | {"code": name, "message": name, "settings": [name]}
+    steps = [one | {"code": name, "message": name, "step": name} for one in recorded.assumptions(name)]
+    text = markdown.text(
+        [recorded.recorded(recorded.result([recorded.contradicted(contradiction=name)], mended=[mended], assumptions=steps))]
+    )
+    text.encode()
+    assert [{len(row) for row in table} for table in tables(text)] == [{6}, {5}, {5}]
+    assert not re.search(r"<(script|a|img|b|em|blockquote|hr|s|ol)\b", rendered(text))
+    assert len(re.findall("<pre>", rendered(text))) == 1

@@ -127,3 +127,15 @@ def test_what_a_known_mass_implies_stands_under_the_table() -> None:
     scale = {"by": "known.mass", "value": 1.034, "sigma": 0.0021}
     text = printed(recorded.result([recorded.phase() | {"implied_thrust_scale": scale}]))
     assert "The known mass implies 1.0340 ± 0.0021 of the stated thrust.\n" in text
+
+
+def test_markup_in_a_cause_a_setting_or_an_assumption_is_shown_as_it_is() -> None:
+    name = "[red]x[/nope]"
+    mended = recorded.mended(name) | {"code": name, "message": name, "settings": [f"a={name}"]}
+    steps = [one | {"code": name, "message": name, "step": name} for one in recorded.assumptions(name)]
+    text = printed(recorded.result([recorded.contradicted(contradiction=name)], mended=[mended], assumptions=steps))
+    assert f"contradicted: {name}\n" in text
+    assert f"still contradicted: {name}\n" in text
+    assert f"--set 'a={name}'" in text
+    assert f"- {name} [{name}, a default]" in text
+    assert f"what one step changes, phase {name}" in text
