@@ -117,6 +117,8 @@ def test_a_log_with_contradicted_quantities_is_marked_in_its_row_and_counted() -
     assert 'class="alarmed"' not in first
     assert second.startswith('<tr class="alarmed"')
     assert "‼ 2 contradicted" in second
+    assert '<td class="verdict contradicted" data-key="done"><span class="sign" aria-hidden="true">‼</span> done' in second
+    assert '<p class="headline red">2 done, 1 with contradicted quantities</p>' in text
     assert 'aria-label="contradicted">‼</span>−830 ' in second
     markdown = campaign_markdown.text(found, 100_000)
     assert markdown.startswith("## ‼ night: 2 logs")
