@@ -140,7 +140,7 @@ def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle, passes: in
     total = 0.0
     for side in (slice(piece.start, at), slice(at, piece.stop)):
         reference = first_reference(samples, side, vehicle)
-        found = None if reference is None else _finite(fit(samples, side, reference, vehicle, passes=passes))
+        found = None if reference is None else fit(samples, side, reference, vehicle, passes=passes)
         if found is None:
             return float(np.inf)
         total += found.chi_square * (side.stop - side.start)
@@ -205,11 +205,7 @@ def _tried(log: Log, supposed: Supposition, delay_cycles: float, piece: slice, p
     if samples is None:
         return None
     reference = first_reference(samples, piece, supposed.vehicle)
-    return None if reference is None else _finite(fit(samples, piece, reference, supposed.vehicle, passes=passes))
-
-
-def _finite(found: Fit) -> Fit | None:
-    return found if np.isfinite(found.chi_square) else None
+    return None if reference is None else fit(samples, piece, reference, supposed.vehicle, passes=passes)
 
 
 def _samples(log: Log, supposed: Supposition, delay_cycles: float) -> Samples | None:
@@ -231,12 +227,16 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
         samples = compensate(aligned, tried)
         extra, fired = _thrust_columns(used, tried, delay_cycles, samples, piece, found.reference)
         step = fit(samples, piece, found.reference, tried, extra, passes=0)
+        if step is None:
+            break
         factor = factor * (1 + step.extra)
         # the scale common to all is not told from mass and inertia: most channels are taken to be as stated
         factor = np.where(fired, np.clip(factor / _common(factor, fired, wrench), -LARGEST, LARGEST), 1.0)
         used, tried = _with_factors(log, vehicle, factor)
         samples = compensate(align(used, tried, delay_cycles), tried)
         again = fit(samples, piece, found.reference, tried)
+        if again is None:
+            break
         done = not again.chi_square < best * 0.99
         best, found = min(best, again.chi_square), again
         if done:

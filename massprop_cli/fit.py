@@ -22,6 +22,8 @@ SETTLED = 1e-5
 """Relative change of chi-square at which they end."""
 PRIOR = 100.0
 """Prior sigma of the mass properties over their natural size."""
+GROWTH = float(1 / np.finfo(float).eps)
+"""Growth of an error of the rate at the start beyond which its rounding alone moves the response by the response's own size."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Fit:
     reference: Reference
     chi_square: float
     """Mean squared residual over the noise that the vehicle file states, all six channels; 1 if noise explains them."""
+    standing: float
+    """The same with the mass properties held at the reference and all else fitted: the two meet where the reference stands still."""
     channels: Array
     """(6,) the same for each channel: rate x y z, specific force x y z."""
     extra: Array
@@ -58,66 +62,80 @@ def response(samples: Samples, cycles: slice, reference: Reference, vehicle: Veh
     return system.steps, force + np.einsum("kij,j->ki", system.observation[:, 3:, PARAMETERS], parameters(reference))
 
 
-def fit(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None = None, passes: int = PASSES) -> Fit:
+def fit(
+    samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None = None, passes: int = PASSES
+) -> Fit | None:
     """Gauss–Newton from ``reference``, or one linear fit about it with no ``passes``; the extra unknowns are linear about zero.
 
-    Noise levels must be set in ``vehicle``.
+    A step that leaves the reference worse than it was is halved, so that no fit runs away. None where the response about ``reference``
+    itself does. Noise levels must be set in ``vehicle``.
     """
-    found, target = _step(samples, cycles, reference, vehicle, extra)
+    about = _about(samples, cycles, reference, vehicle, extra)
+    if about is None:
+        return None
+    found, target = about
     for _ in range(passes):
-        # the residual of a linear fit about a poor reference may be too small: only that of a reference that stands still counts
         renewed = stepped(found.reference, target)
-        if renewed is None:
-            break
+        about = None if renewed is None else _about(samples, cycles, renewed, vehicle, extra)
+        if about is None or about[0].standing > found.standing * (1 + SETTLED):
+            target = (parameters(found.reference) + target) / 2
+            continue
+        # the residual of a linear fit about a poor reference may be too small: only that of a reference that stands still counts
         before = found.chi_square
-        found, target = _step(samples, cycles, renewed, vehicle, extra)
-        if not np.isfinite(found.chi_square) or abs(found.chi_square - before) < SETTLED * before:
+        found, target = about
+        if abs(found.chi_square - before) < SETTLED * before:
             break
     return found
 
 
-def _step(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None) -> tuple[Fit, Array]:
-    """The linear fit about ``reference``, and the parameters (10,) that it finds."""
+def _about(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None) -> tuple[Fit, Array] | None:
+    """The linear fit about ``reference``, and the parameters (10,) that it finds; None where the response grows without end."""
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
     count = 0 if extra is None else extra.growth.shape[-1]
-    with np.errstate(all="ignore"):  # a supposition far off may run away; its chi-square is then infinite, which says enough
-        rows, target = _stacked(system, vehicle, extra)
-    if not (np.isfinite(rows).all() and np.isfinite(target).all()):
-        return Fit(reference, np.inf, np.full(6, np.inf), np.zeros(count), np.full((count, count), np.inf)), parameters(reference)
+    stacked = _stacked(system, vehicle, extra)
+    if stacked is None:
+        return None
+    rows, target = stacked
     sigma = np.concatenate([_prior(layout, reference, vehicle), np.full(count, extra.sigma if extra else 1.0)])
     mean = np.zeros(layout.size + count)
     mean[PARAMETERS], mean[RATE] = parameters(reference), samples.rate_rad_s[cycles.start]
-    known = sigma > 0
-    joint = np.vstack([rows[:, known] * sigma[known], np.eye(int(known.sum()))])
-    aim = np.concatenate([target - rows @ mean, np.zeros(int(known.sum()))])
-    basis, triangle = np.linalg.qr(joint)
-    scaled = np.linalg.solve(triangle, basis.T @ aim)
-    state = mean.copy()
-    state[known] += sigma[known] * scaled
-    left = target - rows @ state
-    root = np.zeros((layout.size + count, int(known.sum())))
-    root[known] = np.linalg.inv(triangle) * sigma[known][:, None]
+    state, root = _solved(rows, target, mean, sigma)
+    channels = ((target - rows @ state).reshape(-1, 6) ** 2).mean(0)
+    held = sigma.copy()
+    held[PARAMETERS] = 0.0
+    standing = ((target - rows @ _solved(rows, target, mean, held)[0]) ** 2).mean()
     tail = root[layout.size :]
-    with np.errstate(over="ignore"):
-        channels = (left.reshape(-1, 6) ** 2).mean(0)
-    return Fit(reference, float(channels.mean()), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
+    return Fit(reference, float(channels.mean()), float(standing), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
 
 
-def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Array, Array]:
-    """Whitened rows (6 K, n + e) and target (6 K,) in terms of the state at the start."""
+def _solved(rows: Array, target: Array, mean: Array, sigma: Array) -> tuple[Array, Array]:
+    """The state that fits best under a prior, and a root of its covariance; what has no sigma stays at its mean."""
+    free = sigma > 0
+    unit = np.eye(int(free.sum()))
+    basis, triangle = np.linalg.qr(np.vstack([rows[:, free] * sigma[free], unit]))
+    state, root = mean.copy(), np.zeros((len(mean), len(unit)))
+    state[free] += sigma[free] * np.linalg.solve(triangle, basis[: len(rows)].T @ (target - rows @ mean))
+    root[free] = np.linalg.inv(triangle) * sigma[free][:, None]
+    return state, root
+
+
+def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Array, Array] | None:
+    """Whitened rows (6 K, n + e) and target (6 K,) in terms of the state at the start; None where that grows beyond ``GROWTH``."""
     cycles, size = len(system.measured), system.drive.shape[1]
     count = 0 if extra is None else extra.growth.shape[-1]
-    to_state, offset = np.eye(size, size + count), np.zeros(size)
-    rows, target = np.empty((cycles, 6, size + count)), np.empty((cycles, 6))
-    for k in range(cycles):
-        if k > 0:
-            to_state = system.transition[k - 1] @ to_state
-            offset = system.transition[k - 1] @ offset + system.drive[k - 1]
-            if extra is not None:
-                to_state[RATE, size:] += extra.growth[k - 1]
-        rows[k] = system.observation[k] @ to_state
-        target[k] = system.measured[k] - system.observation[k] @ offset
+    to_state, offset = np.zeros((cycles, size, size + count)), np.zeros((cycles, size, 1))
+    to_state[0] = np.eye(size, size + count)
+    for k in range(cycles - 1):
+        to_state[k + 1] = system.transition[k] @ to_state[k]
+        offset[k + 1, :, 0] = system.transition[k] @ offset[k, :, 0] + system.drive[k]
+        if extra is not None:
+            to_state[k + 1, RATE, size:] += extra.growth[k]
+        growth = to_state[k + 1, RATE, RATE]
+        if not np.vdot(growth, growth) < GROWTH**2:
+            return None
+    rows = system.observation @ to_state
+    target = system.measured - (system.observation @ offset)[..., 0]
     if extra is not None:
         rows[:, 3:, size:] += extra.force
     noise = np.repeat([vehicle.imu.gyro_noise_rad_s or 1.0, vehicle.imu.accel_noise_m_s2 or 1.0], 3)

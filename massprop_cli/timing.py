@@ -202,12 +202,16 @@ def _move(
         if reference is None:
             continue
         plain = fit(at[now], cycles, reference, vehicle, passes=0 if references else PASSES)
+        if plain is None:
+            continue  # a response that runs away tells nothing
         changes = [_change(at[low], at[high], (low, high), cycles, plain.reference, vehicle) for low, high in sides]
         extra = Extra(np.concatenate([c[0] for c in changes], -1), np.concatenate([c[1] for c in changes], -1), PRIOR)
         moved = fit(at[now], cycles, plain.reference, vehicle, extra, passes=0)
+        if moved is None:
+            continue
         spread = moved.extra_covariance * max(moved.chi_square, 1.0)
-        if not np.isfinite(plain.chi_square + spread.sum()) or np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
-            continue  # a response that runs away tells nothing
+        if np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
+            continue
         count = cycles.stop - cycles.start
         before, after, rows = before + count * plain.chi_square, after + count * moved.chi_square, rows + count
         part = np.linalg.inv(spread)

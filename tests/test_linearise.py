@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli.arrays import Array
 from massprop_cli.dynamics import tensor, times
-from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters
+from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters, stepped
 from massprop_cli.plant import Reference
 from tests import flight
 
@@ -73,3 +73,34 @@ def test_rows_do_not_depend_on_later_cycles() -> None:
     part = linearise(samples, slice(2, 40), reference(flight.TRUTH), used)
     np.testing.assert_array_equal(whole.transition[:37], part.transition)
     np.testing.assert_array_equal(whole.measured[:38], part.measured)
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 30.0])
+def test_a_step_lands_right_from_an_inertia_far_off(factor: float) -> None:
+    """The true response J / k, linear about I, is what I (2 − 1/k) would give there: the step leads to I k."""
+    base = reference(flight.TRUTH)
+    target = parameters(base)
+    target[:6] *= 2 - 1 / factor
+    moved = stepped(base, target)
+    assert moved is not None
+    np.testing.assert_allclose(moved.inertia, factor * base.inertia, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("entries", "value"),
+    [
+        (slice(0, 10), np.nan),
+        (9, np.inf),
+        (9, -0.01),
+        (9, 6e66),  # 1/kg
+        (9, 1e-6),
+        (slice(6, 9), -2e3),  # m
+        (slice(0, 6), flight.TRUTH[:6] * (2 - 1e-4)),
+        (slice(0, 6), flight.TRUTH[:6] * -1e4),
+        (0, 1.3),  # more than twice the reference's: its response would be negative
+    ],
+)
+def test_a_step_to_what_is_no_body_is_not_taken(entries: int | slice, value: float | Array) -> None:
+    target = parameters(reference(flight.TRUTH))
+    target[entries] = value
+    assert stepped(reference(flight.TRUTH), target) is None
