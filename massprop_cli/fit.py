@@ -25,6 +25,9 @@ PRIOR = 100.0
 GROWTH = float(1 / np.finfo(float).eps)
 """Growth of an error of the rate at the start beyond which its rounding alone moves the response by the response's own size."""
 
+TURN = 100.0
+"""rad; a measured turn within one cycle, sixteen times round, beyond which commands tell nothing of the motion within."""
+
 
 @dataclass(frozen=True)
 class Extra:
@@ -68,8 +71,10 @@ def fit(
     """Gauss–Newton from ``reference``, or one linear fit about it with no ``passes``; the extra unknowns are linear about zero.
 
     A step that leaves the reference worse than it was is halved, so that no fit runs away. None where the response about ``reference``
-    itself does. Noise levels must be set in ``vehicle``.
+    itself does, or the rates are no body's. Noise levels must be set in ``vehicle``.
     """
+    if not np.abs(samples.rate_rad_s[cycles] * samples.executed.duration_s[cycles, None]).max() < TURN:
+        return None
     about = _about(samples, cycles, reference, vehicle, extra)
     if about is None:
         return None

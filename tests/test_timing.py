@@ -103,8 +103,7 @@ def test_a_real_flight_that_cannot_tell_delay_from_lag_is_refused() -> None:
         analysis.analyse(flight, None, ['thrust.lag_s="auto"', 'cycle.command_delay_cycles="auto"'])
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("size", [1e60, 1e150])
+@pytest.mark.parametrize("size", [1e3, 1e60, 1e150])
 def test_a_response_that_runs_away_tells_no_delay(size: float) -> None:
     flight = flown(2.0, 1, "vehicle.cycle.command_delay_cycles=2.0")
     log = flight.log(0)
