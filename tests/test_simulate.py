@@ -73,7 +73,7 @@ def test_a_flight_is_that_of_runge_and_kutta_on_the_unreduced_equations(kind: st
     values = flight.TRUTH if kind == "free" else np.array([0.6, 0.04, -0.07, 2.8, 0.11, 2.5, 0.004, -0.006, -0.005, 25.0])
     used = flight.vehicle(kind, 1.5)
     on = flight.pulses(80, seed=3)
-    expected = flight.fly(used, on, values, np.array([0.3, -0.2, 0.4]), step_s=0.000625)
+    expected = flight.fly(used, on, values, np.array([0.3, -0.2, 0.4]))
     changes = {"vehicle": used, "truth": dict(zip(QUANTITIES, values.tolist(), strict=True)), "plan": [], "duration_cycles": 80}
     found = simulate.fly(source(**changes, sensors=quiet(), initial={"rate_rad_s": [0.3, -0.2, 0.4]}), [1], issued=on)
     assert np.abs(found.delta_theta_rad[0] - expected.delta_theta).max() < 2e-8
