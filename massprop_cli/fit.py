@@ -81,7 +81,9 @@ def fit(
     found, target = about
     for _ in range(passes):
         renewed = stepped(found.reference, target)
-        about = None if renewed is None else _about(samples, cycles, renewed, vehicle, extra)
+        if renewed is None:
+            break
+        about = _about(samples, cycles, renewed, vehicle, extra)
         if about is None or about[0].standing > found.standing * (1 + SETTLED):
             target = (parameters(found.reference) + target) / 2
             continue
