@@ -128,18 +128,18 @@ def fly(
         """ω̇ and the specific force at the IMU."""
         moment, force = pushed[:3], pushed[3:]
         if not used.on_air_bearing:
-            w_dot = np.linalg.solve(inertia, moment - np.cross(cg, force) - np.cross(w, inertia @ w))
+            w_dot = np.linalg.solve(inertia, moment - skew(cg) @ force - skew(w) @ inertia @ w)
             arm = position - cg
-            return w_dot, force / mass + np.cross(w_dot, arm) + np.cross(w, np.cross(w, arm))
+            return w_dot, force / mass + skew(w_dot) @ arm + skew(w) @ skew(w) @ arm
         s = cg - bearing
         a = np.zeros((9, 9))
         b = np.zeros(9)
         # rotation about the CG: I ω̇ + ω × I ω = τ − c × F − s × N (N acts at the bearing, −s from the CG)
         a[:3, :3], a[:3, 6:] = inertia, skew(s)
-        b[:3] = moment - np.cross(cg, force) - np.cross(w, inertia @ w)
+        b[:3] = moment - skew(cg) @ force - skew(w) @ inertia @ w
         # translation of the rotating mass: m (a_b + ω̇ × s + ω × (ω × s)) = F + N + m g
         a[3:6, :3], a[3:6, 3:6], a[3:6, 6:] = -rotating * skew(s), rotating * np.eye(3), -np.eye(3)
-        b[3:6] = force + rotating * (world.T @ gravity) - rotating * np.cross(w, np.cross(w, s))
+        b[3:6] = force + rotating * (world.T @ gravity) - rotating * skew(w) @ skew(w) @ s
         # the base: moves level (one equation), and its own horizontal momentum balance −N = m_b a_b (two)
         up = world.T @ np.array([0, 0, 1.0])
         level = world.T[:, :2].T
@@ -147,7 +147,7 @@ def fly(
         a[7:9, 3:6], a[7:9, 6:] = bearing_mass * level, level
         x = np.linalg.solve(a, b)
         arm = position - bearing
-        felt = x[3:6] - world.T @ gravity + np.cross(x[:3], arm) + np.cross(w, np.cross(w, arm))
+        felt = x[3:6] - world.T @ gravity + skew(x[:3]) @ arm + skew(w) @ skew(w) @ arm
         return x[:3], felt
 
     def derivative(w: Array, world: Array, pushed: Array) -> tuple[Array, Array, Array]:

@@ -13,7 +13,8 @@ import massprop_cli
 from massprop_cli import QUANTITIES, estimate_log, run_campaign
 from massprop_cli.errors import InputError
 from tests.campaigns import contents, simulate
-from tests.test_bad_input import SAMPLES, massprop
+from tests.commandline import massprop
+from tests.test_bad_input import SAMPLES
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,6 @@ import json
 import os
 import random
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,23 +16,11 @@ import pyarrow.parquet as pq
 import pytest
 from pyarrow import csv
 
+from tests.commandline import massprop
+
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 NAN, INF = float("nan"), float("inf")
 Edit = Callable[[Any], Any]
-
-
-def massprop(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """The real command line, run in ``folder`` without settings of whoever runs the tests."""
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("MASSPROP_")}
-    return subprocess.run(
-        [sys.executable, "-m", "massprop_cli", *map(str, arguments)],
-        cwd=folder,
-        env=environment | {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=50,
-        check=False,
-    )
 
 
 def contents(folder: Path) -> dict[Path, bytes | None]:

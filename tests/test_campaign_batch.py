@@ -18,7 +18,7 @@ from junitparser import JUnitXml
 
 from massprop_cli import QUANTITIES, schemas
 from tests.campaigns import batch, contents, corrupt, simulate
-from tests.test_bad_input import massprop
+from tests.commandline import massprop
 
 
 @pytest.fixture(scope="module")
@@ -111,29 +111,30 @@ def test_a_rerun_does_only_what_is_missing_or_changed(here: Path) -> None:
     assert redone("--vehicle", "v.toml") == [1, 2, 3, 4]
 
 
-def test_five_corrupt_logs_among_fifty_are_five_rows_with_their_errors(tmp_path: Path) -> None:
-    simulate(tmp_path / "logs", 50)
-    chosen = [tmp_path / "logs" / f"seed-{n:04d}" / "log.parquet" for n in (3, 11, 24, 37, 50)]
+@pytest.mark.parametrize("many", [15, pytest.param(50, marks=pytest.mark.slow)])
+def test_five_corrupt_logs_among_many_are_five_rows_with_their_errors(tmp_path: Path, many: int) -> None:
+    simulate(tmp_path / "logs", many)
+    chosen = [tmp_path / "logs" / f"seed-{n:04d}" / "log.parquet" for n in (3, 5, 8, 12, many)]
     for log in chosen:
         (log.parent / "vehicle.toml").unlink()
     why = corrupt(chosen)
     done = batch(tmp_path, "logs", "--junit", "junit.xml")
     assert done.returncode == 3
-    assert done.stderr.splitlines()[-1] == "massprop: 5 of 50 logs failed (5 unusable, 45 done)"
+    assert done.stderr.splitlines()[-1] == f"massprop: 5 of {many} logs failed (5 unusable, {many - 5} done)"
     found = summary(tmp_path / "massprop-out")
-    assert found["exit_codes"] == {"0": 45, "3": 5}
+    assert found["exit_codes"] == {"0": many - 5, "3": 5}
     bad = {row["log"].split("/")[0]: row["outcome"]["message"] for row in found["logs"] if row["outcome"]["exit_code"]}
     assert bad.keys() == why.keys()
     for name, message in bad.items():
         assert why[name] in message
         assert message.startswith(f"{name}/log.parquet")
         assert str(tmp_path) not in message
-    assert len(list((tmp_path / "massprop-out" / "results").glob("*/result.json"))) == 45
+    assert len(list((tmp_path / "massprop-out" / "results").glob("*/result.json"))) == many - 5
     table = pq.read_table(tmp_path / "massprop-out" / "campaign.parquet").to_pylist()
     assert sorted(row["message"] for row in table if row["exit_code"] == 3) == sorted(bad.values())
     assert [row["mass"] for row in table if row["exit_code"] == 3] == [None] * 5
     suites = JUnitXml.fromfile(str(tmp_path / "junit.xml"))
-    assert (len(list(suites)), suites.errors) == (50, 5)
+    assert (len(list(suites)), suites.errors) == (many, 5)
     errors = {suite.name: case.result[0].message for suite in suites for case in suite if suite.errors}
     assert errors == {row["name"]: row["outcome"]["message"] for row in found["logs"] if row["outcome"]["exit_code"]}
     again = batch(tmp_path, "logs", "-q")

@@ -17,7 +17,8 @@ from massprop_cli.report.result import Result
 from massprop_cli.report.result import to_json as result_json
 from massprop_cli.tolerance import Tolerance
 from tests import recorded
-from tests.test_bad_input import contents, massprop
+from tests.commandline import massprop
+from tests.test_bad_input import contents
 
 NOT_EXCITED = {"verdict": "not_excited", "value": 22.0, "sigma": 1e6, "final_at_s": None, "reason": "hardly informed"}
 FOUR = Gate()

@@ -14,7 +14,8 @@ from massprop_cli.judge import judge, missed
 from massprop_cli.report.result import EstimateItem, Expected, Result
 from massprop_cli.tolerance import FOUR_SIGMA, Tolerance
 from tests import recorded
-from tests.test_bad_input import contents, massprop
+from tests.commandline import massprop
+from tests.test_bad_input import contents
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 GOOD = """

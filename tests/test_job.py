@@ -13,7 +13,7 @@ from massprop_cli.job import Judged, unconverged
 from massprop_cli.require import quantities
 from tests import recorded
 from tests.campaigns import simulate
-from tests.test_bad_input import massprop
+from tests.commandline import massprop
 
 FEW = {"convergence.count": 119}
 """More sustained updates than the log has: nothing converges."""

@@ -16,7 +16,8 @@ from massprop_cli.errors import InputError, UsageError
 from massprop_cli.report.result import Result
 from massprop_cli.report.result import to_json as result_json
 from tests import recorded
-from tests.test_bad_input import contents, massprop
+from tests.commandline import massprop
+from tests.test_bad_input import contents
 
 
 def save(folder: Path, found: Result | None = None) -> Path:

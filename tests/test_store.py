@@ -19,7 +19,7 @@ from massprop_cli.cli.guard import folder_of_its_own
 from massprop_cli.errors import UsageError
 from massprop_cli.report import result
 from tests.campaigns import contents, simulate
-from tests.test_bad_input import massprop
+from tests.commandline import massprop
 
 BASE = Path("massprop-out")
 
