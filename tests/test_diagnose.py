@@ -50,7 +50,7 @@ def failure(jets: list[str], thrust: float) -> list[str]:
         (failure(["pitch_p1"], -1.0), nothing, "jet-sign", "pitch_p1"),
         pytest.param(failure(["divert_zn"], -1.0), nothing, "jet-sign", "divert_zn", marks=pytest.mark.slow),
         pytest.param(failure(["yaw_n2"], 0.0), nothing, "jet-dead", "yaw_n2", marks=pytest.mark.slow),
-        (failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp (+0.8"),
+        pytest.param(failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp (+0.8", marks=pytest.mark.slow),
         (["actuators.delay_cycles=4.0"], nothing, "delay-mismatch", "shows 4"),
     ],
 )
@@ -66,10 +66,11 @@ def test_a_fault_is_named(keys: list[str], mistake: Mistake, code: str, words: s
     assert {notice.code for notice in notices} & named == {code}
 
 
+@pytest.mark.parametrize("logs", [1, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
-def test_clean_logs_raise_no_warning(name: str) -> None:
-    flown = simulate.fly(scenario.load(name), range(10, 14))
-    for member in range(4):
+def test_clean_logs_raise_no_warning(name: str, logs: int) -> None:
+    flown = simulate.fly(scenario.load(name), range(10, 10 + logs))
+    for member in range(logs):
         assert analysis.examine(flown.log(member), VehicleSource(flown.vehicle, "t", "")).notices == ()
 
 

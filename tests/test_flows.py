@@ -114,6 +114,7 @@ def test_settings_given_back_reproduce_the_result(name: str) -> None:
     assert again.provenance.settings == first.provenance.settings
 
 
+@pytest.mark.slow
 def test_recorded_flights_agree_with_what_is_known_of_the_vehicle() -> None:
     """A 31.9 g quadrotor; published inertia of the type 1.66e-5, 1.67e-5, 2.93e-5 kg m². Nothing that was not moved is converged."""
     thrust, roll_pitch = (crazyflie(name).conclusions[0].estimates for name in ("thrust", "roll-pitch"))
@@ -178,6 +179,7 @@ def test_a_vehicle_is_found_embedded_and_beside_the_log(tmp_path: Path) -> None:
     assert analyse(log, tmp_path / "vehicle.toml").vehicle.name == "free-flyer"
 
 
+@pytest.mark.slow
 def test_a_weighed_mass_calibrates_the_thrust_scale_and_narrows_the_inertia() -> None:
     """The flights' thrust is known to 5 %: a mass weighed to 0.1 g shifts and narrows mass and inertia alike."""
     path = SAMPLES / "crazyflie" / "roll-pitch.parquet"

@@ -346,7 +346,7 @@ def test_the_same_result_gives_the_same_bytes_without_where_and_when(flyer: Reco
     assert str(flyer.path.parent) not in flyer_page.text
 
 
-@pytest.mark.parametrize("phases", [1, 2, 6])
+@pytest.mark.parametrize("phases", [1, 2, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_log_of_two_thousand_cycles_makes_a_page_below_one_and_a_half_megabytes(docking: Recorded, phases: int) -> None:
     """Every column as restless as can be."""
     rng = np.random.default_rng(3)
