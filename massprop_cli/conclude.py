@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -34,6 +34,8 @@ POSITIVE = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
 HALVED = 0.5
 """A quantity is informed once its sigma is below this part of the prior's."""
 RELATIVE_TOLERANCE = 0.01
+FEW = 4.0
+"""Sigmas of its own within which a value must stay of where it ends, to be called final."""
 THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
 
 
@@ -59,6 +61,10 @@ class Conclusion:
     """(10, 10), NaN where nothing can be said."""
     rotating_mass: float
     """kg; the mass whose CG and inertia these are (without the bearing's)."""
+    bare: tuple[Array, Array]
+    """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
+    contradiction: str = ""
+    """Why log and vehicle file contradict each other; empty where they don't."""
 
     @property
     def values(self) -> Array:
@@ -94,12 +100,13 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     thesis = vehicle.estimator.method == "thesis"
     informed = _informed(history, vehicle)
     steady = _within_tolerance(history, vehicle) & informed
+    limits = tolerances(history, vehicle)
     stretches = [_stretches(steady[:, i], vehicle.convergence.count) for i in range(10)]
     estimates = {}
     for i, name in enumerate(QUANTITIES):
         latched = stretches[i][-1] if stretches[i] else None
         row = latched[1] if thesis and latched else len(history.time_s) - 1
-        estimates[name] = _estimate(history, i, row, latched, bool(informed[-1, i]), thesis)
+        estimates[name] = _estimate(history, i, row, latched, bool(informed[-1, i]), thesis, limits[i])
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:
@@ -107,10 +114,35 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
     mass = estimates["mass"].value
     rotating = np.nan if mass is None else mass - (vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0)
-    return Conclusion(history.phase, estimates, covariance, rotating)
+    hidden = ~known
+    bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
+    if thesis:
+        bare = np.array([np.nan if e.value is None else e.value for e in estimates.values()]), covariance
+    return Conclusion(history.phase, estimates, covariance, rotating, bare)
 
 
-def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] | None, informed: bool, thesis: bool) -> Estimate:
+def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conclusion:
+    """The conclusion with the quantities ``touched`` (10,) contradicted: values and sigmas stand as found, and don't hold."""
+    estimates = {
+        name: replace(e, verdict="contradicted", final_at_s=None, reason=f"log and vehicle file contradict each other: {cause}")
+        if hit and e.verdict != "unobservable"
+        else e
+        for (name, e), hit in zip(conclusion.estimates.items(), touched, strict=True)
+    }
+    return replace(conclusion, estimates=estimates, contradiction=cause)
+
+
+def _settled(history: History, i: int, first: int, tolerance: float) -> float:
+    """The time from ``first`` on after which the value stayed near where it ended: within its tolerance and a few of its own sigmas."""
+    values, sigmas = history.values[first:, i], history.sigmas[first:, i]
+    away = np.abs(values - values[-1])
+    strayed = np.flatnonzero((away > tolerance) | (away > FEW * sigmas))
+    return float(history.time_s[first + (int(strayed[-1]) + 1 if strayed.size else 0)])
+
+
+def _estimate(
+    history: History, i: int, row: int, latched: tuple[int, int, int] | None, informed: bool, thesis: bool, tolerance: float
+) -> Estimate:
     value, sigma = float(history.values[row, i]), float(history.sigmas[row, i])
     share = float(history.information_share[i, history.drowned].sum())
     told = bool(np.isfinite(value) and np.isfinite(sigma) and (thesis or sigma < history.natural_sizes[i]))
@@ -127,7 +159,9 @@ def _estimate(history: History, i: int, row: int, latched: tuple[int, int, int] 
         verdict, reason = "not_converged", "it still moved more than the tolerance, or too few updates came after it was informed"
     else:
         verdict, reason = "converged", "informed, and within tolerance for the required number of updates"
-    final_at = float(history.time_s[latched[0]]) if verdict == "converged" and latched else None
+    final_at = None
+    if verdict == "converged" and latched:
+        final_at = float(history.time_s[latched[0]]) if thesis else _settled(history, i, latched[0], tolerance)
     return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
 
 

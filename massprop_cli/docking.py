@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, UNITS
+from massprop_cli import CG, QUANTITIES, UNITS
 from massprop_cli.arrays import Array
-from massprop_cli.conclude import Conclusion, Estimate
+from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.dynamics import elements, tensor
-from massprop_cli.vehicle import Docking, Vehicle
+from massprop_cli.posterior import condition
+from massprop_cli.vehicle import Vehicle
 
 SIGNIFICANT = 3.0
 """Two phases are before and after docking, unless told otherwise, if their masses differ by more than this many sigmas."""
@@ -24,59 +25,85 @@ class Docked:
     after: str
     estimates: dict[str, Estimate]
     covariance: Array
+    contradiction: str = ""
+    """Which of its phases is contradicted, and why."""
 
 
 def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Docked | None:
     """The docked object of the phases that ``[docking]`` names, or of the only two if their masses differ; None where there is none.
 
-    The phases' errors are independent but for a common thrust scale, which enters both alike.
+    The phases' errors are independent but for a common thrust scale, which enters both alike; what is known of a phase calibrates it.
     """
-    pair = _pair(conclusions, vehicle.docking)
+    pair = _pair(conclusions, vehicle)
     if pair is None:
         return None
-    values = [_rotating(conclusion) for conclusion in pair]
-    joint = np.zeros((20, 20))
-    joint[:10, :10], joint[10:, 10:] = (conclusion.covariance for conclusion in pair)
-    if vehicle.thrust.scale_sigma > 0 and not vehicle.known:
-        scaled = [np.concatenate([c.values[:6], np.zeros(3), c.values[9:]]) for c in pair]
-        joint[:10, 10:] = vehicle.thrust.scale_sigma**2 * np.outer(*scaled)
-        joint[10:, :10] = joint[:10, 10:].T
-    found = difference(*values)
-    slope = _slope(*values)
+    values, joint = _joint(pair, vehicle)
+    found = difference(values[:10], values[10:])
+    slope = _slope(values[:10], values[10:])
+    for name, known in (vehicle.docking.known if vehicle.docking else {}).items():
+        i = QUANTITIES.index(name)
+        values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
+        found, slope = difference(values[:10], values[10:]), _slope(values[:10], values[10:])
     covariance = slope @ joint @ slope.T
     settled = all(e.verdict == "converged" for conclusion in pair for e in conclusion.estimates.values())
-    known = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
+    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
+    reason = "both phases converged" if settled else "not every quantity of both phases converged"
+    if contradictions:
+        reason = f"log and vehicle file contradict each other in {' and '.join(c.phase.name for c in pair if c.contradiction)}"
     estimates = {
         name: Estimate(
-            value=float(found[i]) if known else None,
-            sigma=float(np.sqrt(covariance[i, i])) if known else None,
+            value=float(found[i]) if told else None,
+            sigma=float(np.sqrt(covariance[i, i])) if told else None,
             unit=UNITS[name],
-            verdict="converged" if settled else "not_converged",
+            verdict=verdict,
             final_at_s=None,
-            reason="both phases converged" if settled else "not every quantity of both phases converged",
+            reason=reason,
         )
         for i, name in enumerate(QUANTITIES)
     }
-    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance)
+    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
 
 
-def _pair(conclusions: tuple[Conclusion, ...], named: Docking | None) -> tuple[Conclusion, Conclusion] | None:
+def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:
+    """(20,) quantities of both phases with their covariance: a thrust scale common to both, and what is known of each."""
+    thesis = vehicle.estimator.method == "thesis"
+    values = np.concatenate([conclusion.bare[0] for conclusion in pair])
+    joint: Array = np.zeros((20, 20))
+    joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
+    scaled = values * np.tile([name not in CG for name in QUANTITIES], 2)
+    if not thesis:
+        joint = joint + vehicle.thrust.scale_sigma**2 * np.outer(scaled, scaled)
+        for half, conclusion in enumerate(pair):
+            for name, known in vehicle.in_phase(conclusion.phase).known.items():
+                row = np.zeros(20)
+                row[10 * half + QUANTITIES.index(name)] = 1.0
+                values, joint = condition(values, joint, row, known.value, float(row @ values), known.sigma)
+    values[[9, 19]] -= vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0
+    return values, joint
+
+
+def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclusion, Conclusion] | None:
     by_name = {conclusion.phase.name: conclusion for conclusion in conclusions}
-    if named is not None:
-        return by_name[named.before], by_name[named.after]
+    if vehicle.docking is not None:
+        return by_name[vehicle.docking.before], by_name[vehicle.docking.after]
+    apart = masses_apart(conclusions, vehicle)
+    if apart is None or abs(apart[0]) <= SIGNIFICANT * apart[1]:
+        return None
+    first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
+    return first, second
+
+
+def masses_apart(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:
+    """How much heavier the second of two phases is, with sigma, kg; None unless there are just two with a mass."""
     if len(conclusions) != 2:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
-    masses = [conclusion.estimates["mass"] for conclusion in (first, second)]
-    if any(mass.value is None or mass.sigma is None for mass in masses):
-        return None
-    spread = np.hypot(masses[0].sigma or 0.0, masses[1].sigma or 0.0)
-    return (first, second) if abs((masses[1].value or 0.0) - (masses[0].value or 0.0)) > SIGNIFICANT * spread else None
-
-
-def _rotating(conclusion: Conclusion) -> Array:
-    """(10,) quantities with the mass of the rotating body alone."""
-    return np.append(conclusion.values[:9], conclusion.rotating_mass)
+    values, joint = _joint((first, second), vehicle)
+    apart = values[19] - values[9]
+    variance = joint[9, 9] + joint[19, 19] - 2 * joint[9, 19]
+    return (float(apart), float(np.sqrt(max(variance, 0.0)))) if np.isfinite(apart + variance) else None
 
 
 def difference(alone: Array, combined: Array) -> Array:

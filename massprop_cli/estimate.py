@@ -20,7 +20,8 @@ from massprop_cli.kalman import Innovation, State, predict, update
 from massprop_cli.linearise import CG, MU, PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import BearingBody, Reference, plant_of
-from massprop_cli.posterior import discrepancies, quantities
+from massprop_cli.posterior import alone, discrepancies, quantities
+from massprop_cli.sensitivity import Consider, fed
 from massprop_cli.start import first_reference
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase, Vehicle
@@ -59,10 +60,17 @@ class Row:
     innovation: Innovation | None
 
 
-def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None = None) -> History:
+def replay(
+    samples: Samples,
+    cycles: slice,
+    phase: Phase,
+    vehicle: Vehicle,
+    consider: Consider = Consider(),  # noqa: B008  a constant: it is frozen
+    progress: Callable[[float], None] | None = None,
+) -> History:
     """Run the filter through ``cycles`` (non-empty). Noise levels must be set in ``vehicle`` (:mod:`massprop_cli.noise`).
 
-    ``progress`` is told the part done, 0 to 1, after every block.
+    What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, after every block.
     """
     rows: list[Row | None] = []
     run: _Run | None = None
@@ -78,68 +86,120 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, prog
             # at due times only: an attempt at the log's end would give its last row what a longer log has not yet
             reference = first_reference(samples, slice(cycles.start, end), vehicle) if end == due else None
             if reference is not None:
-                run, again = _from_start(samples, slice(cycles.start, end), reference, vehicle)
+                run, again = _from_start(samples, slice(cycles.start, end), reference, vehicle, consider)
                 rows[-1] = again[-1]
             begin = end
             continue
-        found, run, begin = _advance(samples, slice(cycles.start, end), begin, run, vehicle)
+        found, run, begin = _advance(samples, slice(cycles.start, end), begin, run, vehicle, consider)
         rows += found
     return _history(samples, cycles, phase, vehicle, rows)
 
 
-def settle(samples: Samples, cycles: slice, phase: Phase, reference: Reference, vehicle: Vehicle) -> History:
+def settle(
+    samples: Samples,
+    cycles: slice,
+    phase: Phase,
+    reference: Reference,
+    vehicle: Vehicle,
+    consider: Consider = Consider(),  # noqa: B008
+) -> History:
     """The off-line fit: the filter with the whole phase at hand, from ``reference`` on.
 
     Repeated about its own last estimate until that stands still, which is Gauss–Newton on the likelihood of all data; its rows are not
     causal.
     """
     for _ in range(SETTLINGS):
-        run, rows = _from_start(samples, cycles, reference, vehicle)
+        run, rows = _from_start(samples, cycles, reference, vehicle, consider)
         if not _stale(run.state, reference, samples, cycles, vehicle):
             break
         reference = _renewed(run.state, reference, samples, cycles, vehicle)
     return _history(samples, cycles, phase, vehicle, rows)
 
 
-def _advance(samples: Samples, seen: slice, begin: int, run: _Run, vehicle: Vehicle) -> tuple[list[Row | None], _Run, int]:
+@dataclass(frozen=True)
+class Response:
+    """What one unit of each of e assumptions would have changed."""
+
+    shift: Array
+    """(10, e) of the state parameters at the end."""
+    misfit: Array
+    """(e, e) Gram matrix of what it would leave in the whitened innovations: its diagonal is chi-square for one unit."""
+
+
+def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, driven: Array, measured: Array) -> Response:
+    """One pass of the filter about ``reference`` that carries derivatives of drive (K − 1, n, e) and of measurements (K, 6, e)."""
+    system = linearise(samples, cycles, reference, vehicle)
+    noise = _Noise.of(samples, cycles, reference, vehicle, system)
+    state = _initial(samples, cycles, reference, vehicle)
+    mean = np.zeros((len(state.mean), measured.shape[2]))
+    mean[RATE] = measured[0, :3]
+    state = State(mean, state.root)
+    state, innovation = update(state, measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
+    misfit = innovation.normalised.T @ innovation.normalised
+    for k in range(1, len(measured)):
+        state = predict(state, system.transition[k - 1], driven[k - 1], None if noise.process is None else noise.process[k - 1])
+        state, innovation = update(state, measured[k], system.observation[k], noise.measurement[k])
+        white = innovation.normalised
+        misfit = misfit + white.T @ white
+    return Response(state.mean[PARAMETERS], misfit)
+
+
+def _advance(
+    samples: Samples, seen: slice, begin: int, run: _Run, vehicle: Vehicle, consider: Consider
+) -> tuple[list[Row | None], _Run, int]:
     """Take the cycles from ``begin`` to the end of ``seen``, or up to the one after which the reference had to be renewed."""
     system = linearise(samples, slice(begin - 1, seen.stop), run.reference, vehicle)
     noise = _Noise.of(samples, slice(begin - 1, seen.stop), run.reference, vehicle, system)
+    feed = fed(system, samples, slice(begin - 1, seen.stop), run.reference, vehicle, consider.variants)
     rows: list[Row | None] = []
     state = run.state
     for k in range(1, seen.stop - begin + 1):
-        state, row = _cycle(state, system, noise, k, run.reference)
+        state, row = _cycle(state, system, feed, noise, k, run.reference, consider)
         rows.append(row)
         cycle = begin + k
         if cycle - run.since >= max(4, (run.since - seen.start) // 50) and _stale(
             state, run.reference, samples, slice(seen.start, cycle), vehicle
         ):
             reference = _renewed(state, run.reference, samples, slice(seen.start, cycle), vehicle)
-            run, again = _from_start(samples, slice(seen.start, cycle), reference, vehicle)
+            run, again = _from_start(samples, slice(seen.start, cycle), reference, vehicle, consider)
             rows[-1] = again[-1]
             return rows, run, cycle
     return rows, replace(run, state=state), seen.stop
 
 
-def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Run, list[Row | None]]:
+def _from_start(samples: Samples, seen: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[_Run, list[Row | None]]:
     """The filter through ``seen``, from a fresh covariance, about ``reference``."""
     system = linearise(samples, seen, reference, vehicle)
     noise = _Noise.of(samples, seen, reference, vehicle, system)
+    feed = fed(system, samples, seen, reference, vehicle, consider.variants)
+    measured = feed[1]
     state = _initial(samples, seen, reference, vehicle)
-    state, _ = update(state, system.measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
-    rows: list[Row | None] = [Row(reference, state.mean, state.covariance, None)]
+    shifts = np.zeros((len(state.mean), len(consider.variants)))
+    shifts[RATE] = measured[0, :3, 1:]
+    state = State(np.column_stack([state.mean, shifts]), state.root)
+    state, _ = update(state, measured[0, 3:], system.observation[0, 3:], noise.measurement[0, 3:, 3:])
+    rows: list[Row | None] = [_row(reference, state, None, consider)]
     for k in range(1, seen.stop - seen.start):
-        state, row = _cycle(state, system, noise, k, reference)
+        state, row = _cycle(state, system, feed, noise, k, reference, consider)
         rows.append(row)
     return _Run(reference, state, seen.stop), rows
 
 
-def _cycle(state: State, system: Linear, noise: _Noise, k: int, reference: Reference) -> tuple[State, Row]:
+def _cycle(
+    state: State, system: Linear, feed: tuple[Array, Array], noise: _Noise, k: int, reference: Reference, consider: Consider
+) -> tuple[State, Row]:
     process = None if noise.process is None else noise.process[k - 1]
-    state = predict(state, system.transition[k - 1], system.drive[k - 1], process)
-    state, innovation = update(state, system.measured[k], system.observation[k], noise.measurement[k])
-    root = state.root[PARAMETERS]
-    return state, Row(reference, state.mean, root @ root.T, innovation)
+    state = predict(state, system.transition[k - 1], feed[0][k - 1], process)
+    state, innovation = update(state, feed[1][k], system.observation[k], noise.measurement[k])
+    return state, _row(reference, state, Innovation(innovation.value[:, 0], innovation.root), consider)
+
+
+def _row(reference: Reference, state: State, innovation: Innovation | None, consider: Consider) -> Row:
+    root, shift = state.root[PARAMETERS], state.mean[PARAMETERS, 1:]
+    covariance = root @ root.T
+    if consider.variants:
+        covariance = covariance + shift @ consider.covariance @ shift.T
+    return Row(reference, state.mean[:, 0], covariance, innovation)
 
 
 @dataclass(frozen=True)
@@ -240,7 +300,7 @@ def _stale(state: State, reference: Reference, samples: Samples, seen: slice, ve
     """Whether the neglected second order, relative move times move in sigmas, would show."""
     bias = Layout.of(samples, vehicle).gyro_bias
     elapsed = samples.executed.end_s[seen.stop - 1] - samples.executed.start_s[seen.start]
-    bias_error = (state.mean[bias] - reference.gyro_bias[: bias.stop - bias.start]) ** 2 * elapsed
+    bias_error = (state.mean[bias, 0] - reference.gyro_bias[: bias.stop - bias.start]) ** 2 * elapsed
     if np.any(bias_error > STALE * (vehicle.imu.gyro_noise_rad_s or 0.0)):
         return True
     move = np.abs(_sensible(state, reference) - parameters(reference))
@@ -256,7 +316,7 @@ def _sensible(state: State, reference: Reference) -> Array:
     root = state.root[PARAMETERS]
     covariance = root @ root.T
     pull = covariance + np.diag((0.1 * natural_sizes(reference)) ** 2)
-    mean = state.mean[PARAMETERS]
+    mean = state.mean[PARAMETERS, 0]
     sensible: Array = mean - covariance @ np.linalg.solve(pull, mean - parameters(reference))
     return sensible
 
@@ -264,7 +324,7 @@ def _sensible(state: State, reference: Reference) -> Array:
 def _renewed(state: State, reference: Reference, samples: Samples, seen: slice, vehicle: Vehicle) -> Reference:
     """The estimate as a reference; where that is no body, one found from the data anew."""
     bias = Layout.of(samples, vehicle).gyro_bias
-    gyro_bias = state.mean[bias] if bias.stop > bias.start else np.zeros(3)
+    gyro_bias = state.mean[bias, 0] if bias.stop > bias.start else np.zeros(3)
     return stepped(reference, _sensible(state, reference), gyro_bias) or first_reference(samples, seen, vehicle) or reference
 
 
@@ -276,7 +336,7 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
     for k, row in enumerate(rows):
         if row is None:
             continue
-        mean[k], covariance[k] = row.mean[PARAMETERS], row.covariance[:10, :10]
+        mean[k], covariance[k] = row.mean[PARAMETERS], row.covariance
         if row.innovation is not None:
             scale = np.zeros((6, 6))
             scale[:3, :3], scale[3:, 3:] = row.reference.inertia / duration[k], np.eye(3) / row.reference.mu
@@ -285,7 +345,8 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
             sigma[k] = np.sqrt(((scale @ row.innovation.root) ** 2).sum(1))
     values, full = quantities(mean, covariance, vehicle)
     last = rows[-1]
-    apart = discrepancies(mean[-1], covariance[-1], vehicle)
+    bare = quantities(mean[-1:], covariance[-1:], alone(vehicle))
+    apart = {name: z for name, z in discrepancies(mean[-1], covariance[-1], vehicle).items() if abs(z) > MISMATCH}
     sizes: Array = np.full(10, np.nan)
     share: Array = np.zeros((10, 6))
     drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
@@ -308,7 +369,9 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         information_share=share,
         drowned=drowned,
         observable=seen,
+        bare=(bare[0][0], bare[1][0]),
         reference=None if last is None else last.reference,
+        belied=tuple(apart),
         notices=tuple(
             Notice(
                 "known-mismatch",
@@ -316,6 +379,5 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
                 "check it, the thrust, and thrust.scale_sigma",
             )
             for name, z in apart.items()
-            if abs(z) > MISMATCH
         ),
     )

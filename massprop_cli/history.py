@@ -41,9 +41,13 @@ class History:
     """(6,) channels in which disturbances outweigh what the commands explain."""
     observable: BoolArray
     """(10,) whether some motion of this vehicle could inform the quantity by this method."""
+    bare: tuple[Array, Array]
+    """(10,) and (10, 10) the last row by the log alone: without what is known from elsewhere and without the thrust's common scale."""
     reference: Reference | None = None
     """About which the last row was linearised, where it was."""
     notices: tuple[Notice, ...] = ()
+    belied: tuple[str, ...] = ()
+    """Known quantities that the log contradicts."""
 
     def __post_init__(self) -> None:
         rows = len(self.time_s)

@@ -15,7 +15,11 @@ from massprop_cli.arrays import Array, frozen
 
 
 class State(NamedTuple):
-    """Mean x, shape (n,), and square root S of the covariance, shape (n, n), or wider after a prediction with noise."""
+    """Mean x, shape (n,), and square root S of the covariance, shape (n, n), or wider after a prediction with noise.
+
+    The recursion is linear in the mean, so a mean of shape (n, c) carries c columns through it at once, each driven and measured on its
+    own (drive (n, c), z (m, c)).
+    """
 
     mean: Array
     root: Array
@@ -28,7 +32,7 @@ class State(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """z − H x, shape (m,), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
+    """z − H x, shape (m,) or (m, c), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
 
     value: Array
     root: Array

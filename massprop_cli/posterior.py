@@ -38,6 +38,18 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     return values, full
 
 
+def alone(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with nothing known from elsewhere and its thrust taken as exact: what the log says by itself."""
+    return vehicle.model_copy(update={"known": {}, "thrust": vehicle.thrust.model_copy(update={"scale_sigma": 0.0})})
+
+
+def condition(value: Array, covariance: Array, slope: Array, measured: float, expected: float, sigma: float) -> tuple[Array, Array]:
+    """A Gaussian (n,), (n, n) conditioned on a scalar: ``measured`` ± ``sigma``, and ``expected`` with derivative ``slope`` (n,)."""
+    across = covariance @ slope
+    gain = across / (slope @ across + sigma**2)
+    return value + gain * (measured - expected), covariance - np.outer(gain, across)
+
+
 def discrepancies(mean: Array, covariance: Array, vehicle: Vehicle) -> dict[Quantity, float]:
     """How many sigmas each known quantity lies from what the log alone says of it; ``mean`` (10,), ``covariance`` (10, 10)."""
     values, full = quantities(mean[None], covariance[None], vehicle.model_copy(update={"known": {}}))

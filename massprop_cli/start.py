@@ -102,10 +102,9 @@ def _reach(vehicle: Vehicle) -> float:
 
 
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
-    """1/m where no force has been felt: the known or nominal mass, else a body whose radius of gyration is its jets' reach."""
+    """1/m where no force has been felt: the known mass, else a body whose radius of gyration is its jets' reach."""
     known = vehicle.known.get("mass")
-    mass = known.value if known else vehicle.nominal.mass
-    return 1 / mass if mass else _reach(vehicle) ** 2 * scale / 3
+    return 1 / known.value if known else _reach(vehicle) ** 2 * scale / 3
 
 
 def _force_at(point: Array, samples: Samples, cycles: slice, vehicle: Vehicle) -> Array:

@@ -87,6 +87,7 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),
         observable=observable(samples.executed.capability, _body(values[-1]), vehicle),
+        bare=(values[-1], _joint(filters)),
         notices=_notices(phase, worst),
     )
     return history, filters

@@ -74,6 +74,8 @@ class Found:
     """Mean squared residual over stated noise of the fit there."""
     chi_square_before: float
     """The same where the search began."""
+    correlation: float = 0.0
+    """Of the errors of delay and lag, where both were sought."""
 
 
 def with_lag(vehicle: Vehicle, lag_s: float) -> Vehicle:
@@ -109,17 +111,20 @@ def detect(
             return None
     sigma = Timing(0.0, 0.0).moved(unknown, found.sigmas)
     limits = [PRIOR / 2 * max(1.0, now.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    return Found(now, sigma, found.after, before) if (found.sigmas < limits).all() else None
+    return Found(now, sigma, found.after, before, found.correlation) if (found.sigmas < limits).all() else None
 
 
-def mismatch(stated: float, found: Found | None) -> list[Notice]:
-    """A warning if the log contradicts the stated delay, from which ``found`` was sought."""
-    if found is None or abs(found.at.delay - stated) <= max(MISMATCH[0], MISMATCH[1] * found.sigma.delay):
+def mismatch(stated: float, found: Found | None, fits: bool) -> list[Notice]:
+    """A warning if the log contradicts the stated delay, from which ``found`` was sought.
+
+    A small difference that is certain is told only where the log does not fit (``fits``) as it is.
+    """
+    if found is None or abs(found.at.delay - stated) <= max(MISMATCH[0] * fits, MISMATCH[1] * found.sigma.delay):
         return []
     if _unlike(found.chi_square, found.chi_square_before):
         return []
     message = (
-        f"cycle.command_delay_cycles = {stated:g}, but the log shows {found.at.delay:.3g} ± {found.sigma.delay:.2g} cycles; "
+        f"cycle.command_delay_cycles = {stated:g}, but the log shows {found.at.delay:.4g} ± {found.sigma.delay:.2g} cycles; "
         "mend it, or let --delay auto find it. A lag of the thrust that isn't stated looks the same; --set thrust.lag_s=auto finds that"
     )
     return [Notice("delay-mismatch", message)]
@@ -178,6 +183,7 @@ class _Move(NamedTuple):
 
     steps: Array
     sigmas: Array
+    correlation: float
     before: float
     after: float
 
@@ -220,7 +226,9 @@ def _move(
     if rows == 0:
         return None
     covariance = np.linalg.inv(information)
-    return _Move(covariance @ moment, np.sqrt(np.diag(covariance)), before / rows, after / rows)
+    sigmas = np.sqrt(np.diag(covariance))
+    correlation = float(covariance[0, 1] / (sigmas[0] * sigmas[1])) if size == 2 else 0.0
+    return _Move(covariance @ moment, sigmas, correlation, before / rows, after / rows)
 
 
 def _change(

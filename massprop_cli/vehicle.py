@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from massprop_cli import columns, configfile
@@ -44,6 +44,7 @@ class Cycle(Section):
     command_delay_cycles: NonNegative | Literal["auto"] = Field(
         0.0, description="from the start of the cycle that issued a command to the start of its execution"
     )
+    command_delay_sigma_cycles: NonNegative = Field(0.0, description="one sigma of a stated delay; goes into every sigma")
 
 
 class Imu(Section):
@@ -92,6 +93,8 @@ class Thrust(Section):
     scale_sigma: NonNegative = Field(0.0, description="common relative uncertainty of all forces and torques")
     pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
     lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
+    lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
+    lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
 
     @property
     def stated_lag_s(self) -> float:
@@ -146,12 +149,24 @@ class Known(Section):
     sigma: Positive
 
 
+def _positive_known(known: dict[Quantity, Known]) -> dict[Quantity, Known]:
+    for name, quantity in known.items():
+        if quantity.value <= 0 and name in ("ixx", "iyy", "izz", "mass"):
+            problem = f"value = {quantity.value}: must be greater than 0, as the {name} of any body is"
+            raise PydanticCustomError("not_positive", "{problem}", {configfile.KEY: name, "problem": problem})
+    return known
+
+
+KnownTable = Annotated[dict[Quantity, Known], AfterValidator(_positive_known)]
+
+
 class Phase(Section):
     """A stretch of the log, ``start_s < time_s <= end_s``, estimated on its own."""
 
     name: str = Field(min_length=1)
     start_s: FiniteFloat
     end_s: FiniteFloat
+    known: KnownTable = Field({}, description="quantities of this phase that were measured elsewhere")
 
     @model_validator(mode="after")
     def _is_ordered(self) -> Phase:
@@ -165,6 +180,7 @@ class Docking(Section):
 
     before: str
     after: str
+    known: KnownTable = Field({}, description="quantities of the docked object that were measured elsewhere")
 
 
 class Column(Section):
@@ -253,7 +269,7 @@ class Vehicle(Section):
     thrust: Thrust = Thrust()
     jets: tuple[Jet, ...] = ()
     nominal: Nominal = Nominal()
-    known: dict[Quantity, Known] = {}
+    known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = ()
     docking: Docking | None = None
     drift: Drift = Drift()
@@ -267,6 +283,11 @@ class Vehicle(Section):
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
                 raise ValueError(f"{kind} name {twice[0]!r} is used twice; give each its own")
+        if self.known and len(self.phases) > 1:
+            raise ValueError(
+                f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "
+                f"([[phases]] known = {{ ... }}), or under [docking] if it is the docked object's"
+            )
         if self.docking is not None:
             if self.docking.before == self.docking.after:
                 raise ValueError(f"docking.before and docking.after are both {self.docking.after!r}; name two phases")
@@ -274,15 +295,6 @@ class Vehicle(Section):
                 if phase not in [p.name for p in self.phases]:
                     raise ValueError(f"docking names phase {phase!r}, which [[phases]] does not have")
         return self
-
-    @field_validator("known")
-    @classmethod
-    def _is_positive(cls, known: dict[Quantity, Known]) -> dict[Quantity, Known]:
-        for name, quantity in known.items():
-            if quantity.value <= 0 and name in ("ixx", "iyy", "izz", "mass"):
-                problem = f"value = {quantity.value}: must be greater than 0, as the {name} of any body is"
-                raise PydanticCustomError("not_positive", "{problem}", {configfile.KEY: name, "problem": problem})
-        return known
 
     @field_validator("columns")
     @classmethod
@@ -295,6 +307,10 @@ class Vehicle(Section):
                     "unknown_column", "{problem}", {configfile.KEY: name, "problem": f"maps unknown column {name!r}{hint}"}
                 )
         return mapping
+
+    def in_phase(self, phase: Phase) -> Vehicle:
+        """The vehicle with what is known of it in that phase, and of no other."""
+        return self.model_copy(update={"known": {**self.known, **phase.known}})
 
     @property
     def on_air_bearing(self) -> bool:
@@ -329,6 +345,13 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
     data = configfile.override(data, assignments)
     vehicle = configfile.validate(Vehicle, data, source, text, assignments)
     return VehicleSource(vehicle, source, hashlib.sha256(text.encode()).hexdigest())
+
+
+def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
+    """The vehicle with ``--set`` assignments on top."""
+    data = vehicle.model_dump(by_alias=True, exclude_none=True)
+    data["jets"] = list(data["jets"])
+    return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
 
 
 def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:

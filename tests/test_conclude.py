@@ -31,6 +31,7 @@ def history(rows: int = 300) -> History:
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),
         observable=np.ones(10, dtype=bool),
+        bare=(values[-1], np.diag((1e-3 * SIZES) ** 2)),
     )
 
 

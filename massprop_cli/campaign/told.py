@@ -32,7 +32,7 @@ def bodies(found: Result, used: Vehicle) -> list[Body]:
     docked = found.docked_object
     if docked is not None:
         name = f"{docked.after} less {docked.before}"
-        kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(docked, used))))
+        kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(found, docked, used))))
     return kept
 
 
@@ -60,7 +60,7 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
     values = np.array([np.nan if item.value is None else item.value for item in phase.estimates.values()])
     scaled = _scaled(values)
     variance = (used.thrust.scale_sigma * scaled) ** 2
-    known = [(QUANTITIES.index(name), quantity.sigma) for name, quantity in used.known.items()]
+    known = [(QUANTITIES.index(name), sigma) for name, (_, sigma) in phase.known.items()]
     if known:
         index, sigma = np.array([i for i, _ in known]), np.array([s for _, s in known])
         covariance = np.array([[np.nan if cell is None else cell for cell in row] for row in phase.covariance], dtype=float)
@@ -70,9 +70,9 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
     return found
 
 
-def _docked_shared(docked: DockedObject, used: Vehicle) -> Array | None:
+def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array | None:
     """(10,) of the docked object; None with known quantities, whose share in both phases isn't told."""
-    if used.known:
+    if docked.known or any(phase.known for phase in found.phases):
         return None
     return used.thrust.scale_sigma * np.abs(_scaled(np.array([_number(item) for item in docked.estimates.values()])))
 
