@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,14 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli import diagnose, estimate, noise, thesis, timing, vehicle
-from massprop_cli.align import Aligned
+from massprop_cli import columns, diagnose, estimate, noise, thesis, timing, vehicle
+from massprop_cli.align import Aligned, channel_impulses
 from massprop_cli.arrays import Array
+from massprop_cli.assumptions import Assumption, assumptions
 from massprop_cli.compensate import Samples
-from massprop_cli.conclude import Conclusion, conclude
-from massprop_cli.docking import Docked, docked_object
+from massprop_cli.conclude import Conclusion, conclude, contradicted
+from massprop_cli.contradict import SATURATED, Fault, by_faults, by_known, by_misfit, by_no_body, mended_log, together
+from massprop_cli.diagnose import Cure
+from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
+from massprop_cli.lackoffit import Channels
+from massprop_cli.sensitivity import Consider, late
 from massprop_cli.start import first_reference
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
@@ -35,6 +41,16 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
+class MendedAnswer:
+    """What the log gives if a named fault is mended."""
+
+    fault: Fault
+    settings: tuple[str, ...]
+    """KEY=VALUE of the vehicle file that mend it."""
+    conclusions: tuple[Conclusion, ...]
+
+
+@dataclass(frozen=True)
 class Analysis:
     """Everything that one run found, with what it was found from."""
 
@@ -42,6 +58,8 @@ class Analysis:
     source: VehicleSource
     vehicle: Vehicle
     """As used: with the noise levels and disturbances that a first pass set."""
+    stated: Vehicle
+    """With its timing resolved, but without what a first pass sized."""
     samples: Samples
     timing: Timing
     """Delay and lag as used, cycles."""
@@ -54,6 +72,10 @@ class Analysis:
     docked: Docked | None
     notices: tuple[Notice, ...]
     assignments: tuple[str, ...]
+    lack_of_fit: tuple[Array, ...] = ()
+    """(6,) of each phase: by how much too small the sigmas of each channel are."""
+    mended: tuple[MendedAnswer, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
 
 
 def analyse(
@@ -68,47 +90,175 @@ def analyse(
 
 
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
-    """The same from a log at hand."""
+    """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
     say = progress or (lambda *_: None)
+    found = _estimated(log, source, assignments, say)
+    faults = _faults(found, say)
+    change_s = next((fault.change_s for fault in faults if fault.change_s is not None), None)
+    if change_s is not None and source.vehicle.estimator.split_on_change:
+        split = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], change_s))
+        again = examine(log, split, assignments, progress)
+        return replace(again, source=source, notices=(*(fault.notice for fault in faults if fault.change_s is not None), *again.notices))
+    mended = [answer for fault in _distinct(faults) if (answer := _mended(found, fault, say)) is not None]
+    judged = _judged(found, faults, mended)
+    say("what the numbers rest on", 1.0)
+    return replace(judged, assumptions=_assumptions(judged))
+
+
+def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check_timing: bool = True) -> Analysis:
+    """Timing, noise levels, estimates: before anything is held against anything."""
     detected = _found_timing(log, source, say)
     used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
-    stated = timing.with_lag(source.vehicle, used_timing.lag * source.vehicle.cycle.period_s)
+    stated = _with_timing(source.vehicle, used_timing, detected)
     samples = used_timing.of(log, stated)
     phases = _phases(log, stated, samples.executed)
-    used, histories, settled, notices = _estimates(samples, phases, stated, say)
+    consider = _considered(log, stated, used_timing)
+    used, histories, settled, notices = _estimates(samples, phases, stated, consider, say)
     if stated.estimator.refine and settled:
         histories = tuple(settled)
     conclusions = tuple(conclude(history, used) for history in histories)
-    docked = docked_object(conclusions, used)
-    if detected is None and settled:
+    if detected is None and settled and check_timing:
         say("checking the delay", 1.0)
         detected = _checked_timing(log, _undisturbed(used, stated), settled, used_timing)
-        notices = timing.mismatch(used_timing.delay, detected) + notices
-    explained = {"delay-mismatch", "gyro-saturated", "accelerometer-saturated"} & {notice.code for notice in (*notices, *log.notices)}
-    if notices and not explained and stated.estimator.method == "default":
-        say("looking for the cause", 1.0)
-        explained_by = diagnose.diagnose(log, _undisturbed(used, stated), used_timing.delay, [cycles for _, cycles in phases])
-        changed = next((e for e in explained_by if e.change_s is not None), None)
-        if changed is not None and changed.change_s is not None and source.vehicle.estimator.split_on_change:
-            split = replace(source, vehicle=_split(source.vehicle, [phase for phase, _ in phases], changed.change_s))
-            again = examine(log, split, assignments, progress)
-            return replace(again, source=source, notices=(changed.notice, *again.notices))
-        notices = [e.notice for e in explained_by] + notices
-    found = (*log.notices, *notices, *(n for h in histories for n in h.notices), *_physical(conclusions), *_docking_notices(docked))
+        notices = timing.mismatch(used_timing.delay, detected, fits=not notices) + notices
+    found = (*log.notices, *notices, *(n for h in histories for n in h.notices))
     judged = tuple(settled) or histories
-    return Analysis(log, source, used, samples, used_timing, detected, histories, judged, conclusions, docked, found, tuple(assignments))
+    return Analysis(
+        log, source, used, stated, samples, used_timing, detected, histories, judged, conclusions, None, found, tuple(assignments)
+    )
+
+
+def _with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
+    """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
+    period = stated.cycle.period_s
+    resolved = timing.with_lag(stated, used.lag * period)
+    if detected is None:
+        return resolved
+    cycle, thrust = {}, {}
+    if stated.cycle.command_delay_cycles == "auto":
+        cycle["command_delay_sigma_cycles"] = detected.sigma.delay
+    if stated.thrust.lag_s == "auto":
+        thrust["lag_sigma_s"] = detected.sigma.lag * period
+    if cycle and thrust:
+        thrust["lag_delay_correlation"] = detected.correlation
+    return resolved.model_copy(
+        update={"cycle": resolved.cycle.model_copy(update=cycle), "thrust": resolved.thrust.model_copy(update=thrust)}
+    )
+
+
+def _considered(log: Log, stated: Vehicle, used: Timing) -> Consider:
+    """Delay and lag where they are uncertain."""
+    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / stated.cycle.period_s}
+    variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
+    names = [name for name, variant in variants.items() if variant is not None]
+    sigma = np.array([sigmas[name] for name in names])
+    correlation = np.eye(len(names)) + stated.thrust.lag_delay_correlation * (1 - np.eye(len(names)))
+    return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
+
+
+def _faults(found: Analysis, say: Progress) -> list[Fault]:
+    """What has a name: saturation, a delay, or what an examination of the misfit finds."""
+    faults = [Fault(n, None) for n in found.notices if n.code in SATURATED]
+    for notice in found.notices:
+        if notice.code == "delay-mismatch" and found.detected is not None:
+            at, sigma = found.detected.at.delay, found.detected.sigma.delay
+            settings = (f"cycle.command_delay_cycles={at:.9g}", f"cycle.command_delay_sigma_cycles={sigma:.3g}")
+            faults.append(Fault(notice, Cure(settings)))
+    raised = [n for n in found.notices if n not in found.log.notices and n.code != "known-mismatch"]
+    if faults or not raised or found.vehicle.estimator.method != "default":
+        return faults
+    say("looking for the cause", 1.0)
+    pieces = [history.cycles for history in found.histories]
+    explained = diagnose.diagnose(found.log, _undisturbed(found.vehicle, found.stated), found.timing.delay, pieces)
+    return [Fault(e.notice, e.cure, e.change_s) for e in explained]
+
+
+def _distinct(faults: Sequence[Fault]) -> list[Fault]:
+    """One of those that the same cure mends."""
+    return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
+
+
+def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None:
+    """The log examined again with the fault mended; None where it can't be."""
+    say("with the fault mended", 1.0)
+    cure = fault.cure
+    if cure is None:
+        return None
+    try:
+        log, source = mended_log(found.log, cure), found.source
+        if fault.change_s is not None:
+            source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
+        else:
+            source = replace(source, vehicle=vehicle.changed(source.vehicle, cure.settings))
+        again = _judged(_estimated(log, source, (), say, check_timing=False), [], [])
+    except InputError:
+        return None
+    return MendedAnswer(fault, (*cure.settings, *_column_settings(found, cure)), again.conclusions)
+
+
+def _column_settings(found: Analysis, cure: Cure) -> tuple[str, ...]:
+    """The keys that mend units and signs of the log's own columns."""
+    factors = dict.fromkeys(found.log.rate_columns, cure.gyro) | dict.fromkeys(found.log.force_columns, cure.accel)
+    factors |= dict(zip(columns.WRENCH, cure.command, strict=False))
+    settings = []
+    for name, factor in factors.items():
+        if factor != 1.0:
+            now = found.source.vehicle.columns.get(name, vehicle.Column.model_validate({"from": name}))
+            settings.append(f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * factor:.9g} }}")
+    return tuple(settings)
+
+
+def _judged(found: Analysis, faults: Sequence[Fault], mended: Sequence[MendedAnswer]) -> Analysis:
+    """Conclusions with what is contradicted, the docked object, and every notice."""
+    by_method = found.vehicle.estimator.method == "default"
+    channels = Channels(*channel_impulses(found.log, found.vehicle, found.samples.executed, found.timing.delay))
+    conclusions, factors = [], []
+    for conclusion, history, settled in zip(found.conclusions, found.histories, found.settled, strict=True):
+        own = [f for f in faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
+        answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
+        misfit, factor = by_misfit(conclusion, settled, found.samples, channels, found.vehicle) if by_method else (None, np.ones(6))
+        unnamed = [] if own or not by_method else [misfit, by_no_body(conclusion)]
+        against = together([by_faults(conclusion, own, answers), by_known(history), *unnamed])
+        conclusions.append(conclusion if against is None else contradicted(conclusion, against.cause, against.touched))
+        factors.append(factor)
+    docked = docked_object(tuple(conclusions), found.vehicle)
+    causes = [fault.notice for fault in faults if fault.notice not in found.notices]
+    said = [notice.message for notice in (*causes, *found.notices)]
+    others = [
+        Notice("contradicted", f"phase {c.phase.name}: {c.contradiction}")
+        for c in conclusions
+        if c.contradiction and not any(message in c.contradiction for message in said)
+    ]
+    about_docking = _docking_notices(docked, tuple(conclusions), found.vehicle)
+    notices = (*causes, *others, *found.notices, *_physical(found.conclusions), *about_docking)
+    return replace(found, conclusions=tuple(conclusions), docked=docked, notices=notices, lack_of_fit=tuple(factors), mended=tuple(mended))
+
+
+def _assumptions(found: Analysis) -> tuple[Assumption, ...]:
+    if found.vehicle.estimator.method != "default":
+        return ()
+    return assumptions(found.log, found.vehicle, found.timing, found.samples, found.settled, found.conclusions)
 
 
 def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
-    """The vehicle with the phase that holds ``at_s`` cut in two."""
+    """The vehicle with the phase that holds ``at_s`` cut in two. What was known of that phase is of neither part.
+
+    A docking that names it is between the parts that are next to it.
+    """
     cut: list[Phase] = []
+    docking = vehicle.docking
     for phase in phases:
         if phase.start_s < at_s < phase.end_s:
-            cut.append(Phase(name=f"{phase.name}-1", start_s=phase.start_s, end_s=at_s))
-            cut.append(Phase(name=f"{phase.name}-2", start_s=at_s, end_s=phase.end_s))
+            before, after = f"{phase.name}-1", f"{phase.name}-2"
+            cut.append(Phase(name=before, start_s=phase.start_s, end_s=at_s))
+            cut.append(Phase(name=after, start_s=at_s, end_s=phase.end_s))
+            if docking is not None and docking.before == phase.name:
+                docking = docking.model_copy(update={"before": after})
+            if docking is not None and docking.after == phase.name:
+                docking = docking.model_copy(update={"after": before})
         else:
-            cut.append(phase)
-    return vehicle.model_copy(update={"phases": tuple(cut)})
+            cut.append(phase.model_copy(update={"known": {**vehicle.known, **phase.known}}))
+    return vehicle.model_copy(update={"phases": tuple(cut), "docking": docking, "known": {}})
 
 
 def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:
@@ -172,7 +322,7 @@ def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slic
 
 
 def _estimates(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, say: Progress
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider, say: Progress
 ) -> tuple[Vehicle, tuple[History, ...], list[History], list[Notice]]:
     """Estimates, and the off-line fits of each phase that they are judged by.
 
@@ -192,9 +342,13 @@ def _estimates(
             break
         used = sized if np.isnan(excess).all() else _sized(samples, phases, sized)
         histories = tuple(
-            estimate.replay(samples, cycles, phase, used, partial(say, f"estimating, phase {phase.name}")) for phase, cycles in phases
+            estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
+            for phase, cycles in phases
         )
-        settled = [h if h.reference is None else estimate.settle(samples, h.cycles, h.phase, h.reference, used) for h in histories]
+        settled = [
+            h if h.reference is None else estimate.settle(samples, h.cycles, h.phase, h.reference, used.in_phase(h.phase), consider)
+            for h in histories
+        ]
         excess = noise.misfit(settled, used)
     return used, histories, settled, notices + noise.disturbance_notices(stated, used, excess)
 
@@ -224,7 +378,14 @@ def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehic
     return tuple(histories)
 
 
-def _docking_notices(docked: Docked | None) -> list[Notice]:
+def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...], used: Vehicle) -> list[Notice]:
+    apart = masses_apart(conclusions, used) if docked is None else None
+    if apart is not None:
+        message = (
+            f"the two phases' masses differ by {apart[0]:.3g} ± {apart[1]:.2g} kg, too little to tell of a docking, so no docked object is "
+            "given; name the phases under [docking] (before, after) if there is one"
+        )
+        return [Notice("no-docked-object", message)]
     mass = docked.estimates["mass"].value if docked else None
     if docked is None or mass is None or mass > 0:
         return []
@@ -274,6 +435,12 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     """Dotted keys and values which, given back with ``--set``, reproduce the result."""
     used = analysis.vehicle
     keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": used.thrust.lag_s}
+    timing_sigmas = {
+        "cycle.command_delay_sigma_cycles": used.cycle.command_delay_sigma_cycles,
+        "thrust.lag_sigma_s": used.thrust.lag_sigma_s,
+        "thrust.lag_delay_correlation": used.thrust.lag_delay_correlation,
+    }
+    keys |= {key: sigma for key, sigma in timing_sigmas.items() if sigma}
     for section, names in (
         ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2")),
         ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),

@@ -55,6 +55,19 @@ class Supposition:
     vehicle: Vehicle
     gyro: float = 1.0
     accel: float = 1.0
+    settings: tuple[str, ...] = ()
+    """KEY=VALUE of the vehicle file that mend it; units are columns of the log and not among them."""
+
+
+@dataclass(frozen=True)
+class Cure:
+    """How a named fault is mended: keys of the vehicle file, and factors on what the log holds."""
+
+    settings: tuple[str, ...] = ()
+    gyro: float = 1.0
+    accel: float = 1.0
+    command: tuple[float, ...] = ()
+    """On each component of a commanded wrench; empty: none."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +77,7 @@ class Explanation:
     chi_square: float
     code: str
     message: str
+    cure: Cure
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
 
@@ -98,7 +112,11 @@ def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, pie
     rough = [(_tried(log, _coarse(s), delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
     best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
     careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
-    return [Explanation(f.chi_square, s.code, s.message) for f, s in careful if f is not None and _explains(f, s, allowed)]
+    return [
+        Explanation(f.chi_square, s.code, s.message, Cure(s.settings, s.gyro, s.accel))
+        for f, s in careful
+        if f is not None and _explains(f, s, allowed)
+    ]
 
 
 def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
@@ -132,7 +150,8 @@ def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> li
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
         "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
     )
-    return [Explanation(_sides(samples, piece, best, vehicle, PASSES), "mass-change", message, time)]
+    cure = Cure(("estimator.split_on_change=true",))
+    return [Explanation(_sides(samples, piece, best, vehicle, PASSES), "mass-change", message, cure, time)]
 
 
 def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle, passes: int) -> float:
@@ -161,7 +180,8 @@ def _single_jets(vehicle: Vehicle) -> Iterator[Supposition]:
         ):
             factor = np.ones(len(vehicle.jets))
             factor[i] = f
-            yield Supposition(code, f"the log fits if jet {jet.name} {words}", _scaled(vehicle, factor))
+            scaled = _scaled(vehicle, factor)
+            yield Supposition(code, f"the log fits if jet {jet.name} {words}", scaled, settings=_forces(scaled, [i]))
 
 
 def _suppositions(vehicle: Vehicle) -> Iterator[Supposition]:
@@ -182,9 +202,8 @@ def _suppositions(vehicle: Vehicle) -> Iterator[Supposition]:
             rows = tuple(tuple(float(x) + 0.0 for x in row) for row in turn)
             shown = [[round(x, 6) for x in row] for row in rows]
             message = f"the log fits if imu.body_from_imu is {words + ', ' if words else ''}{shown}; look at the IMU's mounting"
-            yield Supposition(
-                "imu-mounting", message, vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
-            )
+            supposed = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
+            yield Supposition("imu-mounting", message, supposed, settings=(f"imu.body_from_imu={[list(row) for row in rows]}",))
 
 
 def _right_angles() -> list[Array]:
@@ -225,7 +244,7 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
     for _ in range(FACTOR_STEPS):
         aligned = align(used, tried, delay_cycles)
         samples = compensate(aligned, tried)
-        extra, fired = _thrust_columns(used, tried, delay_cycles, samples, piece, found.reference)
+        extra, fired = thrust_columns(used, tried, delay_cycles, samples, piece, found.reference)
         step = fit(samples, piece, found.reference, tried, extra, passes=0)
         if step is None:
             break
@@ -251,8 +270,12 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
         "jet-dead": "hardly push at all; look at valves and wiring",
         "thrust-scale": "push by another part of their stated thrust than the others; mend force_n or calibrate",
     }
+    wrong = [i for i, name in enumerate(names) if name in dict(off)]
+    mended = np.where(np.isin(np.arange(len(names)), wrong), factor, 1.0)
+    by_jets = log.command_kind == "jets"
+    cure = Cure(_forces(_scaled(vehicle, mended), wrong)) if by_jets else Cure(command=tuple(float(f) for f in mended))
     return [
-        Explanation(best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{name} ({f:+.3g})" for name, f in some))
+        Explanation(best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{name} ({f:+.3g})" for name, f in some), cure)
         for code, some in kinds.items()
     ]
 
@@ -268,7 +291,7 @@ def _common(factor: Array, fired: BoolArray, wrench: Array) -> Array:
     return common
 
 
-def _thrust_columns(
+def thrust_columns(
     log: Log, vehicle: Vehicle, delay_cycles: float, samples: Samples, piece: slice, reference: Reference
 ) -> tuple[Extra, BoolArray]:
     """What each channel's own part of the thrust does, per unit of its relative change; and which channels fire in ``piece``."""
@@ -284,6 +307,11 @@ def _thrust_columns(
     turning = np.linalg.solve(reference.inertia, moment)
     push = reference.mu * wrench[:, 3:].T + np.cross(turning.T, arm).T
     return Extra(growth, push * whole[:, None, :] / duration, FACTOR_PRIOR), (whole != 0).any(0)
+
+
+def _forces(vehicle: Vehicle, jets: Sequence[int]) -> tuple[str, ...]:
+    """The settings that give these jets their force."""
+    return tuple(f"jets.{i}.force_n={[float(f'{x:.6g}') for x in vehicle.jets[i].force_n]}" for i in jets)
 
 
 def _with_factors(log: Log, vehicle: Vehicle, factor: Array) -> tuple[Log, Vehicle]:

@@ -82,10 +82,14 @@ def _judged(found: Analysis, demands: Demands) -> Judged:
 
 
 def unconverged(found: Result, required: Sequence[str]) -> list[str]:
-    """Each required quantity whose verdict is another than converged, with the reason, phase by phase."""
-    return [
-        f"{name} in phase {phase.name} is {item.verdict} ({item.reason})"
-        for phase in found.phases
-        for name, item in ((name, phase.estimates[name]) for name in required)
-        if item.verdict != "converged"
-    ]
+    """Required quantities whose verdict is another than converged, phase by phase; those that share a reason are named together."""
+    said = []
+    for phase in found.phases:
+        alike: dict[tuple[str, str], list[str]] = {}
+        for name in required:
+            item = phase.estimates[name]
+            if item.verdict != "converged":
+                alike.setdefault((item.verdict, item.reason), []).append(name)
+        for (verdict, reason), names in alike.items():
+            said.append(f"{', '.join(names)} in phase {phase.name} {'is' if len(names) == 1 else 'are'} {verdict} ({reason})")
+    return said

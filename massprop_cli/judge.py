@@ -6,7 +6,7 @@ from pathlib import Path
 
 from massprop_cli.errors import InputError
 from massprop_cli.expect import Expectations, Wanted
-from massprop_cli.report.result import DockedObject, EstimateItem, ExpectationFile, Expected, PhaseItem, Result
+from massprop_cli.report.result import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told; a contradicted one meets no expectation."""
@@ -16,10 +16,7 @@ def judge(found: Result, expectations: Expectations) -> Result:
     """The result with every estimate held against its expectation; :class:`InputError` where it lacks a phase that is expected."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
-    phases = [
-        phase.model_copy(update={"estimates": _estimates(phase.estimates, expectations.every | own.get(phase.name, {}))})
-        for phase in found.phases
-    ]
+    phases = [_phase(phase, expectations.every | own.get(phase.name, {})) for phase in found.phases]
     docked = found.docked_object
     if expectations.docked and docked is None:
         raise InputError(
@@ -30,6 +27,20 @@ def judge(found: Result, expectations: Expectations) -> Result:
         docked = docked.model_copy(update={"estimates": _estimates(docked.estimates, expectations.docked)})
     file = ExpectationFile(path=Path(expectations.source).name, sha256=expectations.sha256)
     return found.model_copy(update={"phases": phases, "docked_object": docked, "expectations": file})
+
+
+def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
+    held = {"estimates": _estimates(phase.estimates, wanted)}
+    return phase.model_copy(update=held | {"implied_thrust_scale": phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))})
+
+
+def _implied(phase: PhaseItem, mass: Wanted | None) -> ImpliedScale | None:
+    """The part of the stated thrust that makes the estimated mass the expected one."""
+    found = phase.estimates["mass"]
+    if mass is None or found.value is None or found.sigma is None or not found.value > 0:
+        return None
+    scale = mass.value / found.value
+    return ImpliedScale(by="expected mass", value=scale, sigma=scale * found.sigma / found.value)
 
 
 def _by_name(expectations: Expectations, names: list[str]) -> dict[str, dict[str, Wanted]]:

@@ -190,7 +190,7 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
                 "disturbance-torque",
                 "the stated noise does not explain the rates; a disturbance torque was added: white "
                 f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
-                "Sigmas include it. Look for a lag of the thrust, aerodynamic damping, friction, thrust errors, a wrong delay or jet",
+                "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, a wrong delay or jet",
             )
         )
     if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale and used.estimator.accel_noise_scale is not None:
@@ -199,7 +199,7 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
             Notice(
                 "accelerometer-misfit",
                 f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. "
-                "Sigmas include it. Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
+                "Sigmas include it as noise. Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
             )
         )
     if not np.isnan(excess).all():

@@ -55,6 +55,10 @@ class Log:
     attitude_wxyz: Array | None
     """(n, 4) logged attitude at ``time_s``, world ← body."""
     notices: tuple[Notice, ...]
+    rate_columns: tuple[str, ...] = DELTA_THETA
+    """The contract's names of the columns that the gyro's increments came from."""
+    force_columns: tuple[str, ...] = DELTA_V
+    """The same of the accelerometer's."""
 
     @property
     def cycles(self) -> int:
@@ -98,6 +102,8 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command=frozen(command),
         attitude_wxyz=None if attitude is None else frozen(attitude[:n]),
         notices=tuple(notices),
+        rate_columns=DELTA_THETA if source.has(DELTA_THETA[0]) else GYRO,
+        force_columns=DELTA_V if source.has(DELTA_V[0]) else ACCEL,
     )
 
 

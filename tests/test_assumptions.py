@@ -16,7 +16,7 @@ def result(scale_sigma: float = 0.0, phases: list[dict[str, object]] | None = No
 
 
 def test_every_value_has_its_change_for_one_step_in_two_figures_and_whether_the_log_would_notice() -> None:
-    (found,) = assumptions.sensitivities(result())
+    (found,) = assumptions.sensitivities(result().assumptions)
     assert found.phase == "all"
     assert found.steps == (("thrust-scale", "1 %"), ("imu-position", "1 mm"), ("pulse-shape", "1 ms"))
     rows = {name: (unit, changes) for name, unit, changes in found.rows}
@@ -31,11 +31,11 @@ def test_every_value_has_its_change_for_one_step_in_two_figures_and_whether_the_
 def test_each_phase_has_its_own_and_an_assumption_without_effects_has_words_alone() -> None:
     silent = {"code": "rigid", "message": "The body is rigid", "step": "1 %", "stated": False, "effects": []}
     found = result(assumptions=[*recorded.assumptions("single", "combined"), silent])
-    assert [one.phase for one in assumptions.sensitivities(found)] == ["single", "combined"]
-    assert all("rigid" not in dict(one.steps) for one in assumptions.sensitivities(found))
+    assert [one.phase for one in assumptions.sensitivities(found.assumptions)] == ["single", "combined"]
+    assert all("rigid" not in dict(one.steps) for one in assumptions.sensitivities(found.assumptions))
     assert assumptions.said(found.assumptions[-1]) == "The body is rigid [rigid, a default]"
     assert assumptions.said(found.assumptions[0]).endswith("[thrust-scale, stated by the vehicle file]")
-    assert assumptions.sensitivities(recorded.result()) == []
+    assert assumptions.sensitivities(recorded.result().assumptions) == []
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def docking_page(docking: Recorded) -> Page:
 
 def test_the_first_table_holds_every_value_with_sigma_unit_and_verdict(flyer: Recorded, flyer_page: Page) -> None:
     header, *rows = flyer_page.table("Whole log, 0 to 60 s")
-    assert header == ["Quantity", "Value", "± sigma", "Unit", "Verdict", "Final at"]
+    assert header == ["Quantity", "Value", "± sigma (thrust taken as exact)", "Unit", "Verdict", "Final at"]
     assert len(rows) == 10
     for row, (name, item) in zip(rows, flyer.result.phases[0].estimates.items(), strict=True):
         value, sigma, final = float(row[1].replace("−", "-")), float(row[2].lstrip("± ")), float(row[5].rstrip(" s"))

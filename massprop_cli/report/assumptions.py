@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from massprop_cli import CG, QUANTITIES, UNITS
@@ -28,14 +29,19 @@ class Sensitivity:
     """Whether the log would notice each."""
 
 
-def sensitivities(found: Result) -> list[Sensitivity]:
+def open_ones(found: Result) -> list[Assumption]:
+    """Those that nothing vouches for: what no log can tell, and what the vehicle file does not state."""
+    return [one for one in found.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust")]
+
+
+def sensitivities(shown: Sequence[Assumption]) -> list[Sensitivity]:
     """For each phase that any assumption has a say in."""
-    names = dict.fromkeys(effect.phase for assumption in found.assumptions for effect in assumption.effects)
-    return [_sensitivity(found, name) for name in names]
+    names = dict.fromkeys(effect.phase for assumption in shown for effect in assumption.effects)
+    return [_sensitivity(shown, name) for name in names]
 
 
-def _sensitivity(found: Result, phase: str) -> Sensitivity:
-    held = [(assumption, effect) for assumption in found.assumptions for effect in assumption.effects if effect.phase == phase]
+def _sensitivity(shown: Sequence[Assumption], phase: str) -> Sensitivity:
+    held = [(assumption, effect) for assumption in shown for effect in assumption.effects if effect.phase == phase]
     return Sensitivity(
         phase=phase,
         steps=tuple((assumption.code, assumption.step) for assumption, _ in held),

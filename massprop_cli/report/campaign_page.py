@@ -21,7 +21,7 @@ from massprop_cli.report import digits, html, view, words
 
 _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
 _MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
-_CONTRADICTED, _WARNED = ("✕", "not_excited"), ("⚠", "not_converged")
+_CONTRADICTED, _WARNED = (words.SIGNS["contradicted"], "contradicted"), ("⚠", "not_converged")
 """Sign and mark of a log that is done and yet in doubt."""
 _UNLIKELY = 1e-3
 """A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""

@@ -165,7 +165,7 @@ def _assumptions(found: Result) -> list[list[str]]:
     said = [f"- {shown(assumptions.said(one))}" for one in found.assumptions]
     return [
         *([["### Assumptions", "", *said, ""]] if said else []),
-        *(_sensitivity(one) for one in assumptions.sensitivities(found)),
+        *(_sensitivity(one) for one in assumptions.sensitivities(found.assumptions)),
     ]
 
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from massprop_cli import QUANTITIES, __version__, arrow
-from massprop_cli.analysis import Analysis, effective_settings, nearest_consistent, physical_note, setting_sources
+from massprop_cli import QUANTITIES, __version__, arrow, assumptions
+from massprop_cli.analysis import Analysis, MendedAnswer, effective_settings, nearest_consistent, physical_note, setting_sources
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import acceleration
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
-from massprop_cli.vehicle import ZERO, Nominal
+from massprop_cli.vehicle import ZERO, Known, Nominal, Quantity, Vehicle
 
 AXES = ("x", "y", "z")
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -277,10 +278,12 @@ def result(analysis: Analysis) -> Result:
         lag=_lag(analysis),
         conventions=Conventions(),
         phases=[
-            _phase(conclusion, analysis.vehicle.nominal, history)
-            for conclusion, history in zip(analysis.conclusions, analysis.settled, strict=True)
+            _phase(conclusion, analysis.vehicle, history, factors)
+            for conclusion, history, factors in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, strict=True)
         ],
-        docked_object=_docked(analysis.docked),
+        docked_object=_docked(analysis.docked, analysis.vehicle),
+        mended=[_mended(answer) for answer in analysis.mended],
+        assumptions=[_assumption(assumption) for assumption in analysis.assumptions],
         warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
     )
 
@@ -324,7 +327,7 @@ def _overridden(analysis: Analysis, key: str) -> bool:
     return any(assignment.startswith(f"{key}=") for assignment in analysis.assignments)
 
 
-def _phase(conclusion: Conclusion, nominal: Nominal, settled: History) -> PhaseItem:
+def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Array) -> PhaseItem:
     about_origin = conclusion.inertia_about_origin
     moments = conclusion.principal_moments
     note = physical_note(conclusion)
@@ -333,7 +336,7 @@ def _phase(conclusion: Conclusion, nominal: Nominal, settled: History) -> PhaseI
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
-        estimates=_estimates(conclusion.estimates, nominal),
+        estimates=_estimates(conclusion.estimates, used.nominal),
         covariance=_matrix(conclusion.covariance),
         inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=Physical(
@@ -342,11 +345,48 @@ def _phase(conclusion: Conclusion, nominal: Nominal, settled: History) -> PhaseI
             note=note,
             nearest_consistent=_matrix(nearest_consistent(conclusion.inertia)) if note else None,
         ),
-        innovations=_innovations(settled),
+        innovations=_innovations(settled, factors),
+        contradiction=conclusion.contradiction,
+        known=_known(used.in_phase(conclusion.phase).known),
+        implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
     )
 
 
-def _innovations(history: History) -> Innovations | None:
+def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
+    return {name: (quantity.value, quantity.sigma) for name, quantity in known.items()}
+
+
+def _implied(conclusion: Conclusion, known: Known | None) -> ImpliedScale | None:
+    """A known mass over the one that the log gives by itself."""
+    mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
+    if known is None or not np.isfinite(mass + variance) or mass <= 0:
+        return None
+    value = known.value / mass
+    return ImpliedScale(by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass)))
+
+
+def _mended(answer: MendedAnswer) -> Mended:
+    phases = [
+        MendedPhase(
+            name=conclusion.phase.name,
+            estimates={
+                name: MendedEstimate(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict)
+                for name, e in conclusion.estimates.items()
+            },
+            contradiction=conclusion.contradiction,
+        )
+        for conclusion in answer.conclusions
+    ]
+    notice = answer.fault.notice
+    return Mended(code=notice.code, message=notice.message, settings=list(answer.settings), phases=phases)
+
+
+def _assumption(found: assumptions.Assumption) -> Assumption:
+    effects = [Effect(phase=e.phase, change=e.change, seen_sigma=e.seen_sigma) for e in found.effects]
+    return Assumption(code=found.code, message=found.message, step=found.step, stated=found.stated, effects=effects)
+
+
+def _innovations(history: History, factors: Array) -> Innovations | None:
     z = history.normalised[np.isfinite(history.normalised).all(1)]
     if len(z) < 3:
         return None
@@ -356,6 +396,7 @@ def _innovations(history: History) -> Innovations | None:
         nis=float((z**2).sum(1).mean()),
         channel_variance=[float(v) for v in variance],
         lag_one_correlation=[float(c) for c in (z[1:] * z[:-1]).mean(0) / np.maximum(variance, 1e-300)],
+        lack_of_fit=[float(factor) for factor in factors],
     )
 
 
@@ -374,10 +415,17 @@ def _estimates(estimates: dict[str, Estimate], nominal: Nominal | None = None) -
     }
 
 
-def _docked(found: Docked | None) -> DockedObject | None:
+def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
     if found is None:
         return None
-    return DockedObject(before=found.before, after=found.after, estimates=_estimates(found.estimates), covariance=_matrix(found.covariance))
+    return DockedObject(
+        before=found.before,
+        after=found.after,
+        estimates=_estimates(found.estimates),
+        covariance=_matrix(found.covariance),
+        contradiction=found.contradiction,
+        known=_known(used.docking.known if used.docking else {}),
+    )
 
 
 def _matrix(values: Array) -> Matrix:

@@ -83,9 +83,12 @@ def _assumptions(found: Result, console: Console) -> None:
         return
     console.print()
     console.print("Assumptions: what the values rest on", style="bold")
-    for assumption in found.assumptions:
+    shown = assumptions.open_ones(found)
+    for assumption in shown:
         console.print(escape(f"- {line(assumptions.said(assumption))}"))
-    for one in assumptions.sensitivities(found):
+    if len(shown) < len(found.assumptions):
+        console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states: in result.json and in the report")
+    for one in assumptions.sensitivities(shown):
         table = Table(title=escape(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
         table.add_column("quantity", no_wrap=True)
         for code, step in one.steps:

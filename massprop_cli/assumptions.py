@@ -1,0 +1,266 @@
+"""What the numbers rest on and the log can't tell, or not well, and what an error of it would do to each value.
+
+Each assumption is varied by one step (a percent, a millimetre, a degree) and carried through the filter beside the estimate
+(:mod:`massprop_cli.sensitivity`). What of the change no mass properties absorb stays in the innovations: so many sigmas would the log
+itself misfit, which says whether it would notice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli import CG, QUANTITIES
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.columns import WRENCH
+from massprop_cli.compensate import Samples, compensate
+from massprop_cli.conclude import Conclusion
+from massprop_cli.diagnose import thrust_columns
+from massprop_cli.estimate import Response, respond
+from massprop_cli.fit import Extra
+from massprop_cli.history import History
+from massprop_cli.linearise import MU, RATE, linearise
+from massprop_cli.plant import Reference
+from massprop_cli.sensitivity import Side, Variant, fed, late
+from massprop_cli.telemetry import Log
+from massprop_cli.timing import Timing
+from massprop_cli.vehicle import Vehicle
+
+BINS = 4
+"""Bins of a cycle: enough for two figures of a derivative."""
+DEGREE = float(np.pi / 180)
+UNSEEN = 5.0
+"""Sigmas of misfit that a log does not show."""
+SHOWN = 0.01
+"""A change below this part of a sigma is none."""
+AXES = "XYZ"
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Of one step on one phase."""
+
+    phase: str
+    change: dict[str, float]
+    """Of each value that it moves, in its unit."""
+    seen_sigma: float | None
+    """How far the log would misfit, in sigmas; None where it can't."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """Something taken for granted."""
+
+    code: str
+    message: str
+    step: str
+    stated: bool
+    """Whether the vehicle file states it; else it is a default."""
+    effects: tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """An assumption, and how it is varied: ``size`` units make one step."""
+
+    code: str
+    message: str
+    step: str
+    stated: bool
+    variant: Variant
+    size: float
+
+
+def assumptions(
+    log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History], conclusions: Sequence[Conclusion]
+) -> tuple[Assumption, ...]:
+    """All of a log; noise levels must be set in ``vehicle``. Without a reference in any phase only what needs none."""
+    coarse = _coarse(samples)
+    taken = list(_taken(log, vehicle, timing, coarse))
+    found = _thrust_scale(vehicle, conclusions)
+    effects: list[list[Effect]] = [[] for _ in taken]
+    for history, conclusion in zip(settled, conclusions, strict=True):
+        if history.reference is None:
+            continue
+        extra, fired = thrust_columns(log, vehicle, timing.delay, coarse, history.cycles, history.reference)
+        response = _response(vehicle, coarse, history, history.reference, [t.variant for t in taken], extra)
+        for i, (of_one, t) in enumerate(zip(effects, taken, strict=True)):
+            step = t.size * (np.arange(response.shift.shape[1]) == i)
+            of_one.append(_effect(history, conclusion, vehicle, response, step))
+        found += _mass_thrust(log, vehicle, history, conclusion, response, fired)
+    return (*found, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in zip(taken, effects, strict=True) if e))
+
+
+def _coarse(samples: Samples) -> Samples:
+    """With fewer bins in a cycle."""
+    cycles, bins, _ = samples.executed.impulse_bins.shape
+    if bins % BINS or bins == BINS:
+        return samples
+    merged = samples.executed.impulse_bins.reshape(cycles, BINS, bins // BINS, 6).sum(2)
+    return replace(samples, executed=replace(samples.executed, impulse_bins=merged))
+
+
+def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
+    """The scale common to all thrust: mass and inertia are proportional to it, and nothing in a log depends on it."""
+    effects = []
+    for conclusion in conclusions:
+        known = vehicle.in_phase(conclusion.phase).known
+        if any(name not in CG for name in known):
+            continue
+        values = conclusion.estimates.items()
+        change = {name: 0.01 * e.value for name, e in values if e.value is not None and name not in CG}
+        effects.append(Effect(conclusion.phase.name, change, None))
+    if not effects:
+        return []
+    sigma = vehicle.thrust.scale_sigma
+    message = "mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen"
+    said = f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
+    return [Assumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
+
+
+def _response(
+    vehicle: Vehicle, samples: Samples, history: History, reference: Reference, variants: Sequence[Variant], thrust: Extra
+) -> Response:
+    """What one unit of each variant does to one phase, and then of each channel's thrust."""
+    cycles = history.cycles
+    system = linearise(samples, cycles, reference, vehicle)
+    driven, measured = (part[..., 1:] for part in fed(system, samples, cycles, reference, vehicle, variants))
+    growth = np.zeros((*driven.shape[:2], thrust.growth.shape[2]))
+    growth[:, RATE] = thrust.growth
+    force = np.concatenate([np.zeros_like(thrust.force), -thrust.force], 1)
+    return respond(samples, cycles, reference, vehicle, np.concatenate([driven, growth], -1), np.concatenate([measured, force], -1))
+
+
+def _mass_thrust(
+    log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, fired: BoolArray
+) -> list[Assumption]:
+    """The command channels on which the mass rests alone, with what one percent of their thrust does."""
+    first = response.shift.shape[1] - len(fired)
+    chosen = np.zeros(len(fired), dtype=bool)
+    chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
+    if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():
+        return []
+    names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
+    listed = ", ".join(name for name, is_one in zip(names, chosen, strict=True) if is_one)
+    step = 0.01 * np.concatenate([np.zeros(first), chosen])
+    several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
+    message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
+    return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
+
+
+def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:
+    """(C,) which channels' thrust the mass takes its scale from, if it is not the one that the inertia takes its own from.
+
+    Among changes of the channels' thrust that a percent of would not show in the log, that one is sought which moves the mass and leaves
+    the inertia's trace: it is one for the channels that count and zero for the others. ``misfit`` (C, C), ``shift`` (10, C) per unit.
+    """
+    values = conclusion.bare[0]
+    sizes, axes = np.linalg.eigh(misfit)
+    weak = axes[:, 1e-4 * sizes < UNSEEN**2]
+    by_mass, by_trace = -shift[MU] * values[9], shift[[0, 3, 5]].sum(0) / values[[0, 3, 5]].sum()
+    targets = np.stack([by_mass, by_trace]) @ weak
+    if not np.isfinite(targets).all() or np.linalg.matrix_rank(targets, tol=1e-3) < 2:
+        return np.zeros(len(misfit), dtype=bool)
+    found = weak @ np.linalg.pinv(targets) @ np.array([1.0, 0.0])
+    alone: BoolArray = found > 0.5
+    return alone if np.abs(found - alone).max() < 0.5 else np.zeros(len(misfit), dtype=bool)
+
+
+def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response: Response, step: Array) -> Effect:
+    """Of ``step`` (e,) units of each column of the response."""
+    moved = response.shift @ step
+    reference = history.reference
+    moved[MU] = -moved[MU] / reference.mu**2 if reference is not None else np.nan
+    known = vehicle.in_phase(history.phase).known
+    change = {}
+    for name, value, size in zip(QUANTITIES, moved, history.natural_sizes, strict=True):
+        estimate = conclusion.estimates[name]
+        least = max(SHOWN * (estimate.sigma or 0.0), 1e-9 * size)
+        if estimate.value is not None and name not in known and abs(value) > least:
+            change[name] = float(value)
+    return Effect(history.phase.name, change, float(np.sqrt(max(float(step @ response.misfit @ step), 0.0))))
+
+
+def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples) -> Iterator[_Taken]:
+    """What is varied, each about the log as it was read."""
+    here, aligned = Side(samples), samples.executed
+    imu, stated = vehicle.imu, vehicle.imu.model_fields_set
+    words = f"imu.position_m is {'stated as' if 'position_m' in stated else 'not stated and taken as'} {_vector(imu.position_m)} m"
+    for i, axis in enumerate(AXES):
+        further = _with(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
+        variant = Variant(here, Side(here.samples, further), 1e-3)
+        yield _Taken("imu-position", f"{words}; further along {axis}", "1 mm", "position_m" in stated, variant, 1e-3)
+    words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
+    for i, axis in enumerate(AXES):
+        mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
+        used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
+        variant = Variant(here, Side(compensate(aligned, used), used), 0.1 * DEGREE)
+        message = f"imu.body_from_imu is {words}; turned about {axis}"
+        yield _Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
+    later = late(log, vehicle, timing, "delay")
+    if later is not None:
+        low, high = (replace(side, samples=_coarse(side.samples)) for side in (later.low, later.high))
+        later = Variant(low, high, later.distance)
+        uncertain = vehicle.cycle.command_delay_sigma_cycles > 0
+        words = "its uncertainty is in every sigma" if uncertain else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
+        yield _Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)
+    for code, name, scaled in (
+        ("gyro-scale", "gyro", replace(aligned, rate_imu_rad_s=1.01 * aligned.rate_imu_rad_s)),
+        ("accelerometer-scale", "accelerometer", replace(aligned, specific_force_imu_m_s2=1.01 * aligned.specific_force_imu_m_s2)),
+    ):
+        variant = Variant(here, Side(compensate(scaled, vehicle)), 0.01)
+        yield _Taken(code, f"the {name}'s scale is taken as exact", "1 %", False, variant, 0.01)
+    if vehicle.on_air_bearing:
+        yield from _on_bearing(vehicle, here)
+
+
+def _on_bearing(vehicle: Vehicle, here: Side) -> Iterator[_Taken]:
+    environment, stated = vehicle.environment, vehicle.environment.model_fields_set
+    for code, key, unit in (("bearing-mass", "bearing_mass_kg", "kg"), ("gravity", "gravity_m_s2", "m/s^2")):
+        value = getattr(environment, key)
+        if value > 0:
+            changed = _with(vehicle, "environment", key, 1.01 * value)
+            message = f"environment.{key} is {'stated' if key in stated else 'not stated and taken'} as {value:g} {unit}"
+            yield _Taken(code, message, "1 %", key in stated, Variant(here, Side(here.samples, changed), 0.01), 0.01)
+    place = environment.bearing_position_m
+    for i, axis in enumerate(AXES):
+        changed = _with(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
+        message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
+        variant = Variant(here, Side(here.samples, changed), 1e-4)
+        yield _Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
+    for i, axis in enumerate("XY" if here.samples.executed.attitude_wxyz is None else ""):
+        variant = Variant(here, _tilted(here, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
+        message = f"environment.initial_attitude_wxyz is {_vector(environment.initial_attitude_wxyz)}; tilted about the world's {axis}"
+        yield _Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
+
+
+def _vector(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _moved(place: Sequence[float], axis: int, by: float) -> tuple[float, ...]:
+    return tuple(float(x) + by * (i == axis) for i, x in enumerate(place))
+
+
+def _with(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
+    return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})
+
+
+def _tilted(here: Side, vehicle: Vehicle, axis: int, angle: float) -> Side:
+    w, x, y, z = vehicle.environment.initial_attitude_wxyz
+    c, s = np.cos(angle / 2), np.sin(angle / 2)
+    about_x = (c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y)
+    about_y = (c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x)
+    used = _with(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
+    return Side(compensate(here.samples.executed, used), used)
+
+
+def _rotation(axis: int, angle: float) -> Array:
+    """(3, 3) by ``angle`` about a body axis."""
+    turn = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn[i, i] = turn[j, j] = np.cos(angle)
+    turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
+    return turn
