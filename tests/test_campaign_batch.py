@@ -69,6 +69,7 @@ def test_a_result_is_the_one_that_estimate_writes(here: Path) -> None:
         assert (here / "massprop-out" / "results" / "seed-0002" / name).read_bytes() == (here / "one" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_bytes_and_order_do_not_depend_on_the_number_of_processes(here: Path) -> None:
     outs = {jobs: batch(here, "logs", "--out", f"out{jobs}", "--jobs", str(jobs), "--junit", f"{jobs}.xml") for jobs in (1, 2, 3)}
     assert len({done.stderr for done in outs.values()}) == 1

@@ -117,16 +117,19 @@ def test_a_log_with_contradicted_quantities_is_marked_in_its_row_and_counted() -
     assert 'class="alarmed"' not in first
     assert second.startswith('<tr class="alarmed"')
     assert "‼ 2 contradicted" in second
-    assert '<td class="verdict contradicted" data-key="done"><span class="sign" aria-hidden="true">‼</span> done' in second
-    assert '<p class="headline red">2 done, 1 with contradicted quantities</p>' in text
+    assert (
+        '<td class="verdict contradicted" data-key="done, contradicted"><span class="sign" aria-hidden="true">‼</span> done, contradicted'
+        in second
+    )
+    assert '<p class="headline red">2 done; 1 contradicted by the vehicle file; 1 with warnings (jet-sign 1)</p>' in text
     assert 'aria-label="contradicted">‼</span>−830 ' in second
     markdown = campaign_markdown.text(found, 100_000)
     assert markdown.startswith("## ‼ night: 2 logs")
-    assert "| log-2 | done, ‼ contradicted | 2 quantities are contradicted (jet-sign) |" in markdown.replace("\\", "")
+    assert "| log-2 | done, contradicted | 2 quantities are contradicted (jet-sign) |" in markdown.replace("\\", "")
     told = io.StringIO()
     campaign_table.show(found, Console(file=told, width=400, force_terminal=True, color_system="standard", highlight=False))
-    assert "\x1b[1;31m2 logs: 2 done, 1 with contradicted quantities\x1b[0m" in told.getvalue()
-    assert campaign_page.counts(found) == "2 done, 1 with contradicted quantities"
+    assert "\x1b[1;31m2 logs: 2 done; 1 contradicted by the vehicle file; 1 with warnings (jet-sign 1)\x1b[0m" in told.getvalue()
+    assert campaign_page.counts(found) == "2 done; 1 contradicted by the vehicle file; 1 with warnings (jet-sign 1)"
 
 
 def test_a_thousand_logs_make_a_page_that_a_browser_takes_easily() -> None:

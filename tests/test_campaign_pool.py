@@ -135,7 +135,8 @@ def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_
         name: {"value": float(value), "sigma": float(sigma)}
         for name, value, sigma in zip(QUANTITIES, values[0], np.sqrt(np.diag(after[0])), strict=True)
     }
-    phase = recorded.result([recorded.phase("all", **estimates) | {"covariance": after[0].tolist()}]).phases[0]
+    stated = {"covariance": after[0].tolist(), "known": {"mass": (22.0, 0.1)}}
+    phase = recorded.result([recorded.phase("all", **estimates) | stated]).phases[0]
     shared = told.shared(phase, used)
     common = (errors[:, 0] * errors[:, 1]).mean(0)
     for index in (0, 3, 5, 9):

@@ -240,6 +240,7 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
     assert massprop("estimate", str(log), "--out", str(tmp_path / "o")).stderr == ""
 
 
+@pytest.mark.slow
 def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path: Path) -> None:
     log = short(tmp_path)
     plain = analyse(log)
