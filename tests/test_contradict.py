@@ -10,7 +10,7 @@ import pytest
 from massprop_cli import QUANTITIES
 from massprop_cli.analysis import Analysis
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Known, Phase, VehicleSource
+from massprop_cli.vehicle import Known, Phase
 from tests import faulty
 
 TRUTH = faulty.truth("free-flyer")
@@ -184,24 +184,6 @@ def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
     known = used.model_copy(update={"known": {"mass": Known(value=22.0, sigma=0.1)}})
     cut = _split(known, [Phase(name="all", start_s=0.0, end_s=60.0)], 30.0)
     assert [cut.in_phase(phase).known for phase in cut.phases] == [{}, {}]
-
-
-@pytest.mark.slow
-def test_a_log_that_is_split_where_its_body_changed_is_estimated_with_its_docking() -> None:
-    flight = simulate.fly(scenario.load("docking"), [5])
-    used = flight.vehicle
-    merged = used.model_copy(update={"phases": (used.phases[0], used.phases[1]), "docking": None})
-    late = merged.phases[0].model_copy(update={"end_s": merged.phases[0].end_s + 5.0})
-    moved = merged.model_copy(update={"phases": (late, merged.phases[1].model_copy(update={"start_s": late.end_s}))})
-    split = faulty.stated(
-        moved, "estimator.split_on_change=true", f'docking.before="{late.name}"', f'docking.after="{moved.phases[1].name}"'
-    )
-    with np.errstate(all="ignore"):
-        from massprop_cli.analysis import examine
-
-        found = examine(flight.log(0), VehicleSource(split, "x", ""))
-    assert [c.phase.name for c in found.conclusions] == [f"{late.name}-1", f"{late.name}-2", moved.phases[1].name]
-    assert found.docked is not None
 
 
 def test_a_clean_log_is_not_contradicted() -> None:
