@@ -21,7 +21,7 @@ from massprop_cli.diagnose import thrust_columns
 from massprop_cli.estimate import Response, respond
 from massprop_cli.fit import Extra
 from massprop_cli.history import History
-from massprop_cli.linearise import MU, RATE, linearise
+from massprop_cli.linearise import MU, lifted
 from massprop_cli.plant import Reference
 from massprop_cli.sensitivity import Side, Variant, fed, late
 from massprop_cli.telemetry import Log
@@ -125,10 +125,9 @@ def _response(
 ) -> Response:
     """What one unit of each variant does to one phase, and then of each channel's thrust."""
     cycles = history.cycles
-    system = linearise(samples, cycles, reference, vehicle)
-    driven, measured = (part[..., 1:] for part in fed(system, samples, cycles, reference, vehicle, variants))
+    driven, measured = fed(lifted(samples, cycles, reference, vehicle), samples, cycles, reference, vehicle, variants)
     growth = np.zeros((*driven.shape[:2], thrust.growth.shape[2]))
-    growth[:, RATE] = thrust.growth
+    growth[:, :3] = thrust.growth
     force = np.concatenate([np.zeros_like(thrust.force), -thrust.force], 1)
     return respond(samples, cycles, reference, vehicle, np.concatenate([driven, growth], -1), np.concatenate([measured, force], -1))
 

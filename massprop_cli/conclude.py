@@ -34,6 +34,10 @@ POSITIVE = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
 HALVED = 0.5
 """A quantity is informed once its sigma is below this part of the prior's."""
 RELATIVE_TOLERANCE = 0.01
+SURE = 0.1
+"""A sigma below this part of the tolerance makes up for steady updates that are missing, ..."""
+BEGUN = 0.25
+"""... but for this part of their number."""
 FEW = 4.0
 """Sigmas of its own within which a value must stay of where it ends, to be called final."""
 THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
@@ -100,13 +104,14 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     thesis = vehicle.estimator.method == "thesis"
     informed = _informed(history, vehicle)
     steady = _within_tolerance(history, vehicle) & informed
-    limits = tolerances(history, vehicle)
-    stretches = [_stretches(steady[:, i], vehicle.convergence.count) for i in range(10)]
+    limits, count = tolerances(history, vehicle), vehicle.convergence.count
+    stretches = [_stretches(steady[:, i], count) for i in range(10)]
     estimates = {}
     for i, name in enumerate(QUANTITIES):
         latched = stretches[i][-1] if stretches[i] else None
         row = latched[1] if thesis and latched else len(history.time_s) - 1
-        estimates[name] = _estimate(history, i, row, latched, bool(informed[-1, i]), thesis, limits[i])
+        lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
+        estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:
@@ -141,7 +146,14 @@ def _settled(history: History, i: int, first: int, tolerance: float) -> float:
 
 
 def _estimate(
-    history: History, i: int, row: int, latched: tuple[int, int, int] | None, informed: bool, thesis: bool, tolerance: float
+    history: History,
+    i: int,
+    row: int,
+    latched: tuple[int, int, int] | None,
+    steady: tuple[int, int],
+    informed: bool,
+    thesis: bool,
+    tolerance: float,
 ) -> Estimate:
     value, sigma = float(history.values[row, i]), float(history.sigmas[row, i])
     share = float(history.information_share[i, history.drowned].sum())
@@ -155,8 +167,13 @@ def _estimate(
         verdict, reason = "not_excited", f"the motion in this phase hardly informed it; it wants {WANTED[QUANTITIES[i]]}"
     elif share > 0.5:
         verdict, reason = "not_excited", f"{share:.0%} of what was seen of it lies in channels that disturbances dominate, not the commands"
+    elif not lasts and not thesis and sigma < SURE * tolerance and steady[0] >= BEGUN * steady[1]:
+        verdict = "converged"
+        reason = f"informed, and its sigma is below a tenth of the tolerance, though only {steady[0]} of {steady[1]} steady updates came"
+        latched = len(history.time_s) - steady[0], 0, 0
     elif not lasts:
-        verdict, reason = "not_converged", "it still moved more than the tolerance, or too few updates came after it was informed"
+        verdict = "not_converged"
+        reason = f"{steady[0]} of {steady[1]} steady updates: before these it moved more than the tolerance, or was not informed yet"
     else:
         verdict, reason = "converged", "informed, and within tolerance for the required number of updates"
     final_at = None

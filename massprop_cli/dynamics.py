@@ -35,6 +35,14 @@ def cross_matrix(v: Array) -> Array:
     return matrix
 
 
+def cross(a: Array, b: Array) -> Array:
+    """A × b of stacks of vectors; numpy's own takes several times as long for small stacks."""
+    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return found
+
+
 def inertia_regressor(v: Array) -> Array:
     """L(v), shape (..., 3, 6): ``L(v) @ elements(I) = I v``."""
     matrix = np.zeros((*v.shape, 6))
@@ -55,7 +63,7 @@ def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, 
 
     ``torque`` [N m] about O and ``force`` [N] act at O; ``cg`` [m] from O; ``rate`` [rad/s]; all (..., 3), body axes.
     """
-    moment = torque - np.cross(cg, force) - np.cross(rate, times(inertia, rate))
+    moment = torque - cross(cg, force) - cross(rate, times(inertia, rate))
     return times(np.linalg.inv(inertia), moment)
 
 
@@ -66,7 +74,7 @@ def specific_force(mass: float, cg: Array, position: Array, rate: Array, rate_do
 
 def lever_arm(rate: Array, rate_dot: Array, arm: Array) -> Array:
     """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)`` of a point ``arm`` [m] away, m/s²."""
-    acceleration: Array = np.cross(rate_dot, arm) + np.cross(rate, np.cross(rate, arm))
+    acceleration: Array = cross(rate_dot, arm) + cross(rate, cross(rate, arm))
     return acceleration
 
 

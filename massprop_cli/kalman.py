@@ -32,16 +32,17 @@ class State(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """z − H x, shape (m,) or (m, c), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
+    """z − H x: whitened, shape (m,) or (m, c), and the lower-triangular root of its covariance H P Hᵀ + R, shape (m, m)."""
 
-    value: Array
+    normalised: Array
+    """Independent standard normal if the model holds."""
     root: Array
 
     @property
-    def normalised(self) -> Array:
-        """Whitened, shape (m,): independent standard normal if the model holds."""
-        white: Array = np.linalg.solve(self.root, self.value)
-        return white
+    def value(self) -> Array:
+        """Z − H x itself."""
+        own: Array = self.root @ self.normalised
+        return own
 
 
 def predict(state: State, transition: Array, drive: Array, noise_root: Array | None) -> State:
@@ -65,9 +66,8 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
     joint[:m, m:] = observation @ state.root
     joint[m:, m:] = state.root
     lower = _triangle(joint)
-    innovation = Innovation(measured - observation @ state.mean, lower[:m, :m])
-    mean = state.mean + lower[m:, :m] @ np.linalg.solve(lower[:m, :m], innovation.value)
-    return State(mean, lower[m:, m:]), innovation
+    innovation = Innovation(np.linalg.solve(lower[:m, :m], measured - observation @ state.mean), lower[:m, :m])
+    return State(state.mean + lower[m:, :m] @ innovation.normalised, lower[m:, m:]), innovation
 
 
 def _triangle(wide: Array) -> Array:

@@ -1,19 +1,20 @@
-"""The vehicle's response over control cycles, linear in its mass properties about a reference.
-
-State x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then the nuisances that the vehicle file asks
-for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a bearing, where the attitude comes from the gyro, its
-error at the start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it).
+"""The vehicle's response over control cycles, linear: in coefficients that are products of its mass properties, or in these themselves.
 
 Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.align`):
 
     I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = plant's moment about the CG − ω × I ω
 
-It is linearised about the reference and about the *measured* mean rate of each cycle, with the motion within the cycle rebuilt from
-the commands. Because the rate enters as a state (derivatives ``into``/``out of`` below) the gyroscopic term works on the filtered rate;
-because the regressors come from the commands, an axis that was never driven gains no information from noise.
+Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.lift` (:func:`lifted`). The products of rates in it come
+from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt from the commands; because the rate is a state
+(derivatives ``into``/``out of`` below) the gyroscopic term works on the rate that is estimated, and noise in the measured one enters to
+second order only.
 
-Translation. The accelerometer feels ``plant's force + ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model: linear in (c, mu), and in I
-through ω̇.
+Translation. The accelerometer feels ``plant's force + ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
+
+:func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
+then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
+bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
+integrated attitude turned by it).
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import cross_matrix, elements, inertia_regressor, lever_arm, tensor, times
-from massprop_cli.plant import Motion, Plant, Reference, plant_of
+from massprop_cli.dynamics import cross, cross_matrix, elements, tensor, times
+from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
+from massprop_cli.lift import MU as LIFT_MU
+from massprop_cli.plant import BearingBody, Motion, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
 
 PARAMETERS = slice(0, 10)
@@ -106,133 +109,206 @@ def windows(per_bin: Array, bin_s: Array) -> Windows:
     return Windows(rising, whole - rising, whole)
 
 
-def motion_within(samples: Samples, cycles: slice, reference: Reference, plant: Plant) -> Motion:
+def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: Lift) -> Motion:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
     rate_mean = (samples.rate_rad_s[cycles] - reference.gyro_bias)[:, None]
     impulse = samples.executed.impulse_bins[cycles]
     bin_s = (samples.executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
-    inverse = np.linalg.inv(reference.inertia)
-    jet_moment = plant.jet_moment(reference)
+    theta = lift.theta(reference)
+    response = _response(reference, lift, theta)
     shape = (*impulse.shape[:2], 3)
     up_start = samples.up_b[:-1][cycles][:, None]
     motion = Motion(impulse / bin_s, np.broadcast_to(rate_mean, shape), np.zeros(shape), np.broadcast_to(up_start, shape))
     for _ in range(_REFINEMENTS):
-        gyroscopic = np.cross(motion.rate, times(reference.inertia, motion.rate))
-        moment = times(jet_moment, motion.wrench) + plant.reaction_moment(reference, motion) - gyroscopic
-        rate_dot = times(inverse, moment)
+        rate_dot = times(response, _channels(lift, motion, products(motion.rate)))
+        if isinstance(lift.plant, BearingBody):
+            rate_dot = rate_dot + _swing(theta, motion)
         change = np.cumsum(rate_dot * bin_s, 1) - rate_dot * bin_s / 2
         rate = rate_mean + change - change.mean(1, keepdims=True)
-        angle = np.cumsum(rate * bin_s, 1) - rate * bin_s / 2
-        tilt = np.cross(up_start, angle)
-        motion = Motion(motion.wrench, rate, rate_dot, up_start + tilt + np.cross(tilt, angle) / 2)
+        up = motion.up
+        if isinstance(lift.plant, BearingBody):
+            angle = np.cumsum(rate * bin_s, 1) - rate * bin_s / 2
+            tilt = cross(up_start, angle)
+            up = up_start + tilt + cross(tilt, angle) / 2
+        motion = Motion(motion.wrench, rate, rate_dot, up)
     return motion
 
 
+def _response(reference: Reference, lift: Lift, theta: Array) -> Array:
+    """(3, C) Φ of a reference."""
+    if reference.response is not None:
+        return reference.response
+    made: Array = lift.coefficients(theta)[0][: 3 * lift.channels].reshape(3, -1)
+    return made
+
+
+def _channels(lift: Lift, motion: Motion, second: Array) -> Array:
+    """(K, B, C) what Φ multiplies, in each bin; ``second`` (K, B, 6) are the products of rates."""
+    torque, force = motion.wrench[..., :3], motion.wrench[..., 3:]
+    if isinstance(lift.plant, BearingBody):
+        return np.concatenate([torque - cross(lift.plant.bearing, force), motion.up, times(_level(motion), force), second], -1)
+    return np.concatenate([motion.wrench, second], -1)
+
+
+def _level(motion: Motion) -> Array:
+    """(K, B, 3, 3) projector on the level plane."""
+    level: Array = np.eye(3) - motion.up[..., :, None] * motion.up[..., None, :]
+    return level
+
+
+def _swing(theta: Array, motion: Motion) -> Array:
+    """(K, B, 3) angular acceleration, on a bearing, by the acceleration that the CG's own swing gives the base: second order in κ."""
+    kappa = theta[MOMENT]
+    swung = cross(kappa, times(_level(motion), times(motion.rotation, kappa))) * theta[LIFT_MU]
+    return times(tensor(theta[J]), swung)
+
+
 @dataclass(frozen=True)
-class _Moments:
-    """The moment about the CG over each cycle, N m s, and its derivatives."""
+class Lifted:
+    """The same response with the N coefficients φ of :mod:`massprop_cli.lift` left free.
 
-    total: Windows
-    by_inertia: Windows
-    by_cg_mu: Windows
-    by_rate: Windows
-    by_tilt: Windows
+    The n' states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
+    """
+
+    transition: Array
+    """(K − 1, n', n')"""
+    drive: Array
+    """(K − 1, n', 1 + N)"""
+    observation: Array
+    """(K, 6, n')"""
+    measured: Array
+    """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
+    moment_to_rate: Array
+    """(K − 1, 3, 3) impulse of a moment [N m s] to its growth of the mean rate [rad/s]."""
+    steps: Array
+    """(K − 1, 3) growth of the rate that the reference expects, rad/s."""
 
 
-def _moments(samples: Samples, cycles: slice, reference: Reference, plant: Plant, motion: Motion) -> _Moments:
-    bin_s = samples.executed.duration_s[cycles] / motion.rate.shape[1]
-    momentum = times(reference.inertia, motion.rate)
-    rate_cross = cross_matrix(motion.rate)
-    # the mean of ω × I ω over a bin in which ω̇ is constant exceeds its middle value by ω̇ × I ω̇ h² / 12
-    within = np.cross(motion.rate_dot, times(reference.inertia, motion.rate_dot)) * (bin_s**2 / 12)[:, None, None]
-    rest = windows(plant.reaction_moment(reference, motion) - np.cross(motion.rate, momentum) - within, bin_s)
-    executed = samples.executed
-    exact = (times(plant.jet_moment(reference), part[cycles]) for part in (executed.rising, executed.falling, executed.impulse))
-    return _Moments(
-        total=Windows(*(jets + other for jets, other in zip(exact, rest, strict=True))),
-        by_inertia=windows(-rate_cross @ inertia_regressor(motion.rate), bin_s),
-        by_cg_mu=windows(plant.moment_slopes(reference, motion), bin_s),
-        by_rate=windows(cross_matrix(momentum) - rate_cross @ reference.inertia, bin_s),
-        by_tilt=windows(plant.moment_by_tilt(reference, motion), bin_s),
-    )
+def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Lifted:
+    """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
+
+    ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors.
+    """
+    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
+    lift = Lift(plant)
+    motion = motion_within(samples, cycles, reference, lift)
+    theta = lift.theta(reference)
+    response = _response(reference, lift, theta)
+    inverse = tensor(theta[J])
+    duration = samples.executed.duration_s[cycles]
+    bin_s = duration / motion.rate.shape[1]
+    step, whole, known = _integrals(samples, cycles, lift, theta, motion)
+    steps = times(response, step) + known
+    growth = np.zeros((len(step), 3, lift.size))
+    for axis in range(3):
+        growth[:, axis, axis * lift.channels : (axis + 1) * lift.channels] = step
+
+    rate = samples.rate_rad_s[cycles] - reference.gyro_bias
+    # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
+    # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
+    mean = windows(motion.rate, bin_s)
+    leaving, entering = (response[:, -6:] @ products_by_rate(part) for part in (mean.rising[:-1], mean.falling[1:]))
+    solve = np.linalg.inv(np.eye(3) - entering)
+    to_rate = solve @ inverse
+    states = layout.size - RATE.start
+    turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
+    transition = np.zeros((len(step), states, states))
+    transition[:] = np.eye(states)
+    transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
+    drive = np.zeros((len(step), states, 1 + lift.size))
+    drive[:, turning, 0] = times(solve, known - times(leaving, rate[:-1]) - times(entering, rate[1:]))
+    drive[:, turning, 1:] = solve @ growth
+    if torque.stop > torque.start:
+        transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+    tilting = np.zeros((len(duration), 3, 3))
+    if tilt.stop > tilt.start:
+        # the integrated attitude turned with the measured rate, the vehicle with the true one
+        by_tilt = windows(plant.moment_by_tilt(reference, motion), bin_s)
+        tilting = by_tilt.whole / duration[:, None, None]
+        transition[:, turning, tilt] = to_rate @ by_tilt.step
+        transition[:, tilt, tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
+        transition[:, tilt, turning] = np.eye(3) * duration[:-1, None, None]
+        drive[:, tilt, 0] = -samples.rate_rad_s[cycles][:-1] * duration[:-1, None]
+
+    euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m))
+    observation = np.zeros((len(duration), 6, states))
+    observation[:, :3, turning] = np.eye(3)
+    for rows, columns, matrix in (
+        (slice(0, 3), layout.gyro_bias, np.eye(3)),
+        (slice(3, 6), layout.accel_bias, np.eye(3)),
+        (slice(3, 6), layout.torque, euler @ inverse),
+        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ inverse @ tilting),
+    ):
+        if columns.stop > columns.start:
+            observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
+    measured = np.zeros((len(duration), 6, 1 + lift.size))
+    measured[:, :3, 0] = samples.rate_rad_s[cycles]
+    measured[:, 3:, 0] = samples.specific_force_m_s2[cycles] - offset
+    measured[:, 3:, 1:] = -felt
+    return Lifted(transition, drive, observation, measured, to_rate, steps)
+
+
+def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, motion: Motion) -> tuple[Array, Array, Array]:
+    """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
+    plant, executed = lift.plant, samples.executed
+    duration = executed.duration_s[cycles]
+    bin_s = duration / motion.rate.shape[1]
+    # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
+    second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
+    found = windows(_channels(lift, motion, second), bin_s)
+    step, whole = found.step, found.whole / duration[:, None]
+    # the commands' own, exactly
+    jets = [part[cycles] for part in (executed.rising, executed.falling, executed.impulse)]
+    first = 3 if isinstance(plant, BearingBody) else 6
+    exact = [part[:, :3] - cross(plant.bearing, part[:, 3:]) for part in jets] if isinstance(plant, BearingBody) else jets
+    step[:, :first], whole[:, :first] = exact[0][:-1] + exact[1][1:], exact[2] / duration[:, None]
+    known = windows(_swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(step), 3))
+    return step, whole, known
+
+
+def _felt(whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array) -> tuple[Array, Array, Array]:
+    """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N) by the coefficients, (K, 3) the rest."""
+    plant, channels = lift.plant, lift.channels
+    rate_dot = times(response, whole)
+    rates = cross_matrix(motion.rate)
+    centripetal = (rates @ rates).mean(1)
+    rotation = centripetal + cross_matrix(rate_dot)
+    felt = np.zeros((len(whole), 3, lift.size))
+    if isinstance(plant, BearingBody):
+        theta = lift.theta(reference)
+        arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
+        level = _level(motion).mean(1)
+        euler = level @ along - cross_matrix(arm)
+        felt[..., -4], felt[..., -3:] = whole[:, 6:9], -level @ rotation
+        offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(level @ along, rate_dot)
+    else:
+        euler = np.broadcast_to(-cross_matrix(position - reference.cg), rotation.shape)
+        felt[..., -4], felt[..., -3:] = whole[:, 3:6], -rotation
+        offset = times(centripetal, position) + cross(rate_dot, reference.cg)
+    felt[..., : 3 * channels] = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
+    return euler, felt, offset
 
 
 def linearise(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
-    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
-    motion = motion_within(samples, cycles, reference, plant)
-    moments = _moments(samples, cycles, reference, plant, motion)
-    system = _rotation(samples, cycles, reference, layout, moments)
-    return _with_observations(system, samples, cycles, reference, vehicle, motion, moments)
-
-
-def _rotation(
-    samples: Samples, cycles: slice, reference: Reference, layout: Layout, moments: _Moments
-) -> tuple[Array, Array, Array, Array]:
-    """Transition, drive, moment-to-rate map and expected growth of the steps.
-
-    The step's derivatives with respect to the rate of the cycle it leaves and of the cycle it enters make it implicit,
-    ``(1 − A) w[k+1] = (1 + B) w[k] + …``, solved here once per step.
-    """
-    rate, duration = samples.rate_rad_s[cycles] - reference.gyro_bias, samples.executed.duration_s[cycles]
-    inverse = np.linalg.inv(reference.inertia)
-    leaving, entering = inverse @ moments.by_rate.rising[:-1], inverse @ moments.by_rate.falling[1:]
-    solve = np.linalg.inv(np.eye(3) - entering)
-    to_rate = solve @ inverse
-    steps = times(inverse, moments.total.step)
-    transition = np.zeros((len(steps), layout.size, layout.size))
-    transition[:] = np.eye(layout.size)
-    transition[:, RATE, INERTIA] = to_rate @ (moments.by_inertia.step - inertia_regressor(steps))
-    transition[:, RATE, 6:10] = to_rate @ moments.by_cg_mu.step
-    transition[:, RATE, RATE] = solve @ (np.eye(3) + leaving)
-    if layout.torque.stop > layout.torque.start:
-        transition[:, RATE, layout.torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
-    drive = np.zeros((len(steps), layout.size))
-    if layout.tilt.stop > layout.tilt.start:
-        # the integrated attitude turned with the measured rate, the vehicle with the true one
-        transition[:, RATE, layout.tilt] = to_rate @ moments.by_tilt.step
-        transition[:, layout.tilt, layout.tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
-        transition[:, layout.tilt, RATE] = np.eye(3) * duration[:-1, None, None]
-        drive[:, layout.tilt] = -samples.rate_rad_s[cycles][:-1] * duration[:-1, None]
-    drive[:, RATE] = times(solve, steps - times(leaving, rate[:-1]) - times(entering, rate[1:]))
-    drive[:, RATE] -= times(transition[:, RATE, PARAMETERS], parameters(reference))
-    return transition, drive, to_rate, steps
-
-
-def _with_observations(
-    rotation: tuple[Array, Array, Array, Array],
-    samples: Samples,
-    cycles: slice,
-    reference: Reference,
-    vehicle: Vehicle,
-    motion: Motion,
-    moments: _Moments,
-) -> Linear:
-    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
-    duration = samples.executed.duration_s[cycles]
-    inverse = np.linalg.inv(reference.inertia)
-    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
-    euler = -cross_matrix(arm) @ inverse
-    rate_dot = times(inverse, moments.total.whole / duration[:, None])
-    force, force_slopes = plant.force(reference, motion)
-    observation = np.zeros((len(duration), 6, layout.size))
-    observation[:, :3, RATE] = np.eye(3)
-    observation[:, 3:, INERTIA] = euler @ (moments.by_inertia.whole / duration[:, None, None] - inertia_regressor(rate_dot))
-    observation[:, 3:, 6:10] = force_slopes.mean(1) + euler @ moments.by_cg_mu.whole / duration[:, None, None]
-    for block, columns, matrix in (
-        (observation[:, :3], layout.gyro_bias, np.eye(3)),
-        (observation[:, 3:], layout.accel_bias, np.eye(3)),
-        (observation[:, 3:], layout.torque, euler),
-        (observation[:, 3:], layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ moments.by_tilt.whole / duration[:, None, None]),
-    ):
-        if columns.stop > columns.start:
-            block[:, :, columns] = matrix
-    centripetal = lever_arm(motion.rate, np.zeros(3), arm).mean(1)
-    expected = force.mean(1) + np.cross(rate_dot, arm) + centripetal
-    offset = times(observation[:, 3:, PARAMETERS], parameters(reference)) - expected
-    measured = np.hstack([samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles] + offset])
-    transition, drive, moment_to_rate, steps = rotation
-    return Linear(transition, drive, observation, measured, moment_to_rate, steps)
+    free = lifted(samples, cycles, reference, vehicle)
+    lift, layout = Lift(plant_of(vehicle)), Layout.of(samples, vehicle)
+    theta = lift.theta(reference)
+    phi, slopes = lift.coefficients(theta)
+    by_parameter = slopes @ np.linalg.inv(lift.slopes(theta))
+    about = phi - by_parameter @ parameters(reference)
+    states = slice(RATE.start, None)
+    transition = np.zeros((len(free.drive), layout.size, layout.size))
+    transition[:, PARAMETERS, PARAMETERS] = np.eye(10)
+    transition[:, states, states] = free.transition
+    transition[:, RATE, PARAMETERS] = free.drive[:, :3, 1:] @ by_parameter
+    drive = np.zeros((len(free.drive), layout.size))
+    drive[:, states] = free.drive[..., 0] + free.drive[..., 1:] @ about
+    observation = np.zeros((len(free.measured), 6, layout.size))
+    observation[..., states] = free.observation
+    observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 1:] @ by_parameter
+    measured = free.measured[..., 0] + free.measured[..., 1:] @ about
+    return Linear(transition, drive, observation, measured, free.moment_to_rate, free.steps)
 
 
 def parameters(reference: Reference) -> Array:

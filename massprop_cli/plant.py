@@ -1,8 +1,8 @@
 """What acts on the rotating body, free or on an air bearing, and what the accelerometer then feels.
 
-Both environments answer the same two questions for a reference (I, c, mu = 1/m): the moment about the CG with its derivatives
-with respect to c and mu, and the specific force at a centre (O, or the bearing) with its derivatives. Arrays are per bin,
-(K, B, ...): B equal parts of each of K cycles; see :mod:`massprop_cli.linearise` for how they are used.
+Both environments say which moment the commands make for a reference (I, c, mu = 1/m), about which centre (the CG, or the bearing), and what
+an attitude error does to the moment and to the specific force there. How motion and specific force depend on the mass properties is
+:mod:`massprop_cli.lift`'s. Arrays are per bin, (K, B, ...): B equal parts of each of K cycles.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.dynamics import cross_matrix, lever_arm, times
+from massprop_cli.dynamics import cross_matrix
 from massprop_cli.vehicle import Vehicle
 
 
@@ -28,6 +28,8 @@ class Reference:
     """1/m, 1/kg."""
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) rad/s, body axes; taken off the measured rate."""
+    response: Array | None = None
+    """(3, C) the matrix Φ of :mod:`massprop_cli.lift` where the log tells it better than the inertia does; None: what these make it."""
 
 
 @dataclass(frozen=True)
@@ -62,21 +64,6 @@ class FreeBody:
         """(3, 6) wrench to moment about the CG, the commands' direct part."""
         return np.hstack([np.eye(3), -cross_matrix(reference.cg)])
 
-    def reaction_moment(self, _: Reference, motion: Motion) -> Array:
-        """(K, B, 3) moment of everything but the commands, N m."""
-        return np.zeros_like(motion.rate)
-
-    def moment_slopes(self, _: Reference, motion: Motion) -> Array:
-        """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
-        slopes = np.zeros((*motion.rate.shape, 4))
-        slopes[..., :3] = cross_matrix(motion.wrench[..., 3:])
-        return slopes
-
-    def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
-        """(K, B, 3) specific force at the centre and (K, B, 3, 4) its derivative, the centre's own shift with c included."""
-        applied = motion.wrench[..., 3:]
-        return reference.mu * applied, np.concatenate([-motion.rotation, applied[..., None]], -1)
-
     def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
         """(K, B, 3, 3) derivative of the moment with respect to an attitude error: none without gravity."""
         return np.zeros((*motion.rate.shape, 3))
@@ -110,40 +97,6 @@ class BearingBody:
     def rotating_mass(self, reference: Reference) -> float:
         """m_r, kg; not below a hundredth of the whole, so that a poor reference stays a body."""
         return max(1 / reference.mu - self.bearing_mass, 0.01 / reference.mu)
-
-    def _cg_force(self, reference: Reference, motion: Motion) -> Array:
-        centre_force, _ = self.force(reference, motion)
-        return centre_force + lever_arm(motion.rate, motion.rate_dot, reference.cg - self.bearing)
-
-    def reaction_moment(self, reference: Reference, motion: Motion) -> Array:
-        """(K, B, 3) ``−m_r (c − b) × f``: bearing and gravity together, N m."""
-        offset = reference.cg - self.bearing
-        moment: Array = -self.rotating_mass(reference) * np.cross(offset, self._cg_force(reference, motion))
-        return moment
-
-    def moment_slopes(self, reference: Reference, motion: Motion) -> Array:
-        """(K, B, 3, 4) derivative of the moment with respect to (c, mu)."""
-        offset = reference.cg - self.bearing
-        centre, by_centre = self.force(reference, motion)
-        force = centre + lever_arm(motion.rate, motion.rate_dot, offset)
-        by_force = by_centre.copy()
-        by_force[..., :3] += motion.rotation
-        slopes: Array = -self.rotating_mass(reference) * cross_matrix(offset) @ by_force
-        slopes[..., :3] += self.rotating_mass(reference) * cross_matrix(force)
-        slopes[..., 3] += np.cross(offset, force) / reference.mu**2
-        return slopes
-
-    def force(self, reference: Reference, motion: Motion) -> tuple[Array, Array]:
-        """(K, B, 3) specific force at the bearing and (K, B, 3, 4) its derivative with respect to (c, mu)."""
-        level = np.eye(3) - motion.up[..., :, None] * motion.up[..., None, :]
-        rotation = motion.rotation
-        share = self.rotating_mass(reference) * reference.mu
-        pull = reference.mu * motion.wrench[..., 3:] - share * times(rotation, reference.cg - self.bearing)
-        slopes = np.empty((*motion.rate.shape, 4))
-        slopes[..., :3] = -share * level @ rotation
-        base = self.bearing_mass * times(rotation, reference.cg - self.bearing)
-        slopes[..., 3] = times(level, motion.wrench[..., 3:] + base)
-        return times(level, pull) + self.gravity * motion.up, slopes
 
     def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
         """(K, B, 3, 3) derivative of the moment with respect to an attitude error φ, which turns the vertical u into ``u + u × φ``."""

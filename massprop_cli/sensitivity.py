@@ -16,8 +16,9 @@ import numpy as np
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
 from massprop_cli.errors import InputError
-from massprop_cli.linearise import PARAMETERS, RATE, Linear, linearise, parameters
-from massprop_cli.plant import Reference
+from massprop_cli.lift import Lift
+from massprop_cli.linearise import Lifted, lifted
+from massprop_cli.plant import Reference, plant_of
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
@@ -53,26 +54,30 @@ class Consider:
 
 
 def fed(
-    system: Linear, samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, variants: Sequence[Variant]
+    here: Lifted, samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, variants: Sequence[Variant]
 ) -> tuple[Array, Array]:
-    """(K − 1, n, 1 + e) drive and (K, 6, 1 + e) measurements: the log's own, then their derivatives by each variant.
-
-    The derivatives are taken at the reference and the measured rates.
-    """
-    state = np.zeros((len(system.measured), system.drive.shape[1]))
-    state[:, PARAMETERS] = parameters(reference)
-    state[:, RATE] = samples.rate_rad_s[cycles] - reference.gyro_bias
-    drives, measurements = [system.drive], [system.measured]
-    read: dict[int, Linear] = {}  # sides that several variants have in common are linearised once
+    """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each variant, at the reference and the measured rates."""
+    state = np.zeros((len(here.measured), here.transition.shape[1]))
+    state[:, :3] = samples.rate_rad_s[cycles] - reference.gyro_bias
+    driven, measured = [], []
+    read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
     for variant in variants:
         for side in (variant.low, variant.high):
-            read[id(side)] = read.get(id(side)) or linearise(side.samples, cycles, reference, side.vehicle or vehicle)
-        sides = [read[id(variant.low)], read[id(variant.high)]]
-        expected = [np.einsum("kij,kj->ki", side.transition, state[:-1]) + side.drive for side in sides]
-        drives.append((expected[1] - expected[0]) / variant.distance)
-        left = [side.measured - np.einsum("kij,kj->ki", side.observation, state) for side in sides]
-        measurements.append((left[1] - left[0]) / variant.distance)
-    return np.stack(drives, -1), np.stack(measurements, -1)
+            if id(side) not in read:
+                read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle)
+        low, high = read[id(variant.low)], read[id(variant.high)]
+        driven.append((high[0] - low[0]) / variant.distance)
+        measured.append((high[1] - low[1]) / variant.distance)
+    return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
+    free = lifted(side.samples, cycles, reference, vehicle)
+    lift = Lift(plant_of(vehicle))
+    phi, _ = lift.coefficients(lift.theta(reference))
+    then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive[..., 0] + free.drive[..., 1:] @ phi
+    return then, free.measured[..., 0] + free.measured[..., 1:] @ phi - np.einsum("kij,kj->ki", free.observation, state)
 
 
 def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | None:

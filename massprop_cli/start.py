@@ -89,6 +89,11 @@ def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
     return _response(felt, force)
 
 
+def fallback(vehicle: Vehicle) -> Reference:
+    """What stands in while the log has said nothing: of the size that the jets' reach gives, and of the known mass or one kilogram."""
+    return _unturned(_fallback_mu(vehicle, 3 / _reach(vehicle) ** 2), vehicle)
+
+
 def _unturned(mu: float, vehicle: Vehicle) -> Reference:
     """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
     plant = plant_of(vehicle)

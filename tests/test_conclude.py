@@ -66,6 +66,23 @@ def test_too_short_a_stretch_is_not_converged() -> None:
     assert {e.verdict for e in conclude(found, vehicle(count=50)).estimates.values()} == {"converged"}
 
 
+def test_what_is_missing_is_counted() -> None:
+    found = history(80)
+    assert conclude(found, vehicle()).estimates["ixx"].reason.startswith("79 of 100 steady updates")
+    found.values[60, 0] += 1.0
+    assert conclude(found, vehicle()).estimates["ixx"].reason.startswith("18 of 100 steady updates")
+
+
+@pytest.mark.parametrize(("rows", "share", "verdict"), [(80, 0.05, "converged"), (80, 0.2, "not_converged"), (24, 0.05, "not_converged")])
+def test_a_sigma_far_below_the_tolerance_makes_up_for_updates_that_are_missing(rows: int, share: float, verdict: str) -> None:
+    """The tolerance is a hundredth of the natural size; a quarter of the hundred updates must have come."""
+    found = history(rows)
+    found.sigmas[:] = share * 0.01 * SIZES
+    estimate = conclude(found, vehicle()).estimates["mass"]
+    assert estimate.verdict == verdict
+    assert (estimate.final_at_s is not None) == (verdict == "converged")
+
+
 def test_a_jump_near_the_end_breaks_convergence_under_default_but_stays_latched_under_thesis() -> None:
     found = history()
     found.values[280:, 0] += 0.5

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
-from massprop_cli import exits
+from massprop_cli import exits, onethread
 from massprop_cli.campaign import work, worker
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced
@@ -20,7 +20,6 @@ from massprop_cli.campaign.work import Produced
 TRIES = 2
 """How often a job is tried whose worker dies."""
 _START = "import sys; sys.path[:] = sys.argv[1:]; from massprop_cli.campaign.worker import main; main()"
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class Worker:
                 # -I: neither the current folder nor the user's own settings of Python have a say in what is imported
                 command = [sys.executable, "-I", "-c", _START, *sys.path]
                 pipe = subprocess.PIPE
-                self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, env=os.environ | _ONE_THREAD)
+                self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, env=os.environ | onethread.SETTINGS)
             return self._process
 
     def close(self) -> None:

@@ -8,13 +8,15 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import __version__
+from massprop_cli import __version__, onethread
 from massprop_cli.cli.batch import batch
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
 from massprop_cli.cli.simulate import simulate
+
+onethread.prefer()
 
 app = typer.Typer(
     name="massprop",

@@ -1,0 +1,438 @@
+"""All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
+
+The response is linear in the coefficients φ of :mod:`massprop_cli.lift` whatever the mass properties are. A small square-root Kalman
+filter follows what is not of interest (the rate itself, biases, slow torques, tilt) for all of φ at once: its mean has a column for each
+coefficient, and for each state's own unknown beginning, so its innovations are ``w + W φ``, white and of unit variance (P. de Jong, The
+diffuse Kalman filter, Annals of Statistics 19, 1991). Their rows are kept as the triangle of an orthogonal factorisation. The ten values
+are a few Gauss–Newton steps on that triangle.
+
+Until an axis has been driven, noise in the measured rates looks like what its inertia would do through the gyroscopic coupling. So that
+coupling, J Γ(I), stays free of the inertia until the commands alone tell each axis' response.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.compensate import Samples
+from massprop_cli.kalman import State, predict, update
+from massprop_cli.lift import Lift
+from massprop_cli.linearise import RATE, Layout
+from massprop_cli.plant import Reference, plant_of
+from massprop_cli.sensitivity import Consider
+from massprop_cli.system import System, drift, prior, system_of
+from massprop_cli.vehicle import Vehicle
+
+PASSES = 4
+"""How often in a row cycles are taken in anew."""
+CHECKPOINT = 64
+"""Cycles from which on they may be, next time."""
+STALE = 0.1
+"""Largest second-order error of what is linear about the reference, in sigmas, before it is renewed."""
+ASTRAY = 0.4
+"""... and of a value given on the way, before a block is ended for it."""
+LOOSE = 3.0
+"""One sigma of the coefficients of the gyroscopic coupling while they are free: ratios of moments of inertia."""
+FAINT = 0.4
+"""Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
+INCONSISTENT = 60.0
+"""More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
+KNOWN = 0.1
+"""Relative sigma below which an axis' response counts as known."""
+PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
+"""Of its natural size, one sigma of the pull of each of θ towards where the search began: what the data don't tell stays there. What turns
+on a bearing is balanced."""
+STEPS = 6
+"""Most Gauss–Newton steps on a triangle."""
+STILL = 0.1
+"""A step of fewer sigmas is the last."""
+
+MOMENTS = [0, 3, 5]
+"""Where θ's J_xx, J_yy, J_zz stand."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that is kept of the cycles before ``at``."""
+
+    at: int
+    reference: Reference
+    """About which they, and those to come, are taken in."""
+    estimate: Reference
+    """What they told; what they don't tell stays near the centre."""
+    centre: Reference
+    """Where the search began."""
+    bound: bool
+    """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
+    moved: int
+    """The cycle at which the reference was last moved."""
+    state: State | None
+    """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
+    triangle: Array
+    """(M, M + 1 + e): the part of the whitened rows that tells the M = m + N unknown beginnings and φ; measured, and by assumptions."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What K cycles brought."""
+
+    white: Array
+    """(K, 6, 1 + N + e + m) whitened innovations, a column for each of the state's."""
+    root: Array
+    """(K, 6, 6) their root."""
+    states: tuple[State, ...]
+    """After each cycle, where mass properties drift."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Estimates after each of K cycles; NaN where nothing can be said."""
+
+    mean: Array
+    """(K, 10) state parameters."""
+    covariance: Array
+    """(K, 10, 10)"""
+    innovation: Array
+    """(K, 6) torque [N m] and force [N]."""
+    sigma: Array
+    """(K, 6)"""
+    normalised: Array
+    """(K, 6)"""
+
+    @staticmethod
+    def untold(taken: Taken) -> Rows:
+        """Of cycles of which nothing is said."""
+        count = len(taken.white)
+        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
+
+    @staticmethod
+    def joined(rows: list[Rows]) -> Rows:
+        """One after the other."""
+        return Rows(*(np.concatenate([getattr(one, name) for one in rows]) for name in Rows.__dataclass_fields__))
+
+    def ending(self, value: Array, spread: Array) -> Rows:
+        """With another estimate in the last row."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[-1], covariance[-1] = value, spread
+        return replace(self, mean=mean, covariance=covariance)
+
+
+@dataclass(frozen=True)
+class Posed:
+    """What K cycles say about θ, linear about one."""
+
+    theta: Array
+    """(10,)"""
+    scale: Array
+    """(10,) prior sigmas, in which its departure is counted."""
+    rows: Array
+    """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
+    triangles: Array
+    """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
+
+    def first(self, count: int) -> Posed:
+        """Of so many cycles."""
+        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1])
+
+
+class Regression:
+    """Of one phase."""
+
+    def __init__(self, samples: Samples, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+        self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
+        self.lift = Lift(plant_of(vehicle))
+        self.prior = prior(samples, vehicle)
+        self.free = int((self.prior > 0).sum())
+        """m, the states whose beginning is unknown."""
+
+    def begin(self, reference: Reference) -> Run:
+        """Before the first cycle."""
+        size = self.free + self.lift.size
+        known = known_rows(self.prior, size + 1 + len(self.consider.variants))
+        triangle = np.vstack([known, np.zeros((size - len(known), known.shape[1]))])
+        return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
+
+    def take(self, run: Run, end: int) -> tuple[Run, Taken]:
+        """The cycles from ``run.at`` to ``end``."""
+        return self._with(run, end, self._system(run.at, end, run.reference))
+
+    def again(self, ring: list[Run], reference: Reference) -> list[Run]:
+        """The cycles of the ring anew, about a reference that they give themselves from ``reference`` on."""
+        oldest, end = ring[0], ring[-1].at
+        for _ in range(PASSES):
+            system, first = self._system(oldest.at, end, reference), max(oldest.at - 1, self.cycles.start)
+            ring = [replace(oldest, reference=reference, estimate=reference, moved=end)]
+            while ring[-1].at < end:
+                begin, stop = max(ring[-1].at - 1, first), min(ring[-1].at + CHECKPOINT, end)
+                ring.append(self._with(ring[-1], stop, system.part(begin - first, stop - first))[0])
+            ring[-1] = self.improved(ring[-1])
+            if self.stands(ring[-1]):
+                break
+            reference = ring[-1].estimate
+        return ring
+
+    def _system(self, first: int, end: int, reference: Reference) -> System:
+        """Of the cycles from ``first`` on, with the step that leads into it."""
+        cycles = slice(max(first - 1, self.cycles.start), end)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider.variants)
+
+    def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
+        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
+        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))[: len(run.triangle)]
+        return replace(run, at=end, state=state, triangle=triangle), taken
+
+    def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
+        """Rows (…, M + 1 + e) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
+
+        Nuisances are the beginnings and, unless ``bound``, the coefficients of the gyroscopic coupling (their departure over ``LOOSE``).
+        """
+        phi, slopes = self.lift.coefficients(theta)
+        by_phi = rows[..., self.free : self.free + self.lift.size]
+        left = rows[..., self.free + self.lift.size :].copy()
+        left[..., 0] -= by_phi @ phi
+        parts = [rows[..., : self.free], by_phi @ (slopes * scale), left]
+        if not bound:
+            coupling = self.lift.coupling
+            held = slopes * scale
+            held[coupling] = 0.0
+            parts[1:2] = [LOOSE * by_phi[..., coupling], by_phi @ held]
+        return np.concatenate(parts, -1)
+
+    def _nuisances(self, bound: bool) -> int:
+        return self.free if bound else self.free + len(self.lift.coupling)
+
+    def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
+        """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
+        bound = run.bound if bound is None else bound
+        rows, count = self._reduced(run.triangle, theta, scale, bound), self._nuisances(bound) + 10
+        known = np.eye(count - self.free, rows.shape[1], self.free)
+        if centre is not None:
+            known[-10:, count] = (centre - theta) / scale
+        return triangle_of(np.vstack([rows, known]))
+
+    def improved(self, run: Run) -> Run:
+        """With the estimate that the triangle gives; what the data don't tell stays near where the search began."""
+        lift = self.lift
+        theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
+        response: Array | None = None
+        if not bound:
+            theta, beginnings, response, chi_square = self._searched(run, theta, bound=False)
+            bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
+        tied, begun, _, chi_square = self._searched(run, theta, bound=True)
+        if bound or chi_square < most:
+            theta, beginnings, response = tied, begun, None
+        block, bias = Layout.of(self.samples, self.vehicle).gyro_bias, run.reference.gyro_bias
+        if block.stop > block.start and run.state is not None:
+            mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
+            phi, _ = lift.coefficients(theta)
+            bias = mean[:, 0] + mean[:, 1 : 1 + lift.size] @ phi + mean[:, mean.shape[1] - self.free :] @ beginnings
+        estimate = replace(lift.reference(theta, bias), response=response)
+        return replace(run, estimate=estimate, bound=bound)
+
+    def _pull(self, theta: Array, centre: Array) -> Array:
+        """(10,) one sigma of the pull towards ``centre``."""
+        cg = PULL["balanced cg" if self.vehicle.on_air_bearing else "cg"]
+        pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
+        pull *= np.maximum(self.lift.sizes(theta), self.lift.sizes(centre))
+        return pull
+
+    def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
+        """Gauss–Newton on the triangle from ``theta``: θ, the states' beginnings, Φ (3, C), and chi-square of what is left."""
+        centre, count = self.lift.theta(run.centre), self._nuisances(bound)
+        for _ in range(STEPS):
+            scale = self._pull(theta, centre)
+            triangle = self._posed(run, theta, scale, centre, bound)
+            solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
+            before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
+            if (triangle[count : count + 10, count + 10] ** 2).sum() < STILL**2:
+                break
+        phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
+        if not bound:
+            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count]
+        response = phi[: 3 * self.lift.channels].reshape(3, -1)
+        return theta, solved[: self.free], response, float(triangle[count + 10, count + 10] ** 2)
+
+    def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
+        """Without the gyroscopic coupling."""
+        return bool((self._sigmas(run, theta)[MOMENTS] < KNOWN * theta[MOMENTS]).all())
+
+    def _sigmas(self, run: Run, theta: Array) -> Array:
+        """(10,) one sigma of each of θ by the data alone."""
+        scale, count = self.vehicle.estimator.prior_scale * self.lift.sizes(theta), self._nuisances(run.bound)
+        own = self._posed(run, theta, scale)[count : count + 10, count : count + 10]
+        sigma: Array = scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
+        return sigma
+
+    def stands(self, run: Run, most: float = STALE) -> bool:
+        """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
+        lift, reference = self.lift, run.reference
+        elapsed = self.samples.executed.end_s[run.at - 1] - self.samples.executed.start_s[self.cycles.start]
+        if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * (self.vehicle.imu.gyro_noise_rad_s or 0.0)):
+            return False
+        theta = lift.theta(run.estimate)
+        return not self._stale(theta[None], self._sigmas(run, theta)[None], reference, most).any()
+
+    def _stale(self, theta: Array, sigma: Array, reference: Reference, most: float) -> BoolArray:
+        """(K,) whether θ (K, 10) ± ``sigma`` is so far from a reference, where it is known, that what is of second order shows."""
+        lift = self.lift
+        about = lift.theta(reference)
+        scales = lift.scales(theta)
+        known = sigma < KNOWN * scales
+        far = known & ((theta - about) ** 2 > most * sigma * scales)
+        return np.asarray(far.any(1))
+
+    def row(self, run: Run) -> tuple[Array, Array]:
+        """(10,) and (10, 10) the estimate of a run."""
+        theta, scale = self._about(run)
+        triangle = self._posed(run, theta, scale)[None, : self._nuisances(run.bound) + 10]
+        mean, covariance = self._told(run, theta, scale, triangle, () if run.state is None else (run.state,))
+        return mean[0], covariance[0]
+
+    def _about(self, run: Run) -> tuple[Array, Array]:
+        """(10,) θ of a run's estimate, and its prior's sigmas."""
+        theta = self.lift.theta(run.estimate)
+        return theta, self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+
+    def posed(self, before: Run, taken: Taken) -> Posed:
+        """A block's rows about the estimate before it, and the triangle after each of its cycles."""
+        theta, scale = self._about(before)
+        white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
+        each = self._reduced(white, theta, scale, before.bound)
+        count = self._nuisances(before.bound) + 10
+        triangles = np.empty((len(each) + 1, count, each.shape[2]))
+        triangles[0] = self._posed(before, theta, scale)[:count]
+        for k, rows in enumerate(each):
+            triangles[k + 1] = triangle_of(np.vstack([triangles[k], rows]))[:count]
+        return Posed(theta, scale, each, triangles)
+
+    def astray(self, before: Run, posed: Posed) -> int | None:
+        """The first cycle of a block whose estimate is too far from the reference about which the block was taken in."""
+        count = posed.triangles.shape[1] - 10
+        own = posed.triangles[1:, count:, count:]
+        sensible, sigma = self._sensible(before, posed.theta, posed.scale, own)
+        far = np.flatnonzero(self._stale(sensible, sigma, before.reference, ASTRAY))
+        return int(far[0]) if far.size else None
+
+    def rows(self, before: Run, taken: Taken, posed: Posed) -> Rows:
+        """Estimates after each cycle of a block, about the one before it."""
+        reference, count = before.estimate, self._nuisances(before.bound)
+        each, triangles = posed.rows, posed.triangles
+        mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
+        ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
+        unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
+        spread = np.linalg.cholesky(np.eye(6) + ahead @ ahead.transpose(0, 2, 1))
+        normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
+        duration = self.samples.executed.duration_s[before.at : before.at + len(each)]
+        unit = np.zeros((len(each), 6, 6))
+        unit[:, :3, :3] = reference.inertia / duration[:, None, None]
+        unit[:, 3:, 3:] = np.eye(3) / reference.mu
+        root = unit @ taken.root
+        innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
+        if before.state is None:  # nothing was expected of the first cycle
+            innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
+        return Rows(mean, covariance, innovation, sigma, normalised)
+
+    def _sensible(self, run: Run, theta: Array, scale: Array, own: Array) -> tuple[Array, Array]:
+        """(K, 10) θ of triangles (K, 10, 11 + …), what isn't told kept near where the search began; and its sigma by the data alone."""
+        root = scale[:, None] * np.linalg.inv(own[..., :10])
+        step = root @ own[..., 10:11]
+        covariance = root @ root.transpose(0, 2, 1)
+        centre = self.lift.theta(run.centre)
+        pull = np.diag(self._pull(theta, centre) ** 2)
+        sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
+        return self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance))
+
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[State, ...]) -> tuple[Array, Array]:
+        """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
+        count = triangles.shape[1] - 10
+        own = triangles[:, count:, count:]
+        root = scale[:, None] * np.linalg.inv(own[..., :10])
+        step = root @ own[..., 10:]
+        # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
+        at, sigma = self._sensible(run, theta, scale, own)
+        slopes = self.lift.slopes(at)
+        mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
+        slopes = _curved(at, sigma)[..., None] * slopes
+        root, shift = slopes @ root, slopes @ step[..., 1:]
+        covariance = root @ root.transpose(0, 2, 1)
+        if states and drift(self.vehicle).any():
+            # what has drifted since the beginning is a state, affine in φ and in the states' beginnings
+            given = np.stack([state.mean[-10:] for state in states])
+            by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
+            apart = given[..., 1 + self.lift.size : given.shape[2] - self.free]
+            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], apart], -1), theta, scale, run.bound)
+            among = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
+            moved = among @ triangles[..., count + 10 :]
+            mean = mean + moved[..., 0] - affine[..., count + 10]
+            shift = shift + moved[..., 1:] + apart
+            among[..., count:] += root
+            covariance = among @ among.transpose(0, 2, 1) + np.stack([state.root[-10:] @ state.root[-10:].T for state in states])
+        if self.consider.variants:
+            covariance = covariance + shift @ self.consider.covariance @ shift.transpose(0, 2, 1)
+        return mean, covariance
+
+
+def _curved(theta: Array, sigma: Array) -> Array:
+    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
+    relative = sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny)
+    near = 1 / (1 - 2 * np.minimum(relative, FAINT))
+    factor = np.sqrt(np.maximum(near, near * (np.minimum(relative, 1e6) / FAINT) ** 2))
+    found = np.ones_like(theta)
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        found[:, k] = factor[:, i] * factor[:, j]
+    return found
+
+
+def known_rows(sigma: Array, columns: int) -> Array:
+    """(m, columns) rows that say what is known of the states' beginnings."""
+    return np.diag(1 / sigma[sigma > 0]) @ np.eye(int((sigma > 0).sum()), columns)
+
+
+def unknown_beginnings(sigma: Array, system: System) -> State:
+    """The states in a phase's first cycle: what is unknown of them is a column of its own."""
+    own = np.eye(len(sigma))[:, sigma > 0]
+    mean = np.concatenate([np.zeros((len(sigma), system.measured.shape[2])), own], 1)
+    return State(mean, np.zeros((len(sigma), len(sigma))))
+
+
+def ordered(white: Array, size: int, free: int) -> Array:
+    """Whitened innovations (K, 6, 1 + N + e + m) as rows (6 K, m + N + 1 + e) of unknowns, then what is measured, then assumptions."""
+    rows = white.reshape(-1, white.shape[2])
+    return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
+
+
+def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
+    """The filter on the nuisances through a system, from the state in its first cycle; that is measured too where it is ``new``."""
+    given = system.measured.shape[2]
+    if system.process is None:
+        # nothing is uncertain but the beginnings, which are columns: the filter gains nothing on the way
+        means = np.empty((len(system.measured), *state.mean.shape))
+        means[0] = mean = state.mean
+        for k, (transition, drive) in enumerate(zip(system.transition, system.drive, strict=True)):
+            mean = transition @ mean
+            mean[:, :given] += drive
+            means[k + 1] = mean
+        left = -system.observation @ means
+        left[..., :given] += system.measured
+        white = np.linalg.solve(system.noise, left)
+        return State(mean, state.root), Taken(white[not new :], system.noise[not new :], ())
+    whites, roots, states = [], [], []
+    beginnings = np.zeros((max(6, len(state.mean)), state.mean.shape[1] - given))
+    for k in range(0 if new else 1, len(system.measured)):
+        if k > 0:
+            drive = np.hstack([system.drive[k - 1], beginnings[: len(state.mean)]])
+            state = predict(state, system.transition[k - 1], drive, system.process[k - 1])
+        state, innovation = update(state, np.hstack([system.measured[k], beginnings[:6]]), system.observation[k], system.noise[k])
+        whites.append(innovation.normalised)
+        roots.append(innovation.root)
+        states.append(state)
+    return state, Taken(np.stack(whites), np.stack(roots), tuple(states))
+
+
+def triangle_of(rows: Array) -> Array:
+    """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
+    upper = np.linalg.qr(rows, mode="r")
+    return np.asarray(upper)
