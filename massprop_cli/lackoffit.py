@@ -22,6 +22,7 @@ from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
+from massprop_cli.lift import products
 from massprop_cli.linearise import MU, PARAMETERS, RATE, linearise, parameters
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.vehicle import Vehicle
@@ -163,10 +164,13 @@ def _lagged(values: Array) -> Array:
 
 
 def _probes(commands: Array, samples: Samples) -> Array:
-    """(K, d) what a wrong model could leave: commands, rates and their products, the vertical, a constant."""
-    rate = samples.rate_rad_s
-    products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
-    return np.hstack([commands, rate, products, samples.up_b[:-1], np.ones((len(rate), 1))])
+    """(K, d) what a wrong model could leave: commands, rates and their products, the vertical, a constant.
+
+    The rates are those of the cycle before: noise in a cycle's own is in what is left of it, and would be taken for a misfit where a
+    spin is so steady that nothing but noise is left of it beside the constant.
+    """
+    rate = np.concatenate([samples.rate_rad_s[:1], samples.rate_rad_s[:-1]])
+    return np.hstack([commands, rate, products(rate), samples.up_b[:-1], np.ones((len(rate), 1))])
 
 
 def _orthonormal(columns: Array) -> Array:

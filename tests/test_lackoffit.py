@@ -9,7 +9,8 @@ from massprop_cli import estimate
 from massprop_cli.align import channel_impulses
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.history import History
+from massprop_cli.dynamics import tensor
+from massprop_cli.history import History, phase_cycles
 from massprop_cli.lackoffit import Channels, hidden_error, innovation_test
 from massprop_cli.plant import Reference
 from massprop_cli.telemetry import Log
@@ -97,9 +98,25 @@ def test_a_jet_of_another_thrust_hides_about_the_error_that_it_makes(jet: str, q
     assert hidden > 5 * history.sigmas[-1, quantity]
 
 
+@pytest.mark.thorough
 def test_stated_pulse_errors_are_noise_and_hide_nothing() -> None:
     flown = simulate.fly(scenario.load("refined", ["vehicle.thrust.pulse_sigma=0.1"]), [1, 2])
     for member in range(2):
         found = faulty.examined(flown.log(member), flown.vehicle)
         assert found.vehicle.thrust.pulse_sigma == 0.1
         assert [c.contradiction for c in found.conclusions] == [""]
+
+
+@pytest.mark.parametrize("seed", [7008, 7028])
+def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
+    """After docking the body spins: beside the constant, hardly more than noise is left of its rate, which is in the residual as well."""
+    flown = simulate.fly(scenario.load("docking"), [seed])
+    log, used = flown.log(0), flown.vehicle
+    samples = Timing(0.0, 0.0).of(log, used)
+    phase = used.phases[1]
+    cycles = phase_cycles(phase, samples.executed.end_s, samples.executed.usable)
+    true = flown.truth[0][1]
+    history = estimate.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used)
+    told = Channels(*channel_impulses(log, used, samples.executed, 0.0))
+    np.testing.assert_array_equal(innovation_test(history, samples, told), np.ones(6))
+    np.testing.assert_array_equal(hidden_error(history, samples, told, used), np.zeros(10))
