@@ -78,6 +78,7 @@ def test_bytes_and_order_do_not_depend_on_the_number_of_processes(here: Path) ->
     assert (here / "1.xml").read_bytes() == (here / "2.xml").read_bytes() == (here / "3.xml").read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_rerun_does_only_what_is_missing_or_changed(here: Path) -> None:
     batch(here, "logs", "--jobs", "1")
     results = here / "massprop-out" / "results"
@@ -112,6 +113,7 @@ def test_a_rerun_does_only_what_is_missing_or_changed(here: Path) -> None:
     assert redone("--vehicle", "v.toml") == [1, 2, 3, 4]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("many", [15, pytest.param(50, marks=pytest.mark.slow)])
 def test_five_corrupt_logs_among_many_are_five_rows_with_their_errors(tmp_path: Path, many: int) -> None:
     simulate(tmp_path / "logs", many)
@@ -143,6 +145,7 @@ def test_five_corrupt_logs_among_many_are_five_rows_with_their_errors(tmp_path: 
     assert summary(tmp_path / "massprop-out") == found
 
 
+@pytest.mark.thorough
 def test_the_exit_code_is_the_worst_of_all_logs(here: Path) -> None:
     (here / "expect.toml").write_text('[all]\nmass = { value = 99.0, tolerance = "1 %" }\n')
     few = ("--set", "convergence.count=119", "-q", "--jobs", "1", "--junit", "j.xml")
@@ -170,6 +173,7 @@ def test_fail_fast_stops_at_the_first_that_fails(here: Path) -> None:
     assert JUnitXml.fromfile(str(here / "j.xml")).errors == 3
 
 
+@pytest.mark.thorough
 def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
     out = here / "massprop-out"
     out.mkdir()
@@ -184,6 +188,7 @@ def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
     assert not (out / ".lock").exists()
 
 
+@pytest.mark.thorough
 def test_a_campaign_is_held_against_an_earlier_one(here: Path) -> None:
     batch(here, "logs", "--out", "before", "-q")
     same = batch(here, "logs", "--out", "after", "--baseline", "before/campaign.json", "-q")
@@ -213,6 +218,7 @@ def test_a_campaign_is_held_against_an_earlier_one(here: Path) -> None:
     assert [item["log"] for item in summary(here / "wide")["baseline"]["beyond"]] == ["seed-0004"], wide.stderr
 
 
+@pytest.mark.thorough
 def test_json_is_the_whole_of_stdout_and_quiet_says_nothing(here: Path) -> None:
     done = batch(here, "logs", "--json")
     assert done.stdout == (here / "massprop-out" / "campaign.json").read_text()

@@ -19,6 +19,8 @@ from massprop_cli.campaign.summary import Baseline, Beyond, Row, Summary, summar
 from tests.campaigns import batch, environment, simulate
 from tests.test_campaign_pool import row
 
+pytestmark = pytest.mark.thorough
+
 DOCS = Path(__file__).parents[1] / "docs" / "ci"
 
 

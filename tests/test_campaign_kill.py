@@ -16,6 +16,8 @@ from massprop_cli.campaign import plan, work
 from massprop_cli.campaign.runner import LocalExecutor, Task
 from tests.campaigns import batch, command, contents, environment, simulate
 
+pytestmark = pytest.mark.thorough
+
 
 def survives(folder: Path, logs: int, kills: int) -> None:
     """Kill a campaign at random moments of its undisturbed length, run it again, compare every byte."""

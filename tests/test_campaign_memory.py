@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 import pyarrow.parquet as pq
+import pytest
 
 from massprop_cli.campaign import flow, outcome, table
 from massprop_cli.campaign.plan import Job
@@ -66,6 +67,7 @@ def peak(logs: int) -> int:
     return most
 
 
+@pytest.mark.thorough
 def test_a_campaign_takes_little_more_memory_for_more_logs() -> None:
     peak(10)  # imports
     few, many = peak(300), peak(800)

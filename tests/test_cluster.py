@@ -24,6 +24,8 @@ from massprop_cli.campaign.plan import Settings
 from massprop_cli.errors import InputError
 from tests import campaigns
 
+pytestmark = pytest.mark.thorough
+
 distributed = pytest.importorskip("distributed")
 LOGS = 8
 

@@ -116,6 +116,7 @@ def test_a_recorded_flight_keeps_what_its_stated_thrust_uncertainty_covers() -> 
     assert verdicts["izz"] == "not_excited"
 
 
+@pytest.mark.thorough
 def test_nominal_values_never_enter_anything() -> None:
     log, used = faulty.sample("crazyflie", file="yaw.parquet")
     bare = used.model_copy(update={"nominal": type(used.nominal)()})

@@ -74,12 +74,14 @@ def test_clean_logs_raise_no_warning(name: str, logs: int) -> None:
         assert analysis.examine(flown.log(member), VehicleSource(flown.vehicle, "t", "")).notices == ()
 
 
+@pytest.mark.thorough
 def test_a_misfit_that_nothing_supposed_explains_is_not_given_a_name() -> None:
     flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.walk_n_m=0.01"]), [3])
     codes = {notice.code for notice in analysis.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices}
     assert codes == {"disturbance-torque"}
 
 
+@pytest.mark.thorough
 def test_an_undeclared_docking_is_reported_with_its_time() -> None:
     docked = [
         "docked={ixx=0.2, iyy=0.3, izz=0.3, mass=4.0, cg_x=0.4, cg_y=0.1}",

@@ -104,7 +104,7 @@ def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> 
         np.testing.assert_array_equal(part.sigmas, whole.sigmas[: rows - 2])
 
 
-@pytest.mark.parametrize("name", [pytest.param("roll-pitch", marks=pytest.mark.slow), "yaw"])
+@pytest.mark.parametrize("name", [pytest.param("roll-pitch", marks=pytest.mark.slow), pytest.param("yaw", marks=pytest.mark.thorough)])
 def test_settings_given_back_reproduce_the_result(name: str) -> None:
     """Also where a first pass found disturbances: what it found stands in the settings."""
     first = result.result(crazyflie(name))

@@ -57,7 +57,7 @@ def moved(found: analysis.Analysis, other: analysis.Analysis) -> Array:
     return apart
 
 
-@pytest.mark.parametrize("logs", [2, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("logs", [pytest.param(2, marks=pytest.mark.thorough), pytest.param(6, marks=pytest.mark.slow)])
 def test_an_unexcited_first_half_minute_changes_nothing_but_what_it_tells(logs: int) -> None:
     """Drifting tells the rate at which the motion begins, and by nothing more than that information may the values differ.
 
@@ -77,7 +77,7 @@ def test_an_unexcited_first_half_minute_changes_nothing_but_what_it_tells(logs: 
     assert (np.sum(np.square(apart), 0) < chi2.ppf(0.999, logs)).all()
 
 
-@pytest.mark.parametrize("factor", [10.0, 1e-6])
+@pytest.mark.parametrize("factor", [pytest.param(10.0, marks=pytest.mark.thorough), 1e-6])
 def test_nominal_values_far_off_change_nothing(factor: float) -> None:
     flight, found = plain(4)
     true = flight.truth[0, 0]

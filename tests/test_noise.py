@@ -66,7 +66,9 @@ def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia(seeds: int
     assert np.sum(np.square(z)) < chi2.ppf(0.999, 3 * seeds)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(1, marks=pytest.mark.thorough), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
 def test_an_unstated_white_torque_is_found_at_its_size(seed: int) -> None:
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
     flown = simulate.fly(scenario.load("free-flyer", ["duration_s=20.0", plan, "disturbance.torque_n_m=0.01"]), [seed])

@@ -255,7 +255,9 @@ def test_a_vehicle_without_jets_takes_a_wrench() -> None:
     assert np.allclose(centre.delta_v_m_s[0, 2:] / flight.CYCLE, expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["preliminary", "refined", "docking", "testbed", "free-flyer"])
+@pytest.mark.parametrize(
+    "name", ["preliminary", "refined", "testbed", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("free-flyer", "docking"))]
+)
 def test_a_packaged_scenario_comes_back_out_of_the_estimator(name: str, tmp_path: Path) -> None:
     found = CliRunner().invoke(app, ["simulate", name, "--seed", "3", "--out", str(tmp_path / name)])
     assert found.exit_code == 0, found.output
@@ -302,6 +304,7 @@ def test_a_campaign_folder_holds_the_same_bytes_as_single_runs(tmp_path: Path) -
         assert (tmp_path / "all" / "seed-0009" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
 
 
+@pytest.mark.thorough
 def test_csv_and_parquet_hold_the_same_log(tmp_path: Path) -> None:
     runner = CliRunner()
     more = ["--set", "sensors.records_per_cycle=4", "--set", "sensors.log_attitude=true", "--set", "duration_cycles=1800"]

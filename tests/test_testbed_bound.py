@@ -17,7 +17,10 @@ from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 
 
-@pytest.mark.parametrize("name", ["free-flyer", "air-bearing", "docking", "high-rate"])
+@pytest.mark.parametrize(
+    "name",
+    ["air-bearing", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("high-rate", "free-flyer", "docking"))],
+)
 def test_the_bound_of_a_sample_log_is_the_one_recorded_with_it(name: str) -> None:
     """Those were made from the sensitivities of another forward model (sample_logs/README.md)."""
     recorded = json.loads((SAMPLES / name / "truth.json").read_text())

@@ -36,7 +36,7 @@ def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(tr
         assert abs(estimate.value - flight.truth[0, 0, list(found.conclusions[0].estimates).index(name)]) < 4.5 * estimate.sigma
 
 
-@pytest.mark.parametrize("seeds", [3, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [pytest.param(3, marks=pytest.mark.thorough), pytest.param(8, marks=pytest.mark.slow)])
 def test_the_found_delays_scatter_as_their_sigma_says(seeds: int) -> None:
     z = []
     for seed in range(seeds):
