@@ -9,6 +9,7 @@ cycle, which belongs to the step into the next cycle) and the *falling* half (1 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,14 @@ TOUCHING = 1e-3
 """Pulses closer than this part of a cycle are one: a jet held on does not fall and rise between cycles."""
 LAGS_FORGOTTEN = 5.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Impulses of each command channel over its full thrust, (K, C) s: under the rising half of the triangular window, and plain."""
+
+    rising: Array
+    whole: Array
 
 
 @dataclass(frozen=True)
@@ -40,10 +49,14 @@ class Aligned:
     """(K, 4) logged attitude at the end of each cycle."""
     impulse_bins: Array
     """(K, B, 6) impulse of the wrench in equal parts of each cycle, N m s and N s, body axes."""
+    skew_bins: Array
+    """(K, B, 6) first moment of the same about the middle of its part, over the part's length: positive where it comes late."""
     rising: Array
     """(K, 6) impulse weighted with the rising half of the triangular window."""
     falling: Array
     """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse."""
+    channels: Channels
+    """What each command channel did, in terms of its full thrust."""
     pulse_covariance: Array | None
     """(K, 6, 6) covariance of the cycle's impulse from independent pulse errors, where there are any."""
     capability: Array
@@ -80,8 +93,14 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
             f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
             f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
-    integral, rising = _channels(log, vehicle, start, per_cycle, delay_s)
     wrench = channel_wrench(log, vehicle)
+    bins = vehicle.estimator.bins_per_cycle
+    integral, moment = (
+        x.reshape(len(start), bins, -1) for x in _executed(log, vehicle, start + delay_s, _bin_edges(start, per_cycle, bins))
+    )
+    bin_s = (per_cycle / bins)[:, None, None]
+    rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
+    channels = Channels(frozen(rising), frozen(integral.sum(1)))
     return Aligned(
         start_s=frozen(start),
         duration_s=frozen(per_cycle),
@@ -89,9 +108,11 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
         specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz.reshape(-1, records, 4)[:, -1],
         impulse_bins=frozen(integral @ wrench),
+        skew_bins=frozen((moment / bin_s - integral / 2) @ wrench),
         rising=frozen(rising @ wrench),
-        falling=frozen((integral.sum(1) - rising) @ wrench),
-        pulse_covariance=_pulse_covariance(integral.sum(1), wrench, vehicle.thrust.pulse_sigma),
+        falling=frozen((channels.whole - rising) @ wrench),
+        channels=channels,
+        pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
         capability=wrench if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)],
         usable=usable,
     )
@@ -100,21 +121,6 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
     """(C, 6) torque about O and force of each command channel at full: jets, or the components of a wrench."""
     return vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
-
-
-def channel_impulses(log: Log, vehicle: Vehicle, aligned: Aligned, delay_cycles: float) -> tuple[Array, Array]:
-    """Impulse of each channel over its full thrust, (K, C) s each: under the rising half of the window, and plain."""
-    integral, rising = _channels(log, vehicle, aligned.start_s, aligned.duration_s, delay_cycles * vehicle.cycle.period_s)
-    return rising, integral.sum(1)
-
-
-def _channels(log: Log, vehicle: Vehicle, start_s: Array, duration_s: Array, delay_s: float) -> tuple[Array, Array]:
-    """(K, B, C) integral of each channel's command in each bin, and (K, C) that weighted with the rising half of the window."""
-    bins = vehicle.estimator.bins_per_cycle
-    edges = _bin_edges(start_s, duration_s, bins)
-    integral, moment = (x.reshape(len(start_s), bins, -1) for x in _executed(log, vehicle, start_s + delay_s, edges))
-    offset = duration_s[:, None] * (np.arange(bins) / bins)
-    return integral, (moment + offset[..., None] * integral).sum(1) / duration_s[:, None]
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:
@@ -173,51 +179,64 @@ def _executed(log: Log, vehicle: Vehicle, begin_s: Array, edges_s: Array) -> tup
         signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(log.command.T, vehicle.jets, strict=True)]
     else:
         signals = [held(begin_s, value) for value in log.command.T]
-    found = [window_integrals(signal, edges_s, vehicle.thrust.stated_lag_s) for signal in signals]
-    return np.stack([integral for integral, _ in found], 1), np.stack([moment for _, moment in found], 1)
+    return window_integrals(signals, edges_s, vehicle.thrust.stated_lag_s)
 
 
-def window_integrals(signal: Signal, edges_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
-    """∫ u dt and ∫ (t − bin start) u dt over each bin of ``edges_s``, exactly, for a piecewise linear ``u``.
+def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+    """∫ u dt and ∫ (t − bin start) u dt over each bin of ``edges_s``, exactly, for piecewise linear ``u``: (bins, signals) each.
 
-    With ``lag_s`` the integrals are those of y, ``lag y' + y = u``, y = 0 before the first event. Both have shape (bins,).
+    With ``lag_s`` the integrals are those of y, ``lag y' + y = u``, y = 0 before the first event.
     """
-    time = np.concatenate([signal.time_s, edges_s])
-    zeros = np.zeros_like(edges_s)
-    order = np.argsort(time, kind="stable")
-    time = time[order]
-    is_edge = order >= len(signal.time_s)
-    slope = np.cumsum(np.concatenate([signal.slope, zeros])[order])
-    length = np.diff(time)
-    value = np.cumsum(np.concatenate([signal.step, zeros])[order])
-    value[1:] += np.cumsum(slope[:-1] * length)
-    value, slope = value[:-1], slope[:-1]
+    found = [_bin_integrals(signal, edges_s, lag_s) for signal in signals]
+    integral, moment, forced = (np.stack(part, 1) for part in zip(*found, strict=True))
+    if lag_s == 0:
+        return integral, moment
+    length = np.diff(edges_s)
+    y = _lagged_at_edges(forced, np.exp(-length / lag_s))
+    lagged = integral - lag_s * np.diff(y, axis=0)
+    return lagged, moment - lag_s * (length[:, None] * y[1:] - lagged)
 
-    bin_of = np.cumsum(is_edge)[:-1] - 1
-    bins = len(edges_s) - 1
-    before, inside = bin_of < 0, (bin_of >= 0) & (bin_of < bins)
-    area = value * length + slope * length**2 / 2
-    moment = value * length**2 / 2 + slope * length**3 / 3 + (time[:-1] - edges_s[np.clip(bin_of, 0, bins)]) * area
 
-    def per_bin(x: Array) -> Array:
-        summed: Array = np.bincount(bin_of[inside], x[inside], bins).astype(np.float64)
+def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array, Array, Array]:
+    """Of one signal: both integrals (bins,), and (1 + bins,) what a lag lets through of it before the first edge and by each bin's end."""
+    order = np.argsort(signal.time_s, kind="stable")
+    time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]
+    # a bin goes on as it begins; events within it add what they change from there on
+    since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
+    begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))
+    last = np.searchsorted(time, edges_s[:-1])
+    first_slope = rising[last]
+    first = begun[last] + first_slope * (edges_s[:-1] - since[last])
+    length = np.diff(edges_s)
+    bin_of = np.searchsorted(edges_s, time, "right") - 1
+    inside, before = (bin_of >= 0) & (bin_of < len(length)), bin_of < 0
+
+    def per_bin(added: Array) -> Array:
+        summed: Array = np.bincount(bin_of[inside], added, len(length)).astype(np.float64)
         return summed
 
-    integral, first_moment = per_bin(area), per_bin(moment)
+    jump, bend, own = step[inside], slope[inside], length[bin_of[inside]]
+    offset = time[inside] - edges_s[bin_of[inside]]
+    left = own - offset
+    integral = length * (first + first_slope * length / 2) + per_bin(left * (jump + bend * left / 2))
+    moment = length**2 * (first / 2 + first_slope * length / 3)
+    moment += per_bin(left * (jump * (own + offset) / 2 + bend * left * (2 * own + offset) / 6))
     if lag_s == 0:
-        return integral, first_moment
-    bin_end = edges_s[np.clip(bin_of + 1, 0, bins)]
-    decay = np.exp(-length / lag_s)
-    forced = (value * (1 - decay) + slope * (length - lag_s * (1 - decay))) * np.exp(-np.maximum(bin_end - time[1:], 0.0) / lag_s)
-    y = _lagged_at_edges(float(forced[before].sum()), per_bin(forced), np.exp(-np.diff(edges_s) / lag_s))
-    lagged = integral - lag_s * np.diff(y)
-    return lagged, first_moment - lag_s * (np.diff(edges_s) * y[1:] - lagged)
+        return integral, moment, np.zeros(0)
+
+    def let_through(step: Array, slope: Array, for_s: Array) -> Array:
+        rest = lag_s * -np.expm1(-for_s / lag_s)
+        found: Array = step * rest / lag_s + slope * (for_s - rest)
+        return found
+
+    at_first = let_through(step[before], slope[before], edges_s[0] - time[before]).sum()
+    forced = let_through(first, first_slope, length) + per_bin(let_through(jump, bend, left))
+    return integral, moment, np.concatenate([[at_first], forced])
 
 
-def _lagged_at_edges(first: float, forced: Array, decay: Array) -> Array:
-    """Y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i]``."""
-    y = np.empty(len(forced) + 1)
-    y[0] = first
-    for i, (a, q) in enumerate(zip(decay, forced, strict=True)):
-        y[i + 1] = a * y[i] + q
+def _lagged_at_edges(forced: Array, decay: Array) -> Array:
+    """(1 + bins, signals) y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i+1]``, y[0] = forced[0]."""
+    y = forced.copy()
+    for i, kept in enumerate(decay):
+        y[i + 1] += kept * y[i]
     return y

@@ -28,8 +28,6 @@ from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 
-BINS = 4
-"""Bins of a cycle: enough for two figures of a derivative."""
 DEGREE = float(np.pi / 180)
 UNSEEN = 5.0
 """Sigmas of misfit that a log does not show."""
@@ -77,29 +75,19 @@ def assumptions(
     log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
     """All of a log; noise levels must be set in ``vehicle``. Without a reference in any phase only what needs none."""
-    coarse = _coarse(samples)
-    taken = list(_taken(log, vehicle, timing, coarse))
+    taken = list(_taken(log, vehicle, timing, samples))
     found = _thrust_scale(vehicle, conclusions)
     effects: list[list[Effect]] = [[] for _ in taken]
     for history, conclusion in zip(settled, conclusions, strict=True):
         if history.reference is None:
             continue
-        extra, fired = thrust_columns(log, vehicle, timing.delay, coarse, history.cycles, history.reference)
-        response = _response(vehicle, coarse, history, history.reference, [t.variant for t in taken], extra)
+        extra, fired = thrust_columns(log, vehicle, samples, history.cycles, history.reference)
+        response = _response(vehicle, samples, history, history.reference, [t.variant for t in taken], extra)
         for i, (of_one, t) in enumerate(zip(effects, taken, strict=True)):
             step = t.size * (np.arange(response.shift.shape[1]) == i)
             of_one.append(_effect(history, conclusion, vehicle, response, step))
         found += _mass_thrust(log, vehicle, history, conclusion, response, fired)
     return (*found, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in zip(taken, effects, strict=True) if e))
-
-
-def _coarse(samples: Samples) -> Samples:
-    """With fewer bins in a cycle."""
-    cycles, bins, _ = samples.executed.impulse_bins.shape
-    if bins % BINS or bins == BINS:
-        return samples
-    merged = samples.executed.impulse_bins.reshape(cycles, BINS, bins // BINS, 6).sum(2)
-    return replace(samples, executed=replace(samples.executed, impulse_bins=merged))
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
@@ -200,8 +188,6 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples) -> Iter
         yield _Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
     later = late(log, vehicle, timing, "delay")
     if later is not None:
-        low, high = (replace(side, samples=_coarse(side.samples)) for side in (later.low, later.high))
-        later = Variant(low, high, later.distance)
         uncertain = vehicle.cycle.command_delay_sigma_cycles > 0
         words = "its uncertainty is in every sigma" if uncertain else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
         yield _Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)

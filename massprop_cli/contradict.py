@@ -22,7 +22,7 @@ from massprop_cli.compensate import Samples
 from massprop_cli.conclude import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnose import Cure
 from massprop_cli.history import History
-from massprop_cli.lackoffit import Channels, hidden_error, innovation_test
+from massprop_cli.lackoffit import hidden_error, innovation_test
 from massprop_cli.telemetry import Log, Notice
 from massprop_cli.vehicle import Vehicle
 
@@ -103,14 +103,12 @@ def by_known(history: History) -> Contradiction | None:
     return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
 
 
-def by_misfit(
-    conclusion: Conclusion, settled: History, samples: Samples, channels: Channels, vehicle: Vehicle
-) -> tuple[Contradiction | None, Array]:
+def by_misfit(conclusion: Conclusion, settled: History, samples: Samples, vehicle: Vehicle) -> tuple[Contradiction | None, Array]:
     """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.lackoffit.innovation_test`."""
-    factors = innovation_test(settled, samples, channels)
+    factors = innovation_test(settled, samples)
     if settled.reference is None:
         return None, factors
-    hidden = hidden_error(settled, samples, channels, vehicle)
+    hidden = hidden_error(settled, samples, vehicle)
     total = settled.information_share.sum(1)
     share = settled.information_share / np.where(total > 0, total, 1.0)[:, None]
     loose = np.sqrt(np.maximum(share @ factors**2 - 1, 0.0) * _own_variance(conclusion, vehicle))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.align import align, channel_impulses, channel_wrench
+from massprop_cli.align import align, channel_wrench
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
 from massprop_cli.compensate import Samples, compensate
@@ -33,7 +33,7 @@ EXPLAINED = 0.1
 """A supposition is named if it leaves at most this part of the misfit ..."""
 REMAINS = 3.0
 """... and no more than this over what noise explains: a wandering torque is fitted better by many a wrong supposition."""
-ROUGH_PASSES, ROUGH_BINS, FINALISTS = 3, 4, 3
+ROUGH_PASSES, FINALISTS = 3, 3
 SHORTEST, SPLITS = 40, 16
 """Least cycles on each side of a sudden change, and how many moments are tried first."""
 NOISE_RATIO = 2.0
@@ -109,7 +109,7 @@ def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[s
 
 def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, allowed: float) -> list[Explanation]:
     """Those that explain the misfit: all are tried roughly, the best again with care."""
-    rough = [(_tried(log, _coarse(s), delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
+    rough = [(_tried(log, s, delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
     best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
     careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
     return [
@@ -132,18 +132,17 @@ def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
 def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> list[Explanation]:
     """The best moment for a sudden change of the mass properties: each side fitted on its own, moments tried ever more closely."""
     stated = Supposition("", "", vehicle)
-    samples, rough = _samples(log, stated, delay_cycles), _samples(log, _coarse(stated), delay_cycles)
-    if samples is None or rough is None or piece.stop - piece.start < 4 * SHORTEST:
+    samples = _samples(log, stated, delay_cycles)
+    if samples is None or piece.stop - piece.start < 4 * SHORTEST:
         return []
-    roughly = _coarse(stated).vehicle
     first, last = piece.start + SHORTEST, piece.stop - SHORTEST
     step = max((last - first) // SPLITS, 1)
-    tried = {k: _sides(rough, piece, k, roughly, ROUGH_PASSES) for k in range(first, last + 1, step)}
+    tried = {k: _sides(samples, piece, k, vehicle, ROUGH_PASSES) for k in range(first, last + 1, step)}
     while step > 1:
         best, reach = min(tried, key=lambda k: tried[k]), step
         step = max(step // 4, 1)
         near = range(max(best - reach, first), min(best + reach, last) + 1, step)
-        tried |= {k: _sides(rough, piece, k, roughly, ROUGH_PASSES) for k in near if k not in tried}
+        tried |= {k: _sides(samples, piece, k, vehicle, ROUGH_PASSES) for k in near if k not in tried}
     best = min(tried, key=lambda k: tried[k])
     time = round(float(samples.executed.start_s[best]), 9)
     message = (
@@ -164,11 +163,6 @@ def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle, passes: in
             return float(np.inf)
         total += found.chi_square * (side.stop - side.start)
     return float(total / (piece.stop - piece.start))
-
-
-def _coarse(supposed: Supposition) -> Supposition:
-    estimator = supposed.vehicle.estimator.model_copy(update={"bins_per_cycle": ROUGH_BINS})
-    return replace(supposed, vehicle=supposed.vehicle.model_copy(update={"estimator": estimator}))
 
 
 def _single_jets(vehicle: Vehicle) -> Iterator[Supposition]:
@@ -244,7 +238,7 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
     for _ in range(FACTOR_STEPS):
         aligned = align(used, tried, delay_cycles)
         samples = compensate(aligned, tried)
-        extra, fired = thrust_columns(used, tried, delay_cycles, samples, piece, found.reference)
+        extra, fired = thrust_columns(used, tried, samples, piece, found.reference)
         step = fit(samples, piece, found.reference, tried, extra, passes=0)
         if step is None:
             break
@@ -291,11 +285,9 @@ def _common(factor: Array, fired: BoolArray, wrench: Array) -> Array:
     return common
 
 
-def thrust_columns(
-    log: Log, vehicle: Vehicle, delay_cycles: float, samples: Samples, piece: slice, reference: Reference
-) -> tuple[Extra, BoolArray]:
+def thrust_columns(log: Log, vehicle: Vehicle, samples: Samples, piece: slice, reference: Reference) -> tuple[Extra, BoolArray]:
     """What each channel's own part of the thrust does, per unit of its relative change; and which channels fire in ``piece``."""
-    rising, whole = (x[piece] for x in channel_impulses(log, vehicle, samples.executed, delay_cycles))
+    rising, whole = samples.executed.channels.rising[piece], samples.executed.channels.whole[piece]
     duration = samples.executed.duration_s[piece, None, None]
     plant = plant_of(vehicle)
     wrench = channel_wrench(log, vehicle)

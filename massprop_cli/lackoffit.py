@@ -38,22 +38,14 @@ SPARE = 3
 """Residuals that there must be for each probe."""
 
 
-@dataclass(frozen=True)
-class Channels:
-    """Impulses of each command channel at full thrust, (K, C) s: under the rising half of the triangular window, and plain."""
-
-    rising: Array
-    whole: Array
-
-
-def innovation_test(history: History, samples: Samples, channels: Channels) -> Array:
+def innovation_test(history: History, samples: Samples) -> Array:
     """(6,) √(Q/d) of each channel's whitened innovations where it is more than chance, else 1: rate x y z, specific force x y z.
 
     By so much are the sigmas too small that the channel gives: noise and model promise 1 for each direction.
     """
     cycles = history.cycles
     told = np.isfinite(history.normalised).all(1)
-    basis = _orthonormal(_probes(_lagged(channels.whole), samples)[cycles][told])
+    basis = _orthonormal(_probes(_lagged(samples.executed.channels.whole), samples)[cycles][told])
     if basis.shape[1] == 0 or told.sum() < SPARE * basis.shape[1]:
         return np.ones(6)
     innovation = history.normalised[told]
@@ -61,7 +53,7 @@ def innovation_test(history: History, samples: Samples, channels: Channels) -> A
     return np.where(_deviate(mean, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
 
 
-def hidden_error(history: History, samples: Samples, channels: Channels, vehicle: Vehicle) -> Array:
+def hidden_error(history: History, samples: Samples, vehicle: Vehicle) -> Array:
     """(10,) by how much each quantity may be off through what the model does not hold, in its unit; 0 where nothing but chance is left.
 
     Rates and specific force each give their own; they count as each told the quantity (``history.information_share``).
@@ -69,7 +61,7 @@ def hidden_error(history: History, samples: Samples, channels: Channels, vehicle
     reference = history.reference
     if reference is None or any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return np.zeros(10)  # a body that is stated to change leaves what it should
-    cycles, share = history.cycles, history.information_share
+    cycles, share, channels = history.cycles, history.information_share, samples.executed.channels
     system = linearise(samples, cycles, reference, vehicle)
     window = np.zeros_like(channels.whole)
     window[:-1] = channels.rising[:-1] + (channels.whole - channels.rising)[1:]

@@ -26,7 +26,7 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import cross, cross_matrix, elements, tensor, times
+from massprop_cli.dynamics import cross, cross_matrix, elements, lever_arm, tensor, times
 from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.lift import MU as LIFT_MU
 from massprop_cli.plant import BearingBody, Motion, Reference, plant_of
@@ -98,40 +98,69 @@ class Windows(NamedTuple):
         return joined
 
 
-def windows(per_bin: Array, bin_s: Array) -> Windows:
-    """Integrals of a (K, B, ...) quantity given per bin of length ``bin_s`` (K,)."""
+def windows(per_bin: Array, bin_s: Array, lateness: Array | None = None) -> Windows:
+    """Integrals of a (K, B, ...) quantity given as means over bins of length ``bin_s`` (K,).
+
+    ``lateness`` (K, ...) is the sum of the bins' first moments, each about its own middle and over its own length: the rising half
+    weights what comes late in a bin more.
+    """
     bins = per_bin.shape[1]
     weight = (np.arange(bins) + 0.5) / bins
-    trailing = per_bin.ndim - 2
-    area = per_bin * bin_s.reshape(-1, 1, *(1,) * trailing)
-    rising = (area * weight.reshape(1, -1, *(1,) * trailing)).sum(1)
-    whole = area.sum(1)
+    bin_s = bin_s.reshape(-1, *(1,) * (per_bin.ndim - 2))
+    rising, whole = np.einsum("b,kb...->k...", weight, per_bin) * bin_s, per_bin.sum(1) * bin_s
+    if lateness is not None:
+        rising += lateness / bins
     return Windows(rising, whole - rising, whole)
 
 
-def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: Lift) -> Motion:
+class Within(NamedTuple):
+    """The motion in each bin, and what of it is needed beyond."""
+
+    motion: Motion
+    """Means over each bin."""
+    rates: tuple[Array, Array]
+    """(K, 3) the rate at the start and at the end of each cycle."""
+    ups: tuple[Array, Array]
+    """(K, 3) the vertical there."""
+
+
+def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: Lift) -> Within:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
-    rate_mean = (samples.rate_rad_s[cycles] - reference.gyro_bias)[:, None]
-    impulse = samples.executed.impulse_bins[cycles]
-    bin_s = (samples.executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
+    executed = samples.executed
+    mean = samples.rate_rad_s[cycles] - reference.gyro_bias
+    impulse, skew = executed.impulse_bins[cycles], executed.skew_bins[cycles]
+    bin_s = (executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
     theta = lift.theta(reference)
     response = _response(reference, lift, theta)
     shape = (*impulse.shape[:2], 3)
-    up_start = samples.up_b[:-1][cycles][:, None]
-    motion = Motion(impulse / bin_s, np.broadcast_to(rate_mean, shape), np.zeros(shape), np.broadcast_to(up_start, shape))
+    up_start = samples.up_b[:-1][cycles]
+    on_bearing = isinstance(lift.plant, BearingBody)
+    motion = Motion(impulse / bin_s, np.broadcast_to(mean[:, None], shape), np.zeros(shape), np.broadcast_to(up_start[:, None], shape))
+    ups = up_start, up_start
     for _ in range(_REFINEMENTS):
-        rate_dot = times(response, _channels(lift, motion, products(motion.rate)))
-        if isinstance(lift.plant, BearingBody):
+        rate_dot = times(response, _channels(lift, motion.wrench, motion.up, products(motion.rate)))
+        # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
+        late = times(response, _channels(lift, skew, np.zeros(shape), np.zeros((*shape[:2], 6)), motion.up))
+        if on_bearing:
             rate_dot = rate_dot + _swing(theta, motion)
-        change = np.cumsum(rate_dot * bin_s, 1) - rate_dot * bin_s / 2
-        rate = rate_mean + change - change.mean(1, keepdims=True)
+        change = np.cumsum(rate_dot * bin_s, 1)
+        within = change - rate_dot * bin_s / 2 - late
+        start = mean - within.mean(1)
+        rate = start[:, None] + within
         up = motion.up
-        if isinstance(lift.plant, BearingBody):
-            angle = np.cumsum(rate * bin_s, 1) - rate * bin_s / 2
-            tilt = cross(up_start, angle)
-            up = up_start + tilt + cross(tilt, angle) / 2
+        if on_bearing:
+            turned = np.cumsum(rate * bin_s, 1)
+            up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
+            ups = up_start, end[:, 0]
         motion = Motion(motion.wrench, rate, rate_dot, up)
-    return motion
+    return Within(motion, (start, start + change[:, -1]), ups)
+
+
+def _turned(up: Array, angle: Array) -> Array:
+    """(K, B, 3) the vertical (K, 3) after the body has turned by ``angle`` (K, B, 3), rad, to second order."""
+    tilt = cross(up[:, None], angle)
+    found: Array = up[:, None] + tilt + cross(tilt, angle) / 2
+    return found
 
 
 def _response(reference: Reference, lift: Lift, theta: Array) -> Array:
@@ -142,24 +171,28 @@ def _response(reference: Reference, lift: Lift, theta: Array) -> Array:
     return made
 
 
-def _channels(lift: Lift, motion: Motion, second: Array) -> Array:
-    """(K, B, C) what Φ multiplies, in each bin; ``second`` (K, B, 6) are the products of rates."""
-    torque, force = motion.wrench[..., :3], motion.wrench[..., 3:]
+def _channels(lift: Lift, wrench: Array, up: Array, second: Array, level_of: Array | None = None) -> Array:
+    """(K, B, C) what Φ multiplies in each bin: wrench (K, B, 6), vertical (K, B, 3), products of rates (K, B, 6).
+
+    ``level_of`` is the vertical that says what is level, if it is not ``up``.
+    """
+    torque, force = wrench[..., :3], wrench[..., 3:]
     if isinstance(lift.plant, BearingBody):
-        return np.concatenate([torque - cross(lift.plant.bearing, force), motion.up, times(_level(motion), force), second], -1)
-    return np.concatenate([motion.wrench, second], -1)
+        level = _level(up if level_of is None else level_of, force)
+        return np.concatenate([torque - cross(lift.plant.bearing, force), up, level, second], -1)
+    return np.concatenate([wrench, second], -1)
 
 
-def _level(motion: Motion) -> Array:
-    """(K, B, 3, 3) projector on the level plane."""
-    level: Array = np.eye(3) - motion.up[..., :, None] * motion.up[..., None, :]
-    return level
+def _level(up: Array, v: Array) -> Array:
+    """The part of vectors that lies in the level plane, P v."""
+    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
+    return part
 
 
 def _swing(theta: Array, motion: Motion) -> Array:
     """(K, B, 3) angular acceleration, on a bearing, by the acceleration that the CG's own swing gives the base: second order in κ."""
     kappa = theta[MOMENT]
-    swung = cross(kappa, times(_level(motion), times(motion.rotation, kappa))) * theta[LIFT_MU]
+    swung = cross(kappa, _level(motion.up, lever_arm(motion.rate, motion.rate_dot, kappa))) * theta[LIFT_MU]
     return times(tensor(theta[J]), swung)
 
 
@@ -191,13 +224,14 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     """
     plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
     lift = Lift(plant)
-    motion = motion_within(samples, cycles, reference, lift)
+    within = motion_within(samples, cycles, reference, lift)
+    motion = within.motion
     theta = lift.theta(reference)
     response = _response(reference, lift, theta)
     inverse = tensor(theta[J])
     duration = samples.executed.duration_s[cycles]
     bin_s = duration / motion.rate.shape[1]
-    step, whole, known = _integrals(samples, cycles, lift, theta, motion)
+    step, whole, known = _integrals(samples, cycles, lift, theta, within)
     steps = times(response, step) + known
     growth = np.zeros((len(step), 3, lift.size))
     for axis in range(3):
@@ -206,7 +240,7 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     rate = samples.rate_rad_s[cycles] - reference.gyro_bias
     # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
     # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
-    mean = windows(motion.rate, bin_s)
+    mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
     leaving, entering = (response[:, -6:] @ products_by_rate(part) for part in (mean.rising[:-1], mean.falling[1:]))
     solve = np.linalg.inv(np.eye(3) - entering)
     to_rate = solve @ inverse
@@ -248,36 +282,40 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     return Lifted(transition, drive, observation, measured, to_rate, steps)
 
 
-def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, motion: Motion) -> tuple[Array, Array, Array]:
+def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
     """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
-    plant, executed = lift.plant, samples.executed
+    plant, executed, motion = lift.plant, samples.executed, within.motion
     duration = executed.duration_s[cycles]
     bin_s = duration / motion.rate.shape[1]
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
-    found = windows(_channels(lift, motion, second), bin_s)
-    step, whole = found.step, found.whole / duration[:, None]
+    lateness = np.zeros((len(duration), lift.channels))
+    lateness[:, -6:] = (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12
+    if isinstance(plant, BearingBody):
+        lateness[:, 3:6] = (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12
+        lateness[:, 6:9] = _level(motion.up, executed.skew_bins[cycles][..., 3:]).sum(1)
+    rising, _, whole = windows(_channels(lift, motion.wrench, motion.up, second), bin_s, lateness)
     # the commands' own, exactly
-    jets = [part[cycles] for part in (executed.rising, executed.falling, executed.impulse)]
-    first = 3 if isinstance(plant, BearingBody) else 6
-    exact = [part[:, :3] - cross(plant.bearing, part[:, 3:]) for part in jets] if isinstance(plant, BearingBody) else jets
-    step[:, :first], whole[:, :first] = exact[0][:-1] + exact[1][1:], exact[2] / duration[:, None]
-    known = windows(_swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(step), 3))
-    return step, whole, known
+    jets = np.concatenate([executed.rising[cycles], executed.impulse[cycles]], -1).reshape(len(duration), 2, 6)
+    if isinstance(plant, BearingBody):
+        jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
+    rising[:, : jets.shape[2]], whole[:, : jets.shape[2]] = jets[:, 0], jets[:, 1]
+    known = windows(_swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
+    return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
 
 
 def _felt(whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array) -> tuple[Array, Array, Array]:
     """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N) by the coefficients, (K, 3) the rest."""
     plant, channels = lift.plant, lift.channels
     rate_dot = times(response, whole)
-    rates = cross_matrix(motion.rate)
-    centripetal = (rates @ rates).mean(1)
+    square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
+    centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     rotation = centripetal + cross_matrix(rate_dot)
     felt = np.zeros((len(whole), 3, lift.size))
     if isinstance(plant, BearingBody):
         theta = lift.theta(reference)
         arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
-        level = _level(motion).mean(1)
+        level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
         euler = level @ along - cross_matrix(arm)
         felt[..., -4], felt[..., -3:] = whole[:, 6:9], -level @ rotation
         offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(level @ along, rate_dot)

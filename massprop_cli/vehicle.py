@@ -222,7 +222,7 @@ class EstimatorSettings(Section):
     """Settings of the estimators; the defaults serve every vehicle."""
 
     method: Literal["default", "thesis"] = "default"
-    bins_per_cycle: int = Field(20, ge=2, le=200, description="resolution of motion within a control cycle")
+    bins_per_cycle: int = Field(4, ge=2, le=200, description="resolution of motion within a control cycle")
     prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
     accel_noise_scale: tuple[Positive, Positive, Positive] | None = Field(
         None, description="factor on accel_noise per body axis; absent: from a first pass over the log"

@@ -17,6 +17,11 @@ def jet(rise: float, fall: float) -> Jet:
     return Jet(name="j", position_m=(0, 0, 0), force_n=(1, 0, 0), rise_s=rise, fall_s=fall)
 
 
+def integrals(signal: Signal, edges: Array, lag: float = 0.0) -> tuple[Array, Array]:
+    integral, moment = window_integrals([signal], edges, lag)
+    return integral[:, 0], moment[:, 0]
+
+
 def sampled(start: Array, on: Array, rise: float, fall: float, t: Array) -> Array:
     """Thrust of separate pulses at moments ``t``, written from the description rather than from events."""
     value = np.zeros_like(t)
@@ -35,7 +40,7 @@ def sampled(start: Array, on: Array, rise: float, fall: float, t: Array) -> Arra
 def test_window_integrals_equal_fine_quadrature(rise: float, fall: float, lag: float) -> None:
     start = np.array([0.1, 0.25, 0.4, 0.7])
     on = np.array([0.03, 0.004, 0.0, 0.05])
-    integral, moment = window_integrals(pulses(start, on, jet(rise, fall), 1e-5), EDGES, lag)
+    integral, moment = integrals(pulses(start, on, jet(rise, fall), 1e-5), EDGES, lag)
     n = 400_000
     t = (np.arange(n) + 0.5) / n
     u = sampled(start, on, rise, fall, t)
@@ -56,8 +61,8 @@ def test_window_integrals_equal_fine_quadrature(rise: float, fall: float, lag: f
 def test_touching_pulses_are_one_and_do_not_dip() -> None:
     start = np.array([0.1, 0.15, 0.2])
     on = np.full(3, 0.05)
-    joined, _ = window_integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), EDGES)
-    alone, _ = window_integrals(pulses(start[:1], np.array([0.15]), jet(0.003, 0.003), 5e-5), EDGES)
+    joined, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), EDGES)
+    alone, _ = integrals(pulses(start[:1], np.array([0.15]), jet(0.003, 0.003), 5e-5), EDGES)
     np.testing.assert_allclose(joined, alone, atol=1e-15)
 
 
@@ -67,8 +72,8 @@ def test_any_delay_conserves_total_impulse(delay: float, seed: int, rise: float)
     on = np.random.default_rng(seed).choice([0.0, 0.0125, 0.05], 12)
     start = 0.05 * np.arange(12)
     edges = np.linspace(0, 2, 41)
-    at_once, _ = window_integrals(pulses(start, on, jet(rise, rise), 5e-5), edges)
-    delayed, _ = window_integrals(pulses(start + 0.05 * delay, on, jet(rise, rise), 5e-5), edges)
+    at_once, _ = integrals(pulses(start, on, jet(rise, rise), 5e-5), edges)
+    delayed, _ = integrals(pulses(start + 0.05 * delay, on, jet(rise, rise), 5e-5), edges)
     assert delayed.sum() == pytest.approx(at_once.sum(), abs=1e-13)
     assert at_once.sum() == pytest.approx(on.sum(), abs=1e-13)  # rise and fall of equal length cancel
 
@@ -92,10 +97,10 @@ def test_whole_delay_shifts_by_cycles_and_marks_unknown_commands() -> None:
 def test_triangular_window_gives_the_growth_of_cycle_means() -> None:
     """A double integrator driven by the signal: differences of its cycle-mean velocity equal rising plus falling impulse."""
     signal = pulses(np.array([0.11, 0.32, 0.5]), np.array([0.03, 0.05, 0.02]), jet(0.004, 0.002), 1e-5)
-    integral, moment = window_integrals(signal, EDGES)
+    integral, moment = integrals(signal, EDGES)
     n = 200_000
     t = np.arange(n + 1) / n
-    fine, _ = window_integrals(signal, t)
+    fine, _ = integrals(signal, t)
     velocity = np.concatenate([[0.0], np.cumsum(fine)])
     middle = (velocity[1:] + velocity[:-1]) / 2
     means = middle.reshape(20, -1).mean(1)
@@ -106,7 +111,7 @@ def test_triangular_window_gives_the_growth_of_cycle_means() -> None:
 
 def test_held_wrench_is_constant_over_its_cycle() -> None:
     start = np.array([0.0, 0.5])
-    integral, moment = window_integrals(held(start, np.array([2.0, -1.0])), EDGES)
+    integral, moment = integrals(held(start, np.array([2.0, -1.0])), EDGES)
     np.testing.assert_allclose(integral, np.repeat([0.1, -0.05], 10), atol=1e-15)
     np.testing.assert_allclose(moment, integral * 0.025, atol=1e-15)
 
@@ -114,6 +119,6 @@ def test_held_wrench_is_constant_over_its_cycle() -> None:
 def test_a_lag_delays_impulse_but_keeps_it() -> None:
     signal = Signal(np.array([0.1, 0.2]), np.array([1.0, -1.0]), np.zeros(2))
     edges = np.linspace(0, 3, 301)
-    lagged, _ = window_integrals(signal, edges, 0.05)
+    lagged, _ = integrals(signal, edges, 0.05)
     assert lagged.sum() == pytest.approx(0.1, abs=1e-12)
     assert lagged[:20].sum() < 0.09

@@ -32,11 +32,11 @@ def flown(kind: str, rise_s: float = 0.0) -> flight.Flight:
 @pytest.mark.parametrize("rise_s", [0.0, 0.003])
 @pytest.mark.parametrize("kind", KINDS)
 def test_about_the_truth_the_model_reproduces_an_exact_flight(kind: str, rise_s: float) -> None:
-    """Noise-free cycle means from RK4 against the model: 0.3 % of the IMU's noise in rate, 0.5 % in force."""
+    """Noise-free cycle means from RK4 against the model: 0.05 % of the IMU's noise in rate, 0.5 % in force."""
     samples = flown(kind, rise_s).samples()
     system = linearise(samples, slice(2, 80), reference(truth(kind)), flown(kind).used)
     growth = np.diff(samples.rate_rad_s[2:80], axis=0)
-    np.testing.assert_allclose(system.steps, growth, atol=3e-7)
+    np.testing.assert_allclose(system.steps, growth, atol=5e-8)
     expected = times(system.observation[:, 3:, PARAMETERS], parameters(reference(truth(kind))))
     np.testing.assert_allclose(system.measured[:, 3:], expected, atol=1e-4)
 

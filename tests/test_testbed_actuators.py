@@ -18,6 +18,7 @@ CYCLES, BINS = 60, 20
 
 def scenario(delay: float = 0.0, rise_s: float = 0.0, lag_s: float = 0.0, **actuators: Any) -> Scenario:
     used = flight.vehicle("free", delay, jets=flight.jets(rise_s=rise_s), thrust={"lag_s": lag_s})
+    used = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": BINS})})
     body = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 10.0}
     return Scenario.model_validate({"schema": 1, "duration_cycles": CYCLES, "vehicle": used, "truth": body, "actuators": actuators})
 
