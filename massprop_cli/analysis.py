@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli import columns, diagnose, estimate, noise, thesis, timing, vehicle
-from massprop_cli.align import Aligned, channel_impulses
+from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, assumptions
 from massprop_cli.compensate import Samples
@@ -23,7 +23,6 @@ from massprop_cli.diagnose import Cure
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
-from massprop_cli.lackoffit import Channels
 from massprop_cli.sensitivity import Consider, late
 from massprop_cli.start import first_reference
 from massprop_cli.tablefile import read_table
@@ -31,10 +30,10 @@ from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.timing import Found, Timing
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
-ROUNDS = 6
+ROUNDS = 8
 """How often disturbances may be raised until the innovations are explained."""
-FEWER_ROUNDS = 3
-"""... before the first causal run."""
+SIZING = 2
+"""Passes of an off-line fit that disturbances are sized by."""
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""
@@ -211,12 +210,11 @@ def _column_settings(found: Analysis, cure: Cure) -> tuple[str, ...]:
 def _judged(found: Analysis, faults: Sequence[Fault], mended: Sequence[MendedAnswer]) -> Analysis:
     """Conclusions with what is contradicted, the docked object, and every notice."""
     by_method = found.vehicle.estimator.method == "default"
-    channels = Channels(*channel_impulses(found.log, found.vehicle, found.samples.executed, found.timing.delay))
     conclusions, factors = [], []
     for conclusion, history, settled in zip(found.conclusions, found.histories, found.settled, strict=True):
         own = [f for f in faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
         answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
-        misfit, factor = by_misfit(conclusion, settled, found.samples, channels, found.vehicle) if by_method else (None, np.ones(6))
+        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle) if by_method else (None, np.ones(6))
         unnamed = [] if own or not by_method else [misfit, by_no_body(conclusion)]
         against = together([by_faults(conclusion, own, answers), by_known(history), *unnamed])
         conclusions.append(conclusion if against is None else contradicted(conclusion, against.cause, against.touched))
@@ -326,47 +324,45 @@ def _estimates(
 ) -> tuple[Vehicle, tuple[History, ...], list[History], list[Notice]]:
     """Estimates, and the off-line fits of each phase that they are judged by.
 
-    Noise levels first, then the estimator through every phase; disturbances are sized where the stated noise can't explain the log.
+    Noise levels first; off-line fits, with disturbances sized until these explain the log where the stated noise can't; then the
+    estimator once through every phase.
     """
     pieces = [cycles for _, cycles in phases]
     if stated.estimator.method == "thesis":
         return stated, _thesis(samples, phases, stated), [], []
     used, notices = noise.with_noise_levels(samples, pieces, stated)
-    adapt = used.estimator.adapt_noise
-    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
-    histories: tuple[History, ...] = ()
-    settled: list[History] = []
-    for _ in range(ROUNDS):
-        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
-        if histories and sized == used:
-            break
-        used = sized if np.isnan(excess).all() else _sized(samples, phases, sized)
-        histories = tuple(
-            estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
-            for phase, cycles in phases
-        )
-        settled = [
-            h if h.reference is None else estimate.settle(samples, h.cycles, h.phase, h.reference, used.in_phase(h.phase), consider)
-            for h in histories
-        ]
-        excess = noise.misfit(settled, used)
+    used, fits, excess = _fitted(samples, phases, used, consider)
+    histories = tuple(
+        estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
+        for phase, cycles in phases
+    )
+    settled = [history if fit is None else fit for history, fit in zip(histories, fits, strict=True)]
     return used, histories, settled, notices + noise.disturbance_notices(stated, used, excess)
 
 
-def _sized(samples: Samples, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> Vehicle:
-    """The vehicle with disturbances raised until off-line fits explain the log: a causal run for every size tried would take long."""
-    for _ in range(FEWER_ROUNDS):
-        references = [first_reference(samples, cycles, vehicle) for _, cycles in phases]
-        settled = [
-            estimate.settle(samples, cycles, phase, reference, vehicle)
+def _fitted(
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle, consider: Consider
+) -> tuple[Vehicle, list[History | None], Array]:
+    """The vehicle with disturbances raised until off-line fits explain the log; these, None of a phase without motion; what is left."""
+    pieces, adapt = [cycles for _, cycles in phases], used.estimator.adapt_noise
+    references = [first_reference(samples, cycles, used) for cycles in pieces]
+    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
+    used = noise.with_disturbances(samples, pieces, excess, used)
+    passes = SIZING
+    for _ in range(ROUNDS):
+        fits = [
+            None if reference is None else estimate.settle(samples, cycles, phase, reference, used.in_phase(phase), consider, passes)
             for (phase, cycles), reference in zip(phases, references, strict=True)
-            if reference is not None
         ]
-        raised = noise.with_disturbances(samples, [cycles for _, cycles in phases], noise.misfit(settled, vehicle), vehicle)
-        if raised == vehicle:
+        found = [fit.history for fit in fits if fit is not None]
+        excess = noise.misfit(found, used)
+        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
+        if sized == used and all(fit is None or fit.stands or passes > SIZING for fit in fits):
             break
-        vehicle = raised
-    return vehicle
+        if sized == used:
+            passes = estimate.SETTLINGS
+        used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
+    return used, [None if fit is None else fit.history for fit in fits], excess
 
 
 def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from massprop_cli.linearise import MU, natural_sizes
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.posterior import alone, discrepancies, quantities
-from massprop_cli.regression import Regression, Rows, filtered, known_rows, ordered, triangle_of, unknown_beginnings
+from massprop_cli.regression import Regression, Rows, Run, filtered, known_rows, ordered, triangle_of, unknown_beginnings
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback, first_reference
 from massprop_cli.system import prior, system_of
@@ -32,6 +33,8 @@ BLOCK, LONGEST = 16, 128
 """Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
 RING, LEARNING = 256, 1024
 """Cycles that are taken in anew when the estimate has moved: once each axis is known, and before."""
+AGAIN = 16
+"""Part of the ring that must have come before it is taken in anew."""
 FIRST = 16
 """Least number of cycles between attempts to find a first reference."""
 MISMATCH = 4.0
@@ -64,12 +67,12 @@ def replay(
         if progress is not None:
             progress((run.at - cycles.start) / (cycles.stop - cycles.start))
         end = run.at + (min(max(BLOCK, (run.at - run.moved) // 2), LONGEST) if started else BLOCK)
-        before, (run, taken) = run, regression.take(run, min(end, cycles.stop))
+        before, (run, taken), far = run, regression.take(run, min(end, cycles.stop)), None
         if not started:
             rows.append(Rows.untold(taken))
         else:
             posed = regression.posed(before, taken)
-            far = regression.astray(before, posed)
+            far = regression.astray(before, posed) if _may_move(before, ring) else None
             if far is not None:
                 # the estimate has moved too far to go on about the one before: the block ends here
                 end, posed = before.at + far + 1, posed.first(far + 1)
@@ -81,8 +84,10 @@ def replay(
         target: Reference | None = None
         if started:
             run = ring[-1] = regression.improved(run)
-            if not regression.stands(run):
+            if _may_move(run, ring) and not regression.stands(run):
                 target = run.estimate
+            elif far is not None:
+                run = ring[-1] = replace(run, moved=run.at)  # it has not moved after all: not asked again at once
         elif run.at >= due:
             # at due times only, in proportion, so that a long quiet stretch doesn't cost its square
             due = run.at + max(FIRST, (run.at - cycles.start) // 200)
@@ -97,6 +102,19 @@ def replay(
     return _history(samples, cycles, phase, vehicle, Rows.joined(rows), run.estimate if started else None)
 
 
+def _may_move(run: Run, ring: list[Run]) -> bool:
+    """Whether enough has come since the reference was moved for the ring to be taken in anew: no cycle shall cost many times its own."""
+    return run.at - run.moved >= (run.at - ring[0].at) // AGAIN
+
+
+class Settled(NamedTuple):
+    """An off-line fit; its rows are not causal."""
+
+    history: History
+    stands: bool
+    """Whether another pass would change nothing."""
+
+
 def settle(
     samples: Samples,
     cycles: slice,
@@ -104,27 +122,28 @@ def settle(
     reference: Reference,
     vehicle: Vehicle,
     consider: Consider = Consider(),  # noqa: B008
-) -> History:
+    passes: int = SETTLINGS,
+) -> Settled:
     """The off-line fit: the whole phase at hand, from ``reference`` on.
 
-    Repeated about its own last estimate until that stands still, which is Gauss–Newton on the likelihood of all data; its rows are not
-    causal.
+    Repeated about its own last estimate until that stands still, or so many ``passes``: Gauss–Newton on the likelihood of all data.
     """
     regression = Regression(samples, cycles, vehicle, consider)
     bound = False
-    for _ in range(SETTLINGS):
+    for _ in range(passes):
         run, taken = replace(regression.begin(reference), bound=bound), []
         while run.at < cycles.stop:
             then, part = regression.take(run, min(run.at + WHOLE, cycles.stop))
             taken.append((run, part))
             run = then
         run = regression.improved(run)
-        if run.bound == bound and regression.stands(run, SETTLED):
+        stands = run.bound == bound and regression.stands(run, SETTLED)
+        if stands:
             break
         reference, bound = run.estimate, run.bound
     about = [(replace(before, estimate=run.estimate, bound=run.bound), part) for before, part in taken]
     rows = Rows.joined([regression.rows(before, part, regression.posed(before, part)) for before, part in about])
-    return _history(samples, cycles, phase, vehicle, rows, run.estimate)
+    return Settled(_history(samples, cycles, phase, vehicle, rows, run.estimate), stands)
 
 
 @dataclass(frozen=True)

@@ -93,5 +93,5 @@ def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, ma
     flight, found = plain(4)
     history, true = found.histories[0], flight.truth[0, 0]
     far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
-    again = estimate.settle(found.samples, history.cycles, history.phase, far, found.vehicle)
+    again = estimate.settle(found.samples, history.cycles, history.phase, far, found.vehicle).history
     assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1

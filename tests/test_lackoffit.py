@@ -24,7 +24,7 @@ PHASE = Phase(name="all", start_s=0.0, end_s=99.0)
 def settled(samples: Samples, used: Vehicle, cycles: slice = CYCLES) -> History:
     true = faulty.truth("free-flyer")
     inertia = true[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3)
-    return estimate.settle(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), used)
+    return estimate.settle(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), used).history
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +110,6 @@ def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
     phase = used.phases[1]
     cycles = phase_cycles(phase, samples.executed.end_s, samples.executed.usable)
     true = flown.truth[0][1]
-    history = estimate.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used)
+    history = estimate.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used).history
     np.testing.assert_array_equal(innovation_test(history, samples), np.ones(6))
     np.testing.assert_array_equal(hidden_error(history, samples, used), np.zeros(10))

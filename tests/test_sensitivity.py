@@ -35,7 +35,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     samples = Timing(delay, 0.0).of(found.log, used)
     (history,) = found.settled
     assert history.reference is not None
-    moved: Array = estimate.settle(samples, history.cycles, history.phase, history.reference, used).values[-1]
+    moved: Array = estimate.settle(samples, history.cycles, history.phase, history.reference, used).history.values[-1]
     return moved
 
 
