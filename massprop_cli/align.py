@@ -31,6 +31,8 @@ class Channels:
 
     rising: Array
     whole: Array
+    wrench: Array
+    """(C, 6) torque about O and force of each at full thrust."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
     )
     bin_s = (per_cycle / bins)[:, None, None]
     rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
-    channels = Channels(frozen(rising), frozen(integral.sum(1)))
+    channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench)
     return Aligned(
         start_s=frozen(start),
         duration_s=frozen(per_cycle),

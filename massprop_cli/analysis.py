@@ -15,7 +15,7 @@ import numpy as np
 from massprop_cli import columns, diagnose, estimate, noise, thesis, timing, vehicle
 from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
-from massprop_cli.assumptions import Assumption, assumptions
+from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
 from massprop_cli.compensate import Samples
 from massprop_cli.conclude import Conclusion, conclude, contradicted
 from massprop_cli.contradict import SATURATED, Fault, by_faults, by_known, by_misfit, by_no_body, mended_log, together
@@ -75,6 +75,8 @@ class Analysis:
     """(6,) of each phase: by how much too small the sigmas of each channel are."""
     mended: tuple[MendedAnswer, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
+    examination: Examined | None = None
+    """What each assumption does to the off-line fits; None by another method, and where there is none."""
 
 
 def analyse(
@@ -100,11 +102,10 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
         return replace(again, source=source, notices=(*(fault.notice for fault in faults if fault.change_s is not None), *again.notices))
     mended = [answer for fault in _distinct(faults) if (answer := _mended(found, fault, say)) is not None]
     judged = _judged(found, faults, mended)
-    say("what the numbers rest on", 1.0)
     return replace(judged, assumptions=_assumptions(judged))
 
 
-def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check_timing: bool = True) -> Analysis:
+def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, estimates: before anything is held against anything."""
     detected = _found_timing(log, source, say)
     used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
@@ -116,14 +117,31 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     if stated.estimator.refine and settled:
         histories = tuple(settled)
     conclusions = tuple(conclude(history, used) for history in histories)
-    if detected is None and settled and check_timing:
+    examination = None
+    if settled and check:
+        say("what the numbers rest on", 1.0)
+        examination = examined(log, used, used_timing, samples, settled)
+    if detected is None and examination is not None:
         say("checking the delay", 1.0)
-        detected = _checked_timing(log, _undisturbed(used, stated), settled, used_timing)
+        detected = _checked_timing(log, used, stated, settled, used_timing, examination)
         notices = timing.mismatch(used_timing.delay, detected, fits=not notices) + notices
     found = (*log.notices, *notices, *(n for h in histories for n in h.notices))
     judged = tuple(settled) or histories
     return Analysis(
-        log, source, used, stated, samples, used_timing, detected, histories, judged, conclusions, None, found, tuple(assignments)
+        log,
+        source,
+        used,
+        stated,
+        samples,
+        used_timing,
+        detected,
+        histories,
+        judged,
+        conclusions,
+        None,
+        found,
+        tuple(assignments),
+        examination=examination,
     )
 
 
@@ -168,7 +186,8 @@ def _faults(found: Analysis, say: Progress) -> list[Fault]:
         return faults
     say("looking for the cause", 1.0)
     pieces = [history.cycles for history in found.histories]
-    explained = diagnose.diagnose(found.log, _undisturbed(found.vehicle, found.stated), found.timing.delay, pieces)
+    channels = [] if found.examination is None else found.examination.likeliest_channels()
+    explained = diagnose.diagnose(found.log, _undisturbed(found.vehicle, found.stated), found.timing.delay, pieces, channels)
     return [Fault(e.notice, e.cure, e.change_s) for e in explained]
 
 
@@ -189,7 +208,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
             source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
         else:
             source = replace(source, vehicle=vehicle.changed(source.vehicle, cure.settings))
-        again = _judged(_estimated(log, source, (), say, check_timing=False), [], [])
+        again = _judged(_estimated(log, source, (), say, check=False), [], [])
     except InputError:
         return None
     return MendedAnswer(fault, (*cure.settings, *_column_settings(found, cure)), again.conclusions)
@@ -233,9 +252,9 @@ def _judged(found: Analysis, faults: Sequence[Fault], mended: Sequence[MendedAns
 
 
 def _assumptions(found: Analysis) -> tuple[Assumption, ...]:
-    if found.vehicle.estimator.method != "default":
+    if found.examination is None:
         return ()
-    return assumptions(found.log, found.vehicle, found.timing, found.samples, found.settled, found.conclusions)
+    return assumptions(found.examination, found.log, found.vehicle, found.samples, found.settled, found.conclusions)
 
 
 def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
@@ -296,12 +315,22 @@ def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | Non
     return found
 
 
-def _checked_timing(log: Log, used: Vehicle, settled: Sequence[History], stated: Timing) -> Found | None:
-    """What the log says of a stated delay; None where nothing is known of the vehicle to tell it by."""
+def _checked_timing(
+    log: Log, used: Vehicle, stated: Vehicle, settled: Sequence[History], at: Timing, examination: Examined
+) -> Found | None:
+    """What the log says of a stated delay; None where nothing is known of the vehicle to tell it by.
+
+    Where the noise that is stated explains the log, and the delay is off by little if at all, the examination has it already.
+    """
     known = [(history.cycles, history.reference) for history in settled if history.reference is not None]
+    plain, later = _undisturbed(used, stated), examination.delay()
+    if later is not None and plain == used and abs(later[0]) < timing.MISMATCH[0] and at.delay + later[0] >= 0:
+        rows = 6 * sum(cycles.stop - cycles.start for cycles, _ in known)
+        scale = max(later[2] / rows, 1.0)
+        return timing.near(at, later[0], later[1] * scale**0.5, later[2] / rows, later[3] / rows)
     if not known:
         return None
-    return timing.detect(log, used, [cycles for cycles, _ in known], stated, ["delay"], [reference for _, reference in known])
+    return timing.detect(log, plain, [cycles for cycles, _ in known], at, ["delay"], [reference for _, reference in known])
 
 
 def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:

@@ -1,4 +1,4 @@
-"""The array type, and freezing arrays that a stage hands on."""
+"""The array type, freezing arrays that a stage hands on, and the factorisation that all square-root forms share."""
 
 from __future__ import annotations
 
@@ -16,3 +16,9 @@ def frozen(array: Array) -> Array:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def triangle_of(rows: Array) -> Array:
+    """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
+    upper = np.linalg.qr(rows, mode="r")
+    return np.asarray(upper)

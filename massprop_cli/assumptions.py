@@ -17,13 +17,11 @@ from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
 from massprop_cli.compensate import Samples, compensate
 from massprop_cli.conclude import Conclusion
-from massprop_cli.diagnose import thrust_columns
-from massprop_cli.estimate import Response, respond
-from massprop_cli.fit import Extra
+from massprop_cli.estimate import respond
 from massprop_cli.history import History
-from massprop_cli.linearise import MU, lifted
-from massprop_cli.plant import Reference
-from massprop_cli.sensitivity import Side, Variant, fed, late
+from massprop_cli.linearise import MU
+from massprop_cli.regression import Response
+from massprop_cli.sensitivity import Consider, Side, Variant, late
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
@@ -71,23 +69,61 @@ class _Taken:
     size: float
 
 
+@dataclass(frozen=True)
+class Examined:
+    """What is taken for granted, and what each of it does to each phase."""
+
+    taken: tuple[_Taken, ...]
+    responses: tuple[Response | None, ...]
+    """To one unit of each, then of each channel's thrust; None of a phase without a reference."""
+
+    def delay(self) -> tuple[float, float, float, float] | None:
+        """By how many cycles commands come later than read, its sigma, and chi-square before and after; None where nothing tells."""
+        at = next((i for i, t in enumerate(self.taken) if t.code == "command-delay"), None)
+        grams = [response.gram[np.ix_([0, at + 1], [0, at + 1])] for response in self.responses if response is not None and at is not None]
+        if not grams or not sum(gram[1, 1] for gram in grams) > 0:
+            return None
+        (before, cross), (_, own) = np.sum(grams, 0)
+        return float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own)
+
+    def likeliest_channels(self) -> list[int]:
+        """Command channels, first the one whose own thrust explains most of what is left of the log."""
+        grams = [response.gram for response in self.responses if response is not None]
+        if not grams:
+            return []
+        gram = np.sum(grams, 0)
+        first = 1 + len(self.taken)
+        own = np.diag(gram)[first:]
+        explained = np.where(own > 0, gram[0, first:] ** 2 / np.maximum(own, np.finfo(float).tiny), 0.0)
+        return [int(i) for i in np.argsort(-explained, kind="stable")]
+
+
+def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History]) -> Examined:
+    """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``."""
+    taken = tuple(_taken(log, vehicle, timing, samples))
+    consider = Consider(tuple(t.variant for t in taken), thrust=True)
+    responses = [
+        None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
+    ]
+    return Examined(taken, tuple(responses))
+
+
 def assumptions(
-    log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History], conclusions: Sequence[Conclusion]
+    found: Examined, log: Log, vehicle: Vehicle, samples: Samples, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
-    """All of a log; noise levels must be set in ``vehicle``. Without a reference in any phase only what needs none."""
-    taken = list(_taken(log, vehicle, timing, samples))
-    found = _thrust_scale(vehicle, conclusions)
-    effects: list[list[Effect]] = [[] for _ in taken]
-    for history, conclusion in zip(settled, conclusions, strict=True):
-        if history.reference is None:
+    """All of a log. Without a reference in any phase only what needs none."""
+    listed = _thrust_scale(vehicle, conclusions)
+    effects: list[list[Effect]] = [[] for _ in found.taken]
+    for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):
+        if response is None:
             continue
-        extra, fired = thrust_columns(log, vehicle, samples, history.cycles, history.reference)
-        response = _response(vehicle, samples, history, history.reference, [t.variant for t in taken], extra)
-        for i, (of_one, t) in enumerate(zip(effects, taken, strict=True)):
+        for i, (of_one, t) in enumerate(zip(effects, found.taken, strict=True)):
             step = t.size * (np.arange(response.shift.shape[1]) == i)
             of_one.append(_effect(history, conclusion, vehicle, response, step))
-        found += _mass_thrust(log, vehicle, history, conclusion, response, fired)
-    return (*found, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in zip(taken, effects, strict=True) if e))
+        fired = (samples.executed.channels.whole[history.cycles] != 0).any(0)
+        listed += _mass_thrust(log, vehicle, history, conclusion, response, fired)
+    told = zip(found.taken, effects, strict=True)
+    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
@@ -106,18 +142,6 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
     message = "mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen"
     said = f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
     return [Assumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
-
-
-def _response(
-    vehicle: Vehicle, samples: Samples, history: History, reference: Reference, variants: Sequence[Variant], thrust: Extra
-) -> Response:
-    """What one unit of each variant does to one phase, and then of each channel's thrust."""
-    cycles = history.cycles
-    driven, measured = fed(lifted(samples, cycles, reference, vehicle), samples, cycles, reference, vehicle, variants)
-    growth = np.zeros((*driven.shape[:2], thrust.growth.shape[2]))
-    growth[:, :3] = thrust.growth
-    force = np.concatenate([np.zeros_like(thrust.force), -thrust.force], 1)
-    return respond(samples, cycles, reference, vehicle, np.concatenate([driven, growth], -1), np.concatenate([measured, force], -1))
 
 
 def _mass_thrust(

@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.align import align, channel_wrench
+from massprop_cli import change
+from massprop_cli.align import Aligned, align, channel_wrench
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
 from massprop_cli.compensate import Samples, compensate
 from massprop_cli.errors import InputError
 from massprop_cli.fit import PASSES, Extra, Fit, fit
-from massprop_cli.linearise import linearise
-from massprop_cli.plant import Reference, plant_of
+from massprop_cli.sensitivity import thrust_columns
 from massprop_cli.start import first_reference
 from massprop_cli.telemetry import Log, Notice
 from massprop_cli.vehicle import Vehicle
@@ -33,9 +33,12 @@ EXPLAINED = 0.1
 """A supposition is named if it leaves at most this part of the misfit ..."""
 REMAINS = 3.0
 """... and no more than this over what noise explains: a wandering torque is fitted better by many a wrong supposition."""
-ROUGH_PASSES, FINALISTS = 3, 3
-SHORTEST, SPLITS = 40, 16
-"""Least cycles on each side of a sudden change, and how many moments are tried first."""
+ROUGH, ROUGH_PASSES = 400, 3
+"""Cycles and passes of a first try."""
+SUSPECTS = 4
+"""Jets that are tried, one alone."""
+PROMISING, FINALISTS = 0.5, 3
+"""Part of the misfit that it may leave there, and how many are tried again with care."""
 NOISE_RATIO = 2.0
 """Another unit leaves a variance within this factor of the stated noise's."""
 FACTOR_PRIOR = 1.0
@@ -87,8 +90,11 @@ class Explanation:
         return Notice(self.code, self.message)
 
 
-def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice]) -> list[Explanation]:
-    """What explains the misfit of the piece that fits worst, if anything does. Noise levels must be set in ``vehicle``."""
+def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice], channels: Sequence[int] = ()) -> list[Explanation]:
+    """What explains the misfit of the piece that fits worst, if anything does. Noise levels must be set in ``vehicle``.
+
+    ``channels`` are the command channels that are likeliest at fault, in this order; without any, each jet is tried.
+    """
     pieces = [slice(piece.start, min(piece.stop, piece.start + LONGEST)) for piece in pieces]
     fits = [_tried(log, Supposition("", "", vehicle), delay_cycles, piece) for piece in pieces]
     misfits = [np.inf if found is None else found.chi_square - 1 for found in fits]
@@ -97,9 +103,11 @@ def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[s
     if misfit <= MISFIT - 1:
         return []
     allowed = 1 + min(EXPLAINED * misfit, REMAINS)
-    found = _fitting(log, list(_suppositions(vehicle)), delay_cycles, piece, allowed)
+    found = _fitting(log, vehicle, list(_suppositions(vehicle)), delay_cycles, piece, allowed)
     if not found:
-        found = _fitting(log, list(_single_jets(vehicle)), delay_cycles, piece, allowed)
+        found = _fitting(
+            log, vehicle, list(_single_jets(vehicle, channels[:SUSPECTS] or range(len(vehicle.jets)))), delay_cycles, piece, allowed
+        )
     if not found:
         found = [e for e in _change(log, vehicle, delay_cycles, piece) if e.chi_square <= allowed]
     if not found and stated is not None:  # factors are many changes: they are asked only where no single one does it
@@ -107,16 +115,32 @@ def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[s
     return [min(found, key=lambda e: (e.chi_square, e.message))] if found else []
 
 
-def _fitting(log: Log, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, allowed: float) -> list[Explanation]:
-    """Those that explain the misfit: all are tried roughly, the best again with care."""
-    rough = [(_tried(log, s, delay_cycles, piece, ROUGH_PASSES), s) for s in supposed]
-    best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None))[:FINALISTS]
-    careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best]
+def _fitting(
+    log: Log, vehicle: Vehicle, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, allowed: float
+) -> list[Explanation]:
+    """Those that explain the misfit: all are tried roughly on a stretch, the best again with care."""
+    busiest = _busiest(log, piece)
+    aligned = align(log, vehicle, delay_cycles)
+    stated = _tried(log, Supposition("", "", vehicle), delay_cycles, busiest, ROUGH_PASSES, aligned)
+    least = np.inf if stated is None else PROMISING * stated.chi_square
+    rough = [
+        (_tried(log, s, delay_cycles, busiest, ROUGH_PASSES, aligned if s.vehicle.jets == vehicle.jets else None), s) for s in supposed
+    ]
+    best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None and found.chi_square <= least))
+    careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best[:FINALISTS]]
     return [
         Explanation(f.chi_square, s.code, s.message, Cure(s.settings, s.gyro, s.accel))
         for f, s in careful
         if f is not None and _explains(f, s, allowed)
     ]
+
+
+def _busiest(log: Log, piece: slice) -> slice:
+    """The ``ROUGH`` cycles of a piece in which most is commanded."""
+    effort = np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
+    total = np.concatenate([[0.0], np.cumsum(effort.sum(1))])
+    first = piece.start + int(np.argmax(total[ROUGH:] - total[:-ROUGH])) if len(total) > ROUGH else piece.start
+    return slice(first, min(first + ROUGH, piece.stop))
 
 
 def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
@@ -130,44 +154,38 @@ def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
 
 
 def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> list[Explanation]:
-    """The best moment for a sudden change of the mass properties: each side fitted on its own, moments tried ever more closely."""
-    stated = Supposition("", "", vehicle)
-    samples = _samples(log, stated, delay_cycles)
-    if samples is None or piece.stop - piece.start < 4 * SHORTEST:
+    """The likeliest moment for a sudden change of the mass properties, each side fitted on its own."""
+    samples = _samples(log, Supposition("", "", vehicle), delay_cycles)
+    reference = None if samples is None else first_reference(samples, piece, vehicle)
+    if samples is None or reference is None:
         return []
-    first, last = piece.start + SHORTEST, piece.stop - SHORTEST
-    step = max((last - first) // SPLITS, 1)
-    tried = {k: _sides(samples, piece, k, vehicle, ROUGH_PASSES) for k in range(first, last + 1, step)}
-    while step > 1:
-        best, reach = min(tried, key=lambda k: tried[k]), step
-        step = max(step // 4, 1)
-        near = range(max(best - reach, first), min(best + reach, last) + 1, step)
-        tried |= {k: _sides(samples, piece, k, vehicle, ROUGH_PASSES) for k in near if k not in tried}
-    best = min(tried, key=lambda k: tried[k])
+    best = change.likeliest(samples, piece, reference, vehicle)
+    if best is None:
+        return []
     time = round(float(samples.executed.start_s[best]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
         "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
     )
     cure = Cure(("estimator.split_on_change=true",))
-    return [Explanation(_sides(samples, piece, best, vehicle, PASSES), "mass-change", message, cure, time)]
+    return [Explanation(_sides(samples, piece, best, vehicle), "mass-change", message, cure, time)]
 
 
-def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle, passes: int) -> float:
+def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle) -> float:
     """Chi-square of two bodies, one before cycle ``at`` and one from it on."""
     total = 0.0
     for side in (slice(piece.start, at), slice(at, piece.stop)):
         reference = first_reference(samples, side, vehicle)
-        found = None if reference is None else fit(samples, side, reference, vehicle, passes=passes)
+        found = None if reference is None else fit(samples, side, reference, vehicle)
         if found is None:
             return float(np.inf)
         total += found.chi_square * (side.stop - side.start)
     return float(total / (piece.stop - piece.start))
 
 
-def _single_jets(vehicle: Vehicle) -> Iterator[Supposition]:
-    """Each jet mounted the other way round, and each jet dead."""
-    for i, jet in enumerate(vehicle.jets):
+def _single_jets(vehicle: Vehicle, suspects: Sequence[int]) -> Iterator[Supposition]:
+    """Each of these jets mounted the other way round, and each dead."""
+    for i, jet in ((i, vehicle.jets[i]) for i in suspects if vehicle.jets):
         for code, f, words in (
             ("jet-sign", -1.0, "pushes the other way than the vehicle file says; mend its force_n"),
             ("jet-dead", 0.0, "does not push at all; look at its valve and wiring"),
@@ -212,19 +230,22 @@ def _right_angles() -> list[Array]:
     return found
 
 
-def _tried(log: Log, supposed: Supposition, delay_cycles: float, piece: slice, passes: int = PASSES) -> Fit | None:
-    """The fit under a supposition; None where it makes no body at all."""
-    samples = _samples(log, supposed, delay_cycles)
+def _tried(
+    log: Log, supposed: Supposition, delay_cycles: float, piece: slice, passes: int = PASSES, aligned: Aligned | None = None
+) -> Fit | None:
+    """The fit under a supposition; None where it makes no body at all. ``aligned``: the log's commands, if the same are supposed."""
+    samples = _samples(log, supposed, delay_cycles, aligned)
     if samples is None:
         return None
     reference = first_reference(samples, piece, supposed.vehicle)
     return None if reference is None else fit(samples, piece, reference, supposed.vehicle, passes=passes)
 
 
-def _samples(log: Log, supposed: Supposition, delay_cycles: float) -> Samples | None:
-    scaled = replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * supposed.gyro, delta_v_imu_m_s=log.delta_v_imu_m_s * supposed.accel)
+def _samples(log: Log, supposed: Supposition, delay_cycles: float, aligned: Aligned | None = None) -> Samples | None:
     try:
-        return compensate(align(scaled, supposed.vehicle, delay_cycles), supposed.vehicle)
+        read = aligned or align(log, supposed.vehicle, delay_cycles)
+        rate, force = read.rate_imu_rad_s * supposed.gyro, read.specific_force_imu_m_s2 * supposed.accel
+        return compensate(replace(read, rate_imu_rad_s=rate, specific_force_imu_m_s2=force), supposed.vehicle)
     except InputError:
         return None
 
@@ -238,7 +259,8 @@ def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stat
     for _ in range(FACTOR_STEPS):
         aligned = align(used, tried, delay_cycles)
         samples = compensate(aligned, tried)
-        extra, fired = thrust_columns(used, tried, samples, piece, found.reference)
+        growth, force = thrust_columns(samples, piece, found.reference, tried)
+        extra, fired = Extra(growth, force, FACTOR_PRIOR), (samples.executed.channels.whole[piece] != 0).any(0)
         step = fit(samples, piece, found.reference, tried, extra, passes=0)
         if step is None:
             break
@@ -283,22 +305,6 @@ def _common(factor: Array, fired: BoolArray, wrench: Array) -> Array:
         if (kind & fired).any():
             common[kind] = np.median(factor[kind & fired]) or 1.0
     return common
-
-
-def thrust_columns(log: Log, vehicle: Vehicle, samples: Samples, piece: slice, reference: Reference) -> tuple[Extra, BoolArray]:
-    """What each channel's own part of the thrust does, per unit of its relative change; and which channels fire in ``piece``."""
-    rising, whole = samples.executed.channels.rising[piece], samples.executed.channels.whole[piece]
-    duration = samples.executed.duration_s[piece, None, None]
-    plant = plant_of(vehicle)
-    wrench = channel_wrench(log, vehicle)
-    moment = (wrench @ plant.jet_moment(reference).T).T
-    to_rate = linearise(samples, piece, reference, vehicle).moment_to_rate
-    window = rising[:-1] + (whole - rising)[1:]
-    growth = (to_rate @ moment) * window[:, None, :]
-    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
-    turning = np.linalg.solve(reference.inertia, moment)
-    push = reference.mu * wrench[:, 3:].T + np.cross(turning.T, arm).T
-    return Extra(growth, push * whole[:, None, :] / duration, FACTOR_PRIOR), (whole != 0).any(0)
 
 
 def _forces(vehicle: Vehicle, jets: Sequence[int]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ needed, and the cost of a cycle does not grow with the log.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +17,13 @@ import numpy as np
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
 from massprop_cli.history import History
-from massprop_cli.lift import Lift
 from massprop_cli.linearise import MU, natural_sizes
 from massprop_cli.observability import excitation, observable
-from massprop_cli.plant import Reference, plant_of
+from massprop_cli.plant import Reference
 from massprop_cli.posterior import alone, discrepancies, quantities
-from massprop_cli.regression import Regression, Rows, Run, filtered, known_rows, ordered, triangle_of, unknown_beginnings
+from massprop_cli.regression import Regression, Response, Rows
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback, first_reference
-from massprop_cli.system import prior, system_of
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase, Vehicle
 
@@ -33,8 +31,8 @@ BLOCK, LONGEST = 16, 128
 """Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
 RING, LEARNING = 256, 1024
 """Cycles that are taken in anew when the estimate has moved: once each axis is known, and before."""
-AGAIN = 16
-"""Part of the ring that must have come before it is taken in anew."""
+AGAIN = 8
+"""How often, on the average, a cycle may be taken in anew."""
 FIRST = 16
 """Least number of cycles between attempts to find a first reference."""
 MISMATCH = 4.0
@@ -61,7 +59,7 @@ def replay(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     run = regression.begin(fallback(vehicle))
-    started, due = False, cycles.start + FIRST
+    started, due, spare = False, cycles.start + FIRST, LEARNING
     ring, rows = [run], []
     while run.at < cycles.stop:
         if progress is not None:
@@ -72,9 +70,10 @@ def replay(
             rows.append(Rows.untold(taken))
         else:
             posed = regression.posed(before, taken)
-            far = regression.astray(before, posed) if _may_move(before, ring) else None
+            far = regression.astray(before, posed) if spare >= 0 else None
             if far is not None:
                 # the estimate has moved too far to go on about the one before: the block ends here
+                spare -= run.at - before.at - far - 1
                 end, posed = before.at + far + 1, posed.first(far + 1)
                 run, taken = regression.take(before, end)
             rows.append(regression.rows(before, taken, posed))
@@ -84,27 +83,22 @@ def replay(
         target: Reference | None = None
         if started:
             run = ring[-1] = regression.improved(run)
-            if _may_move(run, ring) and not regression.stands(run):
+            if spare >= 0 and not regression.stands(run):
                 target = run.estimate
-            elif far is not None:
-                run = ring[-1] = replace(run, moved=run.at)  # it has not moved after all: not asked again at once
         elif run.at >= due:
             # at due times only, in proportion, so that a long quiet stretch doesn't cost its square
             due = run.at + max(FIRST, (run.at - cycles.start) // 200)
             target = first_reference(samples, slice(cycles.start, run.at), vehicle)
             if target is not None:
                 ring = [replace(one, centre=target) for one in ring]
+        spare += AGAIN * (run.at - before.at)
         if target is not None:
+            spare -= run.at - ring[0].at
             ring = regression.again(ring, target)
             run, started = ring[-1], True
         if started:
             rows[-1] = rows[-1].ending(*regression.row(run))
     return _history(samples, cycles, phase, vehicle, Rows.joined(rows), run.estimate if started else None)
-
-
-def _may_move(run: Run, ring: list[Run]) -> bool:
-    """Whether enough has come since the reference was moved for the ring to be taken in anew: no cycle shall cost many times its own."""
-    return run.at - run.moved >= (run.at - ring[0].at) // AGAIN
 
 
 class Settled(NamedTuple):
@@ -146,39 +140,13 @@ def settle(
     return Settled(_history(samples, cycles, phase, vehicle, rows, run.estimate), stands)
 
 
-@dataclass(frozen=True)
-class Response:
-    """What one unit of each of e assumptions would have changed."""
-
-    shift: Array
-    """(10, e) of the state parameters at the end."""
-    misfit: Array
-    """(e, e) Gram matrix of what it would leave in the whitened innovations: its diagonal is chi-square for one unit."""
-
-
-def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, driven: Array, measured: Array) -> Response:
-    """One pass about ``reference`` that carries derivatives of drive (K − 1, n, e) and of measurements (K, 6, e)."""
-    lift = Lift(plant_of(vehicle))
-    theta = lift.theta(reference)
-    _, slopes = lift.coefficients(theta)
-    scale = vehicle.estimator.prior_scale * lift.sizes(theta)
-    system = system_of(samples, cycles, reference, vehicle)
-    padded = np.zeros((*system.drive.shape[:2], driven.shape[2]))
-    padded[:, : driven.shape[1]] = driven
-    system = replace(
-        system,
-        drive=np.concatenate([system.drive[..., :1], system.drive[..., 1:] @ (slopes * scale), padded], -1),
-        measured=np.concatenate([system.measured[..., :1], system.measured[..., 1:] @ (slopes * scale), measured], -1),
-    )
-    before = prior(samples, vehicle)
-    _, taken = filtered(unknown_beginnings(before, system), system, new=True)
-    free = int((before > 0).sum())
-    rows = np.delete(ordered(taken.white, 10, free), free + 10, 1)
-    own = slice(free, free + 10)
-    triangle = triangle_of(np.vstack([known_rows(before, rows.shape[1]), np.eye(10, rows.shape[1], free), rows]))
-    shift = scale[:, None] * np.linalg.solve(triangle[own, own], triangle[own, own.stop :])
-    left = triangle[own.stop :, own.stop :]
-    return Response(lift.slopes(theta) @ shift, left.T @ left)
+def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> Response:
+    """What each assumption does, about ``reference``."""
+    regression = Regression(samples, cycles, vehicle, consider)
+    run = replace(regression.begin(reference), bound=True)
+    while run.at < cycles.stop:
+        run, _ = regression.take(run, min(run.at + WHOLE, cycles.stop))
+    return regression.response(run)
 
 
 def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: Rows, reference: Reference | None) -> History:

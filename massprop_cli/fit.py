@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.arrays import Array, triangle_of
 from massprop_cli.compensate import Samples
 from massprop_cli.linearise import PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.plant import Reference
@@ -105,26 +105,24 @@ def _about(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
         return None
     rows, target = stacked
     sigma = np.concatenate([_prior(layout, reference, vehicle), np.full(count, extra.sigma if extra else 1.0)])
-    mean = np.zeros(layout.size + count)
-    mean[PARAMETERS], mean[RATE] = parameters(reference), samples.rate_rad_s[cycles.start]
-    state, root = _solved(rows, target, mean, sigma)
-    channels = ((target - rows @ state).reshape(-1, 6) ** 2).mean(0)
-    held = sigma.copy()
-    held[PARAMETERS] = 0.0
-    standing = ((target - rows @ _solved(rows, target, mean, held)[0]) ** 2).mean()
+    state = np.zeros(layout.size + count)
+    state[PARAMETERS], state[RATE] = parameters(reference), samples.rate_rad_s[cycles.start]
+    left = target - rows @ state
+    # mass properties last, so that the same factorisation gives all else with these held
+    free = np.concatenate([np.flatnonzero(sigma[PARAMETERS.stop :]) + PARAMETERS.stop, np.arange(*PARAMETERS.indices(len(sigma)))])
+    others, size = len(free) - 10, len(free)
+    scaled = rows[:, free] * sigma[free]
+    prior = np.eye(size, size + 1)
+    triangle = triangle_of(np.vstack([np.column_stack([scaled, left]), prior]))
+    held = np.linalg.solve(triangle[:others, :others], triangle[:others, size])
+    step = np.linalg.solve(triangle[:size, :size], triangle[:size, size])
+    standing = ((left - scaled[:, :others] @ held) ** 2).mean()
+    channels = ((left - scaled @ step).reshape(-1, 6) ** 2).mean(0)
+    state[free] += sigma[free] * step
+    root = np.zeros((len(state), size))
+    root[free] = sigma[free][:, None] * np.linalg.inv(triangle[:size, :size])
     tail = root[layout.size :]
     return Fit(reference, float(channels.mean()), float(standing), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
-
-
-def _solved(rows: Array, target: Array, mean: Array, sigma: Array) -> tuple[Array, Array]:
-    """The state that fits best under a prior, and a root of its covariance; what has no sigma stays at its mean."""
-    free = sigma > 0
-    unit = np.eye(int(free.sum()))
-    basis, triangle = np.linalg.qr(np.vstack([rows[:, free] * sigma[free], unit]))
-    state, root = mean.copy(), np.zeros((len(mean), len(unit)))
-    state[free] += sigma[free] * np.linalg.solve(triangle, basis[: len(rows)].T @ (target - rows @ mean))
-    root[free] = np.linalg.inv(triangle) * sigma[free][:, None]
-    return state, root
 
 
 def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Array, Array] | None:

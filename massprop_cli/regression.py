@@ -1,10 +1,8 @@
 """All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
 
-The response is linear in the coefficients φ of :mod:`massprop_cli.lift` whatever the mass properties are. A small square-root Kalman
-filter follows what is not of interest (the rate itself, biases, slow torques, tilt) for all of φ at once: its mean has a column for each
-coefficient, and for each state's own unknown beginning, so its innovations are ``w + W φ``, white and of unit variance (P. de Jong, The
-diffuse Kalman filter, Annals of Statistics 19, 1991). Their rows are kept as the triangle of an orthogonal factorisation. The ten values
-are a few Gauss–Newton steps on that triangle.
+The response is linear in the coefficients φ of :mod:`massprop_cli.lift` whatever the mass properties are, so what a small filter on all
+else (:mod:`massprop_cli.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the triangle of
+an orthogonal factorisation. The ten values are a few Gauss–Newton steps on that triangle.
 
 Until an axis has been driven, noise in the measured rates looks like what its inertia would do through the gyroscopic coupling. So that
 coupling, J Γ(I), stays free of the inertia until the commands alone tell each axis' response.
@@ -16,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.arrays import Array, BoolArray, triangle_of
 from massprop_cli.compensate import Samples
-from massprop_cli.kalman import State, predict, update
-from massprop_cli.lift import Lift
+from massprop_cli.lift import MOMENT, Lift
 from massprop_cli.linearise import RATE, Layout
+from massprop_cli.nuisance import Nuisances, Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.sensitivity import Consider
 from massprop_cli.system import System, drift, prior, system_of
@@ -69,22 +67,25 @@ class Run:
     """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
     moved: int
     """The cycle at which the reference was last moved."""
-    state: State | None
+    state: Nuisances | None
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
-    """(M, M + 1 + e): the part of the whitened rows that tells the M = m + N unknown beginnings and φ; measured, and by assumptions."""
+    """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
 
 
 @dataclass(frozen=True)
-class Taken:
-    """What K cycles brought."""
+class Response:
+    """What one unit of each of e assumptions would have changed."""
 
-    white: Array
-    """(K, 6, 1 + N + e + m) whitened innovations, a column for each of the state's."""
-    root: Array
-    """(K, 6, 6) their root."""
-    states: tuple[State, ...]
-    """After each cycle, where mass properties drift."""
+    shift: Array
+    """(10, e) of the state parameters at the end."""
+    gram: Array
+    """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
+
+    @property
+    def misfit(self) -> Array:
+        """(e, e) of the assumptions among themselves: the diagonal is chi-square for one unit."""
+        return self.gram[1:, 1:]
 
 
 @dataclass(frozen=True)
@@ -150,9 +151,10 @@ class Regression:
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        size = self.free + self.lift.size
-        known = known_rows(self.prior, size + 1 + len(self.consider.variants))
-        triangle = np.vstack([known, np.zeros((size - len(known), known.shape[1]))])
+        assumed = len(self.consider.variants) + self.consider.thrust * len(self.samples.executed.channels.wrench)
+        size = self.free + self.lift.size + 1 + assumed
+        known = known_rows(self.prior, size)
+        triangle = np.vstack([known, np.zeros((size - len(known), size))])
         return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
 
     def take(self, run: Run, end: int) -> tuple[Run, Taken]:
@@ -177,11 +179,11 @@ class Regression:
     def _system(self, first: int, end: int, reference: Reference) -> System:
         """Of the cycles from ``first`` on, with the step that leads into it."""
         cycles = slice(max(first - 1, self.cycles.start), end)
-        return system_of(self.samples, cycles, reference, self.vehicle, self.consider.variants)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider)
 
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
         state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
-        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))[: len(run.triangle)]
+        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
         return replace(run, at=end, state=state, triangle=triangle), taken
 
     def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
@@ -296,6 +298,15 @@ class Regression:
         theta = self.lift.theta(run.estimate)
         return theta, self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
 
+    def response(self, run: Run) -> Response:
+        """What each assumption does to the estimate and to the fit."""
+        theta, scale = self._about(run)
+        triangle, own = self._posed(run, theta, scale), self._nuisances(run.bound)
+        end = own + 10
+        shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
+        left = triangle[end:, end:]
+        return Response(self.lift.slopes(theta) @ shift, left.T @ left)
+
     def posed(self, before: Run, taken: Taken) -> Posed:
         """A block's rows about the estimate before it, and the triangle after each of its cycles."""
         theta, scale = self._about(before)
@@ -345,7 +356,7 @@ class Regression:
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance))
 
-    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[State, ...]) -> tuple[Array, Array]:
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[Nuisances, ...]) -> tuple[Array, Array]:
         """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
@@ -357,22 +368,32 @@ class Regression:
         mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
         slopes = _curved(at, sigma)[..., None] * slopes
         root, shift = slopes @ root, slopes @ step[..., 1:]
-        covariance = root @ root.transpose(0, 2, 1)
+        apart = slopes * self._split(run, at, sigma)[:, None, :]
+        covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
         if states and drift(self.vehicle).any():
             # what has drifted since the beginning is a state, affine in φ and in the states' beginnings
             given = np.stack([state.mean[-10:] for state in states])
             by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
-            apart = given[..., 1 + self.lift.size : given.shape[2] - self.free]
-            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], apart], -1), theta, scale, run.bound)
+            assumed = given[..., 1 + self.lift.size : given.shape[2] - self.free]
+            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], assumed], -1), theta, scale, run.bound)
             among = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
             moved = among @ triangles[..., count + 10 :]
             mean = mean + moved[..., 0] - affine[..., count + 10]
-            shift = shift + moved[..., 1:] + apart
+            shift = shift + moved[..., 1:] + assumed
             among[..., count:] += root
-            covariance = among @ among.transpose(0, 2, 1) + np.stack([state.root[-10:] @ state.root[-10:].T for state in states])
-        if self.consider.variants:
+            drifted = np.stack([state.covariance[-10:, -10:] for state in states])
+            covariance = among @ among.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1) + drifted
+        if self.consider.covariance.any():
+            shift = shift[..., : len(self.consider.covariance)]
             covariance = covariance + shift @ self.consider.covariance @ shift.transpose(0, 2, 1)
         return mean, covariance
+
+    def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
+        """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
+        relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
+        found = np.zeros_like(theta)
+        found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
+        return found
 
 
 def _curved(theta: Array, sigma: Array) -> Array:
@@ -384,55 +405,3 @@ def _curved(theta: Array, sigma: Array) -> Array:
     for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
         found[:, k] = factor[:, i] * factor[:, j]
     return found
-
-
-def known_rows(sigma: Array, columns: int) -> Array:
-    """(m, columns) rows that say what is known of the states' beginnings."""
-    return np.diag(1 / sigma[sigma > 0]) @ np.eye(int((sigma > 0).sum()), columns)
-
-
-def unknown_beginnings(sigma: Array, system: System) -> State:
-    """The states in a phase's first cycle: what is unknown of them is a column of its own."""
-    own = np.eye(len(sigma))[:, sigma > 0]
-    mean = np.concatenate([np.zeros((len(sigma), system.measured.shape[2])), own], 1)
-    return State(mean, np.zeros((len(sigma), len(sigma))))
-
-
-def ordered(white: Array, size: int, free: int) -> Array:
-    """Whitened innovations (K, 6, 1 + N + e + m) as rows (6 K, m + N + 1 + e) of unknowns, then what is measured, then assumptions."""
-    rows = white.reshape(-1, white.shape[2])
-    return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
-
-
-def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
-    """The filter on the nuisances through a system, from the state in its first cycle; that is measured too where it is ``new``."""
-    given = system.measured.shape[2]
-    if system.process is None:
-        # nothing is uncertain but the beginnings, which are columns: the filter gains nothing on the way
-        means = np.empty((len(system.measured), *state.mean.shape))
-        means[0] = mean = state.mean
-        for k, (transition, drive) in enumerate(zip(system.transition, system.drive, strict=True)):
-            mean = transition @ mean
-            mean[:, :given] += drive
-            means[k + 1] = mean
-        left = -system.observation @ means
-        left[..., :given] += system.measured
-        white = np.linalg.solve(system.noise, left)
-        return State(mean, state.root), Taken(white[not new :], system.noise[not new :], ())
-    whites, roots, states = [], [], []
-    beginnings = np.zeros((max(6, len(state.mean)), state.mean.shape[1] - given))
-    for k in range(0 if new else 1, len(system.measured)):
-        if k > 0:
-            drive = np.hstack([system.drive[k - 1], beginnings[: len(state.mean)]])
-            state = predict(state, system.transition[k - 1], drive, system.process[k - 1])
-        state, innovation = update(state, np.hstack([system.measured[k], beginnings[:6]]), system.observation[k], system.noise[k])
-        whites.append(innovation.normalised)
-        roots.append(innovation.root)
-        states.append(state)
-    return state, Taken(np.stack(whites), np.stack(roots), tuple(states))
-
-
-def triangle_of(rows: Array) -> Array:
-    """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
-    upper = np.linalg.qr(rows, mode="r")
-    return np.asarray(upper)

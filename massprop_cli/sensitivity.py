@@ -8,7 +8,6 @@ S. F. Schmidt 1966), without being estimated from the log a second time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,24 +50,48 @@ class Consider:
 
     variants: tuple[Variant, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: bool = False
+    """Whether each command channel's own thrust follows, per unit of its relative change; it adds nothing to the covariance."""
 
 
-def fed(
-    here: Lifted, samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, variants: Sequence[Variant]
-) -> tuple[Array, Array]:
-    """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each variant, at the reference and the measured rates."""
+def fed(here: Lifted, samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
+    """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each assumption, at the reference and the measured rates."""
     state = np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = samples.rate_rad_s[cycles] - reference.gyro_bias
     driven, measured = [], []
     read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
-    for variant in variants:
+    for variant in consider.variants:
         for side in (variant.low, variant.high):
             if id(side) not in read:
                 read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle)
         low, high = read[id(variant.low)], read[id(variant.high)]
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
+    if consider.thrust:
+        growth, force = thrust_columns(samples, cycles, reference, vehicle, here)
+        drive, seen = np.zeros((len(growth), state.shape[1], growth.shape[2])), np.zeros((len(force), 6, force.shape[2]))
+        drive[:, :3], seen[:, 3:] = growth, -force
+        driven.extend(np.moveaxis(drive, -1, 0))
+        measured.extend(np.moveaxis(seen, -1, 0))
     return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def thrust_columns(
+    samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted | None = None
+) -> tuple[Array, Array]:
+    """What each channel's own part of the thrust does, per unit of its relative change.
+
+    (K − 1, 3, C) growth of the rate and (K, 3, C) specific force. ``here`` is the response of ``cycles`` where it is at hand.
+    """
+    to_rate = (here or lifted(samples, cycles, reference, vehicle)).moment_to_rate
+    channels, plant = samples.executed.channels, plant_of(vehicle)
+    rising, whole = channels.rising[cycles], channels.whole[cycles]
+    moment = plant.jet_moment(reference) @ channels.wrench.T
+    growth = (to_rate @ moment) * (rising[:-1] + (whole - rising)[1:])[:, None, :]
+    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
+    turning = np.linalg.solve(reference.inertia, moment)
+    push = reference.mu * channels.wrench[:, 3:].T + np.cross(turning.T, arm).T
+    return growth, push * whole[:, None, :] / samples.executed.duration_s[cycles, None, None]
 
 
 def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:

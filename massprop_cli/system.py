@@ -7,7 +7,6 @@ states.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from massprop_cli.compensate import Samples
 from massprop_cli.lift import Lift
 from massprop_cli.linearise import MU, RATE, Layout, Lifted, lifted
 from massprop_cli.plant import Reference, plant_of
-from massprop_cli.sensitivity import Variant, fed
+from massprop_cli.sensitivity import Consider, fed
 from massprop_cli.vehicle import Vehicle
 
 STEADY = 1e3
@@ -56,12 +55,12 @@ class System:
         )
 
 
-def system_of(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, variants: Sequence[Variant] = ()) -> System:
+def system_of(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> System:
     """The system of ``cycles`` about ``reference``. Noise levels must be set in ``vehicle``."""
     free = lifted(samples, cycles, reference, vehicle)
     drive, measured = free.drive, free.measured
-    if variants:
-        driven, seen = fed(free, samples, cycles, reference, vehicle, variants)
+    if consider.variants or consider.thrust:
+        driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation
     roots, noise = _noise(samples, cycles, reference, vehicle, free)

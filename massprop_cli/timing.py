@@ -114,6 +114,13 @@ def detect(
     return Found(now, sigma, found.after, before, found.correlation) if (found.sigmas < limits).all() else None
 
 
+def near(stated: Timing, later: float, sigma: float, before: float, after: float) -> Found | None:
+    """A delay ``later`` than stated by so many cycles, ± ``sigma``; None where the log can't tell."""
+    if not SHARPEST < sigma < PRIOR / 2:
+        return None
+    return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before)
+
+
 def mismatch(stated: float, found: Found | None, fits: bool) -> list[Notice]:
     """A warning if the log contradicts the stated delay, from which ``found`` was sought.
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, estimate, noise, regression
+from massprop_cli import QUANTITIES, estimate, noise, nuisance, regression
 from massprop_cli.arrays import Array
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.regression import Regression
@@ -78,7 +78,7 @@ def test_what_is_kept_does_not_grow_with_the_log() -> None:
     for end in (50, 150, 320):
         run, _ = one.take(run, end)
         assert run.state is not None
-        sizes.append((run.triangle.shape, run.state.mean.shape, run.state.root.shape))
+        sizes.append((run.triangle.shape, run.state.mean.shape, run.state.covariance.shape))
     assert len(set(sizes)) == 1
 
 
@@ -110,7 +110,7 @@ def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     run, kept = one.begin(about), []
     for end in (20, 90, 91, 200, 320):
         run, taken = one.take(run, end)
-        kept.append(regression.ordered(taken.white, one.lift.size, one.free))
+        kept.append(nuisance.ordered(taken.white, one.lift.size, one.free))
     rows = np.vstack([one.begin(about).triangle, *kept])
     size = one.free + one.lift.size
     scale = np.sqrt((rows[:, :size] ** 2).sum(0))

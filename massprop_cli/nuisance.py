@@ -1,0 +1,101 @@
+"""A small Kalman filter on what is not of interest: the rate itself, biases, slow torques, tilt.
+
+It runs for all coefficients φ of :mod:`massprop_cli.lift` at once. Its mean has a column for the log itself, for each coefficient, for each
+assumption considered, and for each state's own unknown beginning; so its innovations are affine in all of these, white and of unit
+variance (P. de Jong, The diffuse Kalman filter, Annals of Statistics 19, 1991). Since beginnings are columns, the covariance holds
+only what the process noise adds, and starts at zero; Joseph's form keeps it positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.system import System
+
+
+class Nuisances(NamedTuple):
+    """Of n states, after a cycle."""
+
+    mean: Array
+    """(n, 1 + N + e + m): a column for each column of the system, and for each unknown beginning."""
+    covariance: Array
+    """(n, n)"""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What K cycles brought."""
+
+    white: Array
+    """(K, 6, 1 + N + e + m) whitened innovations, a column for each of the state's."""
+    root: Array
+    """(K, 6, 6) their lower-triangular root."""
+    states: tuple[Nuisances, ...]
+    """After each cycle, where there is process noise."""
+
+
+def known_rows(sigma: Array, columns: int) -> Array:
+    """(m, columns) rows that say what is known of the states' beginnings."""
+    return np.diag(1 / sigma[sigma > 0]) @ np.eye(int((sigma > 0).sum()), columns)
+
+
+def unknown_beginnings(sigma: Array, system: System) -> Nuisances:
+    """The states in a phase's first cycle: what is unknown of them is a column of its own."""
+    own = np.eye(len(sigma))[:, sigma > 0]
+    mean = np.concatenate([np.zeros((len(sigma), system.measured.shape[2])), own], 1)
+    return Nuisances(mean, np.zeros((len(sigma), len(sigma))))
+
+
+def ordered(white: Array, size: int, free: int) -> Array:
+    """Whitened innovations (K, 6, 1 + N + e + m) as rows (6 K, m + N + 1 + e) of unknowns, then what is measured, then assumptions."""
+    rows = white.reshape(-1, white.shape[2])
+    return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
+
+
+def filtered(state: Nuisances, system: System, new: bool) -> tuple[Nuisances, Taken]:
+    """The filter through a system, from the state in its first cycle; that is measured too where it is ``new``."""
+    if system.process is None:
+        return _known_motion(state, system, new)
+    given, first = system.measured.shape[2], int(not new)
+    process = system.process @ system.process.transpose(0, 2, 1)
+    noise = system.noise @ system.noise.transpose(0, 2, 1)
+    unit = np.eye(len(state.mean))
+    left = np.empty((len(noise), 6, state.mean.shape[1]))
+    root, states = np.empty_like(noise), []
+    for k in range(first, len(noise)):
+        mean, covariance = state
+        if k > 0:
+            transition = system.transition[k - 1]
+            mean = transition @ mean
+            mean[:, :given] += system.drive[k - 1]
+            covariance = transition @ covariance @ transition.T + process[k - 1]
+        observation = system.observation[k]
+        shared = observation @ covariance
+        spread = shared @ observation.T + noise[k]
+        root[k] = np.linalg.cholesky(spread)
+        gain = np.linalg.solve(spread, shared).T
+        left[k] = -observation @ mean
+        left[k, :, :given] += system.measured[k]
+        kept = unit - gain @ observation
+        state = Nuisances(mean + gain @ left[k], kept @ covariance @ kept.T + gain @ noise[k] @ gain.T)
+        states.append(state)
+    return state, Taken(np.linalg.solve(root[first:], left[first:]), root[first:], tuple(states))
+
+
+def _known_motion(state: Nuisances, system: System, new: bool) -> tuple[Nuisances, Taken]:
+    """The same where nothing is uncertain but the beginnings, which are columns: nothing is gained on the way."""
+    given, first = system.measured.shape[2], int(not new)
+    means = np.empty((len(system.measured), *state.mean.shape))
+    means[0] = mean = state.mean
+    for k, (transition, drive) in enumerate(zip(system.transition, system.drive, strict=True)):
+        mean = transition @ mean
+        mean[:, :given] += drive
+        means[k + 1] = mean
+    left = -system.observation @ means
+    left[..., :given] += system.measured
+    white = np.linalg.solve(system.noise, left)
+    return Nuisances(mean, state.covariance), Taken(white[first:], system.noise[first:], ())
