@@ -21,6 +21,8 @@ from massprop_cli.vehicle import Jet, Vehicle
 
 TOUCHING = 1e-3
 """Pulses closer than this part of a cycle are one: a jet held on does not fall and rise between cycles."""
+CANCELLED = 1e-12
+"""Part of what each channel makes alone below which their sum is rounding."""
 LAGS_FORGOTTEN = 5.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began."""
 
@@ -109,10 +111,10 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
         rate_imu_rad_s=frozen(log.delta_theta_imu_rad.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
         specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz.reshape(-1, records, 4)[:, -1],
-        impulse_bins=frozen(integral @ wrench),
-        skew_bins=frozen((moment / bin_s - integral / 2) @ wrench),
-        rising=frozen(rising @ wrench),
-        falling=frozen((channels.whole - rising) @ wrench),
+        impulse_bins=frozen(_net(integral, wrench)),
+        skew_bins=frozen(_net(moment / bin_s - integral / 2, wrench)),
+        rising=frozen(_net(rising, wrench)),
+        falling=frozen(_net(channels.whole - rising, wrench)),
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
         capability=wrench if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)],
@@ -123,6 +125,13 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
     """(C, 6) torque about O and force of each command channel at full: jets, or the components of a wrench."""
     return vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
+
+
+def _net(part: Array, wrench: Array) -> Array:
+    """(..., 6) what channels (..., C) make together; nothing where they cancel but for rounding."""
+    found: Array = part @ wrench
+    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
+    return found
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

@@ -23,6 +23,7 @@ from massprop_cli.diagnose import Cure
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
 from massprop_cli.history import History, phase_cycles
+from massprop_cli.plant import Reference
 from massprop_cli.sensitivity import Consider, late
 from massprop_cli.start import first_reference
 from massprop_cli.tablefile import read_table
@@ -34,6 +35,8 @@ ROUNDS = 8
 """How often disturbances may be raised until the innovations are explained."""
 SIZING = 2
 """Passes of an off-line fit that disturbances are sized by."""
+BEGINNING, LONGER = 1024, 4
+"""Cycles that a long phase is fitted over first, and how many times as many come next."""
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""
@@ -377,6 +380,7 @@ def _fitted(
     references = [first_reference(samples, cycles, used) for cycles in pieces]
     excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
     used = noise.with_disturbances(samples, pieces, excess, used)
+    references = [_led_up(samples, piece, phase, r, used.in_phase(phase)) for (phase, piece), r in zip(phases, references, strict=True)]
     passes = SIZING
     for _ in range(ROUNDS):
         fits = [
@@ -392,6 +396,16 @@ def _fitted(
             passes = estimate.SETTLINGS
         used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
     return used, [None if fit is None else fit.history for fit in fits], excess
+
+
+def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
+    """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
+    length = BEGINNING
+    while reference is not None and length * LONGER <= cycles.stop - cycles.start:
+        begun = slice(cycles.start, cycles.start + length)
+        reference = estimate.settle(samples, begun, phase, reference, vehicle, passes=SIZING).history.reference
+        length *= LONGER
+    return reference
 
 
 def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:

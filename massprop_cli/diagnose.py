@@ -122,7 +122,7 @@ def _fitting(
     busiest = _busiest(log, piece)
     aligned = align(log, vehicle, delay_cycles)
     stated = _tried(log, Supposition("", "", vehicle), delay_cycles, busiest, ROUGH_PASSES, aligned)
-    least = np.inf if stated is None else PROMISING * stated.chi_square
+    least = np.inf if stated is None else 1 + PROMISING * (stated.chi_square - 1)
     rough = [
         (_tried(log, s, delay_cycles, busiest, ROUGH_PASSES, aligned if s.vehicle.jets == vehicle.jets else None), s) for s in supposed
     ]

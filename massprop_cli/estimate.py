@@ -38,7 +38,7 @@ FIRST = 16
 MISMATCH = 4.0
 """A known quantity further than this many sigmas from the log's own estimate is pointed out."""
 SETTLED = 0.003
-"""... and of the off-line fit."""
+"""Largest second-order error of what is linear about the reference, in sigmas, of an off-line fit that stands still."""
 SETTLINGS = 8
 """Most passes of the off-line fit."""
 WHOLE = 512

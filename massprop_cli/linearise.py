@@ -2,14 +2,15 @@
 
 Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.align`):
 
-    I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = plant's moment about the CG − ω × I ω
+    I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
 
 Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.lift` (:func:`lifted`). The products of rates in it come
-from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt from the commands; because the rate is a state
-(derivatives ``into``/``out of`` below) the gyroscopic term works on the rate that is estimated, and noise in the measured one enters to
-second order only.
+from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt from the commands in a few bins: their means, first
+moments and variances count, so that the error is of the fourth order in a bin's length. Because the rate is a state (derivatives
+``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the measured one enters to second
+order only.
 
-Translation. The accelerometer feels ``plant's force + ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
+Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
 
 :func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
 then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
@@ -35,6 +36,8 @@ from massprop_cli.vehicle import Vehicle
 PARAMETERS = slice(0, 10)
 INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
 RATE = slice(10, 13)
+STEEP = 0.5
+"""Largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step."""
 _REFINEMENTS = 3
 """Passes that rebuild the motion within a cycle; each gains a factor of rate × cycle."""
 
@@ -138,9 +141,11 @@ def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: L
     motion = Motion(impulse / bin_s, np.broadcast_to(mean[:, None], shape), np.zeros(shape), np.broadcast_to(up_start[:, None], shape))
     ups = up_start, up_start
     for _ in range(_REFINEMENTS):
-        rate_dot = times(response, _channels(lift, motion.wrench, motion.up, products(motion.rate)))
+        coupled = times(response[:, -6:], products(motion.rate))
+        coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
+        rate_dot = times(response[:, :-6], _channels(lift, motion.wrench, motion.up)) + coupled
         # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
-        late = times(response, _channels(lift, skew, np.zeros(shape), np.zeros((*shape[:2], 6)), motion.up))
+        late = times(response[:, :-6], _channels(lift, skew, np.zeros(shape), motion.up))
         if on_bearing:
             rate_dot = rate_dot + _swing(theta, motion)
         change = np.cumsum(rate_dot * bin_s, 1)
@@ -171,16 +176,15 @@ def _response(reference: Reference, lift: Lift, theta: Array) -> Array:
     return made
 
 
-def _channels(lift: Lift, wrench: Array, up: Array, second: Array, level_of: Array | None = None) -> Array:
-    """(K, B, C) what Φ multiplies in each bin: wrench (K, B, 6), vertical (K, B, 3), products of rates (K, B, 6).
+def _channels(lift: Lift, wrench: Array, up: Array, level_of: Array | None = None) -> Array:
+    """(K, B, C − 6) what Φ multiplies in each bin but products of rates: of wrench (K, B, 6) and vertical (K, B, 3).
 
     ``level_of`` is the vertical that says what is level, if it is not ``up``.
     """
+    if not isinstance(lift.plant, BearingBody):
+        return wrench
     torque, force = wrench[..., :3], wrench[..., 3:]
-    if isinstance(lift.plant, BearingBody):
-        level = _level(up if level_of is None else level_of, force)
-        return np.concatenate([torque - cross(lift.plant.bearing, force), up, level, second], -1)
-    return np.concatenate([wrench, second], -1)
+    return np.concatenate([torque - cross(lift.plant.bearing, force), up, _level(up if level_of is None else level_of, force)], -1)
 
 
 def _level(up: Array, v: Array) -> Array:
@@ -241,7 +245,7 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
     # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
     mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
-    leaving, entering = (response[:, -6:] @ products_by_rate(part) for part in (mean.rising[:-1], mean.falling[1:]))
+    leaving, entering = (_bounded(response[:, -6:] @ products_by_rate(part)) for part in (mean.rising[:-1], mean.falling[1:]))
     solve = np.linalg.inv(np.eye(3) - entering)
     to_rate = solve @ inverse
     states = layout.size - RATE.start
@@ -282,6 +286,20 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     return Lifted(transition, drive, observation, measured, to_rate, steps)
 
 
+def _bounded(derivative: Array) -> Array:
+    """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
+    size = np.sqrt((derivative**2).sum((1, 2)))
+    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
+    return found
+
+
+def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:
+    """(K, B, 1) part of the gyroscopic coupling that changes the rate by no more than ``STEEP`` of itself within a cycle."""
+    most, change = (np.sqrt((v**2).sum(-1, keepdims=True)) for v in (STEEP * rate, coupled * cycle_s))
+    found: Array = most / np.maximum(np.maximum(most, change), np.finfo(float).tiny)
+    return np.where(change > most, found, 1.0)
+
+
 def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
     """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
     plant, executed, motion = lift.plant, samples.executed, within.motion
@@ -294,7 +312,8 @@ def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within
     if isinstance(plant, BearingBody):
         lateness[:, 3:6] = (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12
         lateness[:, 6:9] = _level(motion.up, executed.skew_bins[cycles][..., 3:]).sum(1)
-    rising, _, whole = windows(_channels(lift, motion.wrench, motion.up, second), bin_s, lateness)
+    multiplied = np.concatenate([_channels(lift, motion.wrench, motion.up), second], -1)
+    rising, _, whole = windows(multiplied, bin_s, lateness)
     # the commands' own, exactly
     jets = np.concatenate([executed.rising[cycles], executed.impulse[cycles]], -1).reshape(len(duration), 2, 6)
     if isinstance(plant, BearingBody):

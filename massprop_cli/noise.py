@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.arrays import Array, median
 from massprop_cli.compensate import Samples, acceleration
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
@@ -62,7 +62,7 @@ def white_level(signal: Array, cycles: Sequence[slice]) -> float:
         for start in range(0, max(len(differences) - 15, 1), 8):
             block = differences[start : start + 16]
             if len(block):
-                found.append(np.median(np.abs(block)) / 0.6745)
+                found.append(median(np.abs(block)) / 0.6745)
     return float(np.percentile(found, 20)) if found else 0.0
 
 
@@ -148,7 +148,7 @@ def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) ->
 def _stated_growth(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
     """(3,) variance of the rate's growth per cycle that the stated disturbance torque and pulse errors cause, (rad/s)²."""
     inverse = np.linalg.inv(reference.inertia)
-    impulse = vehicle.environment.disturbance_torque_n_m * float(np.median(samples.executed.duration_s[cycles]))
+    impulse = vehicle.environment.disturbance_torque_n_m * median(samples.executed.duration_s[cycles])
     covariance = impulse**2 * np.eye(3)
     if samples.executed.pulse_covariance is not None:
         moment = plant_of(vehicle).jet_moment(reference)
@@ -228,7 +228,7 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
         e = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
         near, far = (((e[lag:] - e[:-lag]) ** 2).mean() for lag in LAGS)
         walk = (far - near) / (LAGS[1] - LAGS[0])
-        gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / float(np.median(duration)) ** 2
+        gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / median(duration) ** 2
         walks.append(walk)
         whites.append(near - LAGS[0] * walk - 2 * gyro)
     if not walks:

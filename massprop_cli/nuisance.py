@@ -1,29 +1,20 @@
-"""A small Kalman filter on what is not of interest: the rate itself, biases, slow torques, tilt.
+"""A small square-root Kalman filter on what is not of interest: the rate itself, biases, slow torques, tilt.
 
 It runs for all coefficients φ of :mod:`massprop_cli.lift` at once. Its mean has a column for the log itself, for each coefficient, for each
 assumption considered, and for each state's own unknown beginning; so its innovations are affine in all of these, white and of unit
 variance (P. de Jong, The diffuse Kalman filter, Annals of Statistics 19, 1991). Since beginnings are columns, the covariance holds
-only what the process noise adds, and starts at zero; Joseph's form keeps it positive.
+only what the process noise adds, and starts at zero.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.arrays import Array
+from massprop_cli.kalman import State, predict, update
 from massprop_cli.system import System
-
-
-class Nuisances(NamedTuple):
-    """Of n states, after a cycle."""
-
-    mean: Array
-    """(n, 1 + N + e + m): a column for each column of the system, and for each unknown beginning."""
-    covariance: Array
-    """(n, n)"""
 
 
 @dataclass(frozen=True)
@@ -34,7 +25,7 @@ class Taken:
     """(K, 6, 1 + N + e + m) whitened innovations, a column for each of the state's."""
     root: Array
     """(K, 6, 6) their lower-triangular root."""
-    states: tuple[Nuisances, ...]
+    states: tuple[State, ...]
     """After each cycle, where there is process noise."""
 
 
@@ -43,11 +34,11 @@ def known_rows(sigma: Array, columns: int) -> Array:
     return np.diag(1 / sigma[sigma > 0]) @ np.eye(int((sigma > 0).sum()), columns)
 
 
-def unknown_beginnings(sigma: Array, system: System) -> Nuisances:
+def unknown_beginnings(sigma: Array, system: System) -> State:
     """The states in a phase's first cycle: what is unknown of them is a column of its own."""
     own = np.eye(len(sigma))[:, sigma > 0]
     mean = np.concatenate([np.zeros((len(sigma), system.measured.shape[2])), own], 1)
-    return Nuisances(mean, np.zeros((len(sigma), len(sigma))))
+    return State(mean, np.zeros((len(sigma), len(sigma))))
 
 
 def ordered(white: Array, size: int, free: int) -> Array:
@@ -56,37 +47,25 @@ def ordered(white: Array, size: int, free: int) -> Array:
     return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
 
 
-def filtered(state: Nuisances, system: System, new: bool) -> tuple[Nuisances, Taken]:
+def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
     """The filter through a system, from the state in its first cycle; that is measured too where it is ``new``."""
     if system.process is None:
         return _known_motion(state, system, new)
-    given, first = system.measured.shape[2], int(not new)
-    process = system.process @ system.process.transpose(0, 2, 1)
-    noise = system.noise @ system.noise.transpose(0, 2, 1)
-    unit = np.eye(len(state.mean))
-    left = np.empty((len(noise), 6, state.mean.shape[1]))
-    root, states = np.empty_like(noise), []
-    for k in range(first, len(noise)):
-        mean, covariance = state
+    white, root, states = [], [], []
+    own = state.mean.shape[1] - system.measured.shape[2]
+    # nothing drives or measures the columns of the unknown beginnings
+    drive, measured = (np.concatenate([part, np.zeros((*part.shape[:2], own))], -1) for part in (system.drive, system.measured))
+    for k in range(int(not new), len(measured)):
         if k > 0:
-            transition = system.transition[k - 1]
-            mean = transition @ mean
-            mean[:, :given] += system.drive[k - 1]
-            covariance = transition @ covariance @ transition.T + process[k - 1]
-        observation = system.observation[k]
-        shared = observation @ covariance
-        spread = shared @ observation.T + noise[k]
-        root[k] = np.linalg.cholesky(spread)
-        gain = np.linalg.solve(spread, shared).T
-        left[k] = -observation @ mean
-        left[k, :, :given] += system.measured[k]
-        kept = unit - gain @ observation
-        state = Nuisances(mean + gain @ left[k], kept @ covariance @ kept.T + gain @ noise[k] @ gain.T)
+            state = predict(state, system.transition[k - 1], drive[k - 1], system.process[k - 1])
+        state, innovation = update(state, measured[k], system.observation[k], system.noise[k])
+        white.append(innovation.normalised)
+        root.append(innovation.root)
         states.append(state)
-    return state, Taken(np.linalg.solve(root[first:], left[first:]), root[first:], tuple(states))
+    return state, Taken(np.stack(white), np.stack(root), tuple(states))
 
 
-def _known_motion(state: Nuisances, system: System, new: bool) -> tuple[Nuisances, Taken]:
+def _known_motion(state: State, system: System, new: bool) -> tuple[State, Taken]:
     """The same where nothing is uncertain but the beginnings, which are columns: nothing is gained on the way."""
     given, first = system.measured.shape[2], int(not new)
     means = np.empty((len(system.measured), *state.mean.shape))
@@ -98,4 +77,4 @@ def _known_motion(state: Nuisances, system: System, new: bool) -> tuple[Nuisance
     left = -system.observation @ means
     left[..., :given] += system.measured
     white = np.linalg.solve(system.noise, left)
-    return Nuisances(mean, state.covariance), Taken(white[first:], system.noise[first:], ())
+    return State(mean, state.root), Taken(white[first:], system.noise[first:], ())

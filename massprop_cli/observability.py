@@ -20,25 +20,25 @@ _RANK = 1e-9
 def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> BoolArray:
     """(10,) whether any motion of this vehicle informs each quantity (thesis eq. 3.17: rank of the stacked regressors).
 
-    Random motions, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it does not
-    enter the null space of what they show.
+    Motions without a pattern, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it
+    does not enter the null space of what they show.
     """
-    rng = np.random.default_rng(0)
-    wrench = rng.standard_normal((_MOTIONS, len(capability))) @ capability if len(capability) else np.zeros((_MOTIONS, 6))
+    drawn = _patternless(len(capability) + 6)
+    wrench = drawn[:, 6:] @ capability if len(capability) else np.zeros((_MOTIONS, 6))
     torque, force = wrench[:, :3], wrench[:, 3:]
     size = np.abs(torque).max() or 1.0
-    rate = rng.standard_normal((_MOTIONS, 3)) * np.sqrt(size / np.trace(reference.inertia))
+    rate = drawn[:, :3] * np.sqrt(size / np.trace(reference.inertia))
     rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
     spin = cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate)
     gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
     if vehicle.estimator.method == "thesis":
-        reaction = gravity / reference.mu * _directions(rng)
+        reaction = gravity / reference.mu * _directions(drawn[:, 3:6])
         rows = np.concatenate([torque_regressor(rate, rate_dot, force + reaction), (force * reference.mu)[..., None]], -1)
         rows = np.concatenate([rows, np.zeros((_MOTIONS, 3, 10))], 1)
         rows[:, 3:, 9] = rows[:, :3, 9]
         rows[:, :3, 9] = 0.0
     else:
-        load = force if not vehicle.on_air_bearing else (gravity * _directions(rng) + force * reference.mu) / reference.mu
+        load = force if not vehicle.on_air_bearing else (gravity * _directions(drawn[:, 3:6]) + force * reference.mu) / reference.mu
         inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
         rows = np.zeros((_MOTIONS, 6, 10))
         rows[:, :3, :6], rows[:, :3, 6:9] = inertia, -cross_matrix(load)
@@ -47,8 +47,13 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> Boo
     return _in_row_space(rows.reshape(-1, 10))
 
 
-def _directions(rng: np.random.Generator) -> Array:
-    found = rng.standard_normal((_MOTIONS, 3))
+def _patternless(columns: int) -> Array:
+    """(motions, columns) numbers between −1 and 1 of which no column follows from others: incommensurate waves."""
+    return np.cos(np.outer(np.arange(1, _MOTIONS + 1), np.sqrt(np.arange(columns) + 0.5)))
+
+
+def _directions(found: Array) -> Array:
+    """Of length one."""
     unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
     return unit
 

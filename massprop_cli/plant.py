@@ -1,4 +1,4 @@
-"""What acts on the rotating body, free or on an air bearing, and what the accelerometer then feels.
+"""What acts on the rotating body, free or on an air bearing.
 
 Both environments say which moment the commands make for a reference (I, c, mu = 1/m), about which centre (the CG, or the bearing), and what
 an attitude error does to the moment and to the specific force there. How motion and specific force depend on the mass properties is

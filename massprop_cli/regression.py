@@ -16,9 +16,10 @@ import numpy as np
 
 from massprop_cli.arrays import Array, BoolArray, triangle_of
 from massprop_cli.compensate import Samples
+from massprop_cli.kalman import State
 from massprop_cli.lift import MOMENT, Lift
 from massprop_cli.linearise import RATE, Layout
-from massprop_cli.nuisance import Nuisances, Taken, filtered, known_rows, ordered, unknown_beginnings
+from massprop_cli.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.sensitivity import Consider
 from massprop_cli.system import System, drift, prior, system_of
@@ -43,6 +44,8 @@ KNOWN = 0.1
 PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
 """Of its natural size, one sigma of the pull of each of θ towards where the search began: what the data don't tell stays there. What turns
 on a bearing is balanced."""
+GROWN = 100.0
+"""Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STILL = 0.1
@@ -67,7 +70,7 @@ class Run:
     """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
     moved: int
     """The cycle at which the reference was last moved."""
-    state: Nuisances | None
+    state: State | None
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
     """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
@@ -184,7 +187,21 @@ class Regression:
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
         state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
         triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
-        return replace(run, at=end, state=state, triangle=triangle), taken
+        return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
+
+    def _renewed(self, run: Run, system: System) -> Run:
+        """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
+        turn = slice(-self.free, 3 - self.free or None)
+        if run.state is None or system.process is not None or self.vehicle.on_air_bearing:
+            return run
+        if np.abs(run.state.mean[:3, turn]).max() < GROWN:
+            return run
+        # the triangle's first rows alone hold the old beginning; all others are what it leaves
+        triangle = run.triangle.copy()
+        triangle[:3] = known_rows(self.prior, len(triangle))[:3]
+        mean = run.state.mean.copy()
+        mean[:3], mean[:3, turn] = 0.0, np.eye(3)
+        return replace(run, state=State(mean, run.state.root), triangle=triangle)
 
     def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
         """Rows (…, M + 1 + e) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
@@ -356,7 +373,7 @@ class Regression:
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance))
 
-    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[Nuisances, ...]) -> tuple[Array, Array]:
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[State, ...]) -> tuple[Array, Array]:
         """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
@@ -381,7 +398,7 @@ class Regression:
             mean = mean + moved[..., 0] - affine[..., count + 10]
             shift = shift + moved[..., 1:] + assumed
             among[..., count:] += root
-            drifted = np.stack([state.covariance[-10:, -10:] for state in states])
+            drifted = np.stack([state.root[-10:] @ state.root[-10:].T for state in states])
             covariance = among @ among.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1) + drifted
         if self.consider.covariance.any():
             shift = shift[..., : len(self.consider.covariance)]

@@ -137,20 +137,29 @@ class Cells:
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
         import pyarrow as pa
-        import pyarrow.compute as pc
 
         data = self.data.combine_chunks()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
+        converted = data if pa.types.is_float64(data.type) else self._converted(data)
+        # from buffers: to_numpy() and fill_null() would import pandas where it is installed
+        valid, held = converted.buffers()
+        part = slice(converted.offset, converted.offset + len(converted))
+        values = np.frombuffer(held, np.float64)[part]
+        if converted.null_count == 0:
+            return values
+        return np.where(np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[part] == 1, values, np.nan)
+
+    def _converted(self, data: Any) -> Any:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
         if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
             data = pc.utf8_trim_whitespace(data)
         try:
-            converted = data.cast(pa.float64())
-        except (pa.ArrowException, NotImplementedError):
+            return data.cast(pa.float64())
+        except (pa.ArrowException, NotImplementedError):  # the latter from pyarrow, of a type that has no cast
             raise self._no_number(data) from None
-        # from buffers: to_numpy() and fill_null() would import pandas where it is installed
-        values = np.frombuffer(converted.buffers()[1], np.float64)[converted.offset : converted.offset + len(converted)]
-        return np.where(np.from_dlpack(pc.is_valid(converted).cast(pa.uint8())) == 1, values, np.nan)
 
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(data.to_pylist()):

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.arrays import Array, frozen
+from massprop_cli.arrays import Array, frozen, median
 from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATERNION, WRENCH, jet
 from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
@@ -78,7 +78,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     cycles = table.rows // records
     if cycles < 2:
         raise InputError(
-            f"{table.path}: {table.rows} rows of {np.median(interval_s):g} s are not two control cycles of "
+            f"{table.path}: {table.rows} rows of {median(interval_s):g} s are not two control cycles of "
             f"{vehicle.cycle.period_s:g} s; record longer, or mend cycle.period_s"
         )
     n = cycles * records
@@ -168,27 +168,27 @@ def _intervals(source: _Source, time_s: Array) -> tuple[Array, list[Notice]]:
         row = int(back[0]) + 1
         verb = "stands still" if steps[back[0]] == 0 else "goes back"
         raise source.error(row, "time_s", f"time {verb}: {time_s[row]:.9g} s after {time_s[row - 1]:.9g} s; sort or cut the log")
-    median = float(np.median(steps))
-    gap = np.flatnonzero(steps > GAP * median)
+    usual = median(steps)
+    gap = np.flatnonzero(steps > GAP * usual)
     if gap.size:
         row = int(gap[0]) + 1
         raise source.error(
             row,
             "time_s",
-            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {median:.6g} s); split the log there",
+            f"a gap of {steps[gap[0]]:.6g} s after {time_s[row - 1]:.9g} s (median interval {usual:.6g} s); split the log there",
         )
-    long = np.flatnonzero(steps > LONG * median)
+    long = np.flatnonzero(steps > LONG * usual)
     notices = []
     if long.size:
         row = int(long[0]) + 1
         notices.append(
             Notice(
                 "long-interval",
-                f"{long.size} record(s) longer than {LONG:g} times the median interval of {median:.6g} s, the first at "
+                f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
                 f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length",
             )
         )
-    return np.concatenate([[median], steps]), notices
+    return np.concatenate([[usual], steps]), notices
 
 
 def _check_magnitude(source: _Source, names: Sequence[str], rates: Array) -> None:
@@ -200,11 +200,11 @@ def _check_magnitude(source: _Source, names: Sequence[str], rates: Array) -> Non
 
 
 def _records_per_cycle(source: _Source, interval_s: Array, period_s: float) -> int:
-    median = float(np.median(interval_s))
-    records = round(period_s / median)
-    if records < 1 or abs(records * median / period_s - 1) > 0.2:
+    usual = median(interval_s)
+    records = round(period_s / usual)
+    if records < 1 or abs(records * usual / period_s - 1) > 0.2:
         raise InputError(
-            f"{source.table.path}, column {source.name('time_s')}: a median interval of {median:.6g} s does not divide the control "
+            f"{source.table.path}, column {source.name('time_s')}: a median interval of {usual:.6g} s does not divide the control "
             f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
         )
     return records

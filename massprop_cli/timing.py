@@ -44,6 +44,8 @@ SETTLED = 1e-3
 """Cycles."""
 EXPLAINED = 0.5
 """... and if the delay found leaves at most this part of the misfit."""
+HOPELESS = 1e3
+"""Mean squared residual over noise of a log that no delay explains."""
 MISMATCH = (0.1, 5.0)
 """A stated delay is contradicted if it is off by this many cycles and this many sigmas."""
 
@@ -138,8 +140,8 @@ def mismatch(stated: float, found: Found | None, fits: bool) -> list[Notice]:
 
 
 def _unlike(after: float, before: float) -> bool:
-    """Whether a shift makes it hardly better: it is some other fault."""
-    return after - 1 > EXPLAINED * (before - 1)
+    """Whether a shift makes it hardly better, or leaves nearly everything unexplained: it is some other fault."""
+    return after - 1 > EXPLAINED * (before - 1) or after > HOPELESS
 
 
 def search(

@@ -78,7 +78,7 @@ def test_what_is_kept_does_not_grow_with_the_log() -> None:
     for end in (50, 150, 320):
         run, _ = one.take(run, end)
         assert run.state is not None
-        sizes.append((run.triangle.shape, run.state.mean.shape, run.state.covariance.shape))
+        sizes.append((run.triangle.shape, run.state.mean.shape, run.state.root.shape))
     assert len(set(sizes)) == 1
 
 
@@ -133,3 +133,29 @@ def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
     z = np.abs((history.values - flight.TRUTH) / history.sigmas)
     assert np.nanmax(z[:, :6]) < 6
     assert history.sigmas[-1, QUANTITIES.index("izz")] > 0.2 * flight.TRUTH[5]
+
+
+def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
+    flown = flight.standard("free", 320)
+    samples = flown.samples(np.random.default_rng(7))
+    whole = estimate.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    renewed: list[int] = []
+    once = Regression._renewed
+
+    def counted(self: Regression, run: regression.Run, system: System) -> regression.Run:
+        found = once(self, run, system)
+        renewed.extend([run.at] * (found is not run))
+        return found
+
+    monkeypatch.setattr(Regression, "_renewed", counted)
+    monkeypatch.setattr(regression, "GROWN", 0.9)
+    monkeypatch.setattr(estimate, "WHOLE", 32)
+    pieces = estimate.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    assert len(renewed) >= 8
+    assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
+    assert (pieces.sigmas[-1] < 3 * whole.sigmas[-1]).all()
+    assert (np.abs(pieces.values[-1] - whole.values[-1]) < 3 * pieces.sigmas[-1]).all()
+    z = np.abs(pieces.values[-1] - flight.TRUTH) / pieces.sigmas[-1]
+    assert z.max() < 4
+    assert (pieces.normalised[1:] ** 2).mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / pieces.normalised[1:].size))
