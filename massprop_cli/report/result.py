@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli import QUANTITIES, __version__, arrow, assumptions
 from massprop_cli.analysis import Analysis, MendedAnswer, effective_settings, nearest_consistent, physical_note, setting_sources
-from massprop_cli.arrays import Array
+from massprop_cli.arrays import Array, median
 from massprop_cli.compensate import acceleration
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
@@ -272,7 +272,7 @@ def result(analysis: Analysis) -> Result:
             rows=log.rows,
             cycles=log.cycles,
             duration_s=float(aligned.end_s[-1] - aligned.start_s[0]),
-            cycle_s=float(np.median(aligned.duration_s)),
+            cycle_s=median(aligned.duration_s),
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),

@@ -1,0 +1,87 @@
+"""How long an estimate takes and how much memory, against the length of its log, clean and imperfect.
+
+    python benchmarks/engine.py > docs/engine.md
+    python benchmarks/engine.py --longest 72000 > docs/engine.md      # an hour at 20 Hz; flying it takes minutes
+
+The free-flyer scenario, its plan flown again and again. Times are the command's own wall time over that of ``import pandas`` in the same
+run, the least of several, since machines differ and are shared; memory is the largest resident set of the process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from commit import commit
+
+from massprop_cli import __version__
+from massprop_cli.testbed import output, scenario, simulate
+
+LENGTHS = (400, 1200, 4800, 12000, 24000, 72000)
+KINDS = {
+    "clean": (),
+    "a jet's sign flipped": ('actuators.failures=[{jet="yaw_p1", thrust=-1.0}]',),
+    "a torque that nobody stated": ("disturbance.torque_n_m=0.01",),
+}
+RUNS = 3
+
+
+def flown(cycles: int, changes: tuple[str, ...], folder: Path) -> Path:
+    """A log of so many cycles, and where it is."""
+    source = scenario.load("free-flyer", changes)
+    one = source.scenario
+    plan = [
+        segment.model_copy(update={"start_cycle": start + again, "end_cycle": min(end + again, cycles), "start_s": None, "end_s": None})
+        for again in range(0, cycles, one.cycles)
+        for segment in one.plan
+        for start, end in [segment.cycles(one.vehicle.cycle.period_s)]
+        if start + again < cycles
+    ]
+    longer = one.model_copy(update={"plan": tuple(plan), "duration_s": None, "duration_cycles": cycles})
+    output.write(simulate.fly(scenario.ScenarioSource(longer, source.source), [1]), 0, longer, folder)
+    return folder / "log.parquet"
+
+
+def run(command: list[str]) -> tuple[float, float]:
+    """Wall time in s and largest resident set in MB of one run."""
+    started = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, _, used = os.wait4(process.pid, 0)
+    return time.perf_counter() - started, used.ru_maxrss / 1024
+
+
+def least(command: list[str]) -> tuple[float, float]:
+    """The shortest of several runs."""
+    return min(run(command) for _ in range(RUNS))
+
+
+def main() -> None:
+    """One row for each length and kind of log."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--longest", type=int, default=12000, help="cycles")
+    longest = parser.parse_args().longest
+    print("# The estimator's time and memory\n")
+    print(
+        f"Made by `python benchmarks/engine.py > docs/engine.md` at commit {commit()} (massprop {__version__}): `massprop estimate` on the"
+    )
+    print(f"free-flyer scenario flown again and again, least of {RUNS} runs, over `import pandas` in the same run.\n")
+    print("| cycles | log | time / import pandas | time / clean log | memory, MB |\n|--:|---|--:|--:|--:|")
+    with tempfile.TemporaryDirectory() as place:
+        pandas, _ = least([sys.executable, "-c", "import pandas"])
+        for cycles in (length for length in LENGTHS if length <= longest):
+            clean = None
+            for kind, changes in KINDS.items():
+                log = flown(cycles, changes, Path(place) / f"{cycles}-{len(kind)}")
+                command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "--out", str(log.parent / "out"), "-q"]
+                seconds, memory = least(command)
+                clean = clean or seconds
+                print(f"| {cycles} | {kind} | {seconds / pandas:.1f} | {seconds / clean:.1f} | {memory:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
