@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from massprop_cli import columns, diagnose, estimate, noise, thesis, timing, vehicle
+from massprop_cli import columns, diagnose, noise, timing, vehicle
 from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
@@ -22,24 +19,16 @@ from massprop_cli.contradict import SATURATED, Fault, by_faults, by_known, by_mi
 from massprop_cli.diagnose import Cure
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
+from massprop_cli.estimates import Progress, estimates
 from massprop_cli.history import History, phase_cycles
-from massprop_cli.plant import Reference
+from massprop_cli.physical import physical_note
 from massprop_cli.sensitivity import Consider, late
-from massprop_cli.start import first_reference
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.timing import Found, Timing
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
-ROUNDS = 8
-"""How often disturbances may be raised until the innovations are explained."""
-SIZING = 2
-"""Passes of an off-line fit that disturbances are sized by."""
-BEGINNING, LONGER = 1024, 4
-"""Cycles that a long phase is fitted over first, and how many times as many come next."""
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
-Progress = Callable[[str, float], None]
-"""Told the stage and how much of it is done, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +105,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     samples = used_timing.of(log, stated)
     phases = _phases(log, stated, samples.executed)
     consider = _considered(log, stated, used_timing)
-    used, histories, settled, notices = _estimates(samples, phases, stated, consider, say)
+    used, histories, settled, notices = estimates(samples, phases, stated, consider, say)
     if stated.estimator.refine and settled:
         histories = tuple(settled)
     conclusions = tuple(conclude(history, used) for history in histories)
@@ -351,72 +340,6 @@ def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slic
     return found
 
 
-def _estimates(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider, say: Progress
-) -> tuple[Vehicle, tuple[History, ...], list[History], list[Notice]]:
-    """Estimates, and the off-line fits of each phase that they are judged by.
-
-    Noise levels first; off-line fits, with disturbances sized until these explain the log where the stated noise can't; then the
-    estimator once through every phase.
-    """
-    pieces = [cycles for _, cycles in phases]
-    if stated.estimator.method == "thesis":
-        return stated, _thesis(samples, phases, stated), [], []
-    used, notices = noise.with_noise_levels(samples, pieces, stated)
-    used, fits, excess = _fitted(samples, phases, used, consider)
-    histories = tuple(
-        estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
-        for phase, cycles in phases
-    )
-    settled = [history if fit is None else fit for history, fit in zip(histories, fits, strict=True)]
-    return used, histories, settled, notices + noise.disturbance_notices(stated, used, excess)
-
-
-def _fitted(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle, consider: Consider
-) -> tuple[Vehicle, list[History | None], Array]:
-    """The vehicle with disturbances raised until off-line fits explain the log; these, None of a phase without motion; what is left."""
-    pieces, adapt = [cycles for _, cycles in phases], used.estimator.adapt_noise
-    references = [first_reference(samples, cycles, used) for cycles in pieces]
-    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
-    used = noise.with_disturbances(samples, pieces, excess, used)
-    references = [_led_up(samples, piece, phase, r, used.in_phase(phase)) for (phase, piece), r in zip(phases, references, strict=True)]
-    passes = SIZING
-    for _ in range(ROUNDS):
-        fits = [
-            None if reference is None else estimate.settle(samples, cycles, phase, reference, used.in_phase(phase), consider, passes)
-            for (phase, cycles), reference in zip(phases, references, strict=True)
-        ]
-        found = [fit.history for fit in fits if fit is not None]
-        excess = noise.misfit(found, used)
-        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
-        if sized == used and all(fit is None or fit.stands or passes > SIZING for fit in fits):
-            break
-        if sized == used:
-            passes = estimate.SETTLINGS
-        used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
-    return used, [None if fit is None else fit.history for fit in fits], excess
-
-
-def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
-    """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
-    length = BEGINNING
-    while reference is not None and length * LONGER <= cycles.stop - cycles.start:
-        begun = slice(cycles.start, cycles.start + length)
-        reference = estimate.settle(samples, begun, phase, reference, vehicle, passes=SIZING).history.reference
-        length *= LONGER
-    return reference
-
-
-def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
-    histories: list[History] = []
-    filters = None
-    for phase, cycles in phases:
-        history, filters = thesis.replay(samples, cycles, phase, used, filters)
-        histories.append(history)
-    return tuple(histories)
-
-
 def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...], used: Vehicle) -> list[Notice]:
     apart = masses_apart(conclusions, used) if docked is None else None
     if apart is not None:
@@ -441,78 +364,4 @@ def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
     return found
 
 
-def physical_note(conclusion: Conclusion) -> str:
-    """What no real body could have in this inertia, or an empty text; nothing is said of an inertia that is not wholly informed."""
-    low, middle, high = (float(moment) for moment in conclusion.principal_moments)
-    if np.isnan(low):
-        return ""
-    if low <= 0:
-        return f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2)"
-    if low + middle < high * (1 - 1e-9):
-        return f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2; check jets, units and thrust"
-    return ""
-
-
-def nearest_consistent(inertia: Array) -> Array:
-    """The inertia (3, 3) nearest in the sum of squares that a body could have: positive, no principal moment above the others' sum.
-
-    A body's second moments p are positive, and its principal moments are the sums of two of them: non-negative least squares in three
-    unknowns, solved by trying which of them are zero (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, chapter 23).
-    """
-    moments, axes = np.linalg.eigh(inertia)
-    pairs = 1 - np.eye(3)
-    candidates = []
-    for keep in product((1.0, 0.0), repeat=3):
-        second = np.linalg.pinv(pairs * keep) @ moments
-        candidates.append(pairs @ np.maximum(second, 0.0))
-    nearest = min(candidates, key=lambda sums: float(((sums - moments) ** 2).sum()))
-    consistent: Array = (axes * nearest) @ axes.T
-    return consistent
-
-
-def effective_settings(analysis: Analysis) -> dict[str, Any]:
-    """Dotted keys and values which, given back with ``--set``, reproduce the result."""
-    used = analysis.vehicle
-    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": used.thrust.lag_s}
-    timing_sigmas = {
-        "cycle.command_delay_sigma_cycles": used.cycle.command_delay_sigma_cycles,
-        "thrust.lag_sigma_s": used.thrust.lag_sigma_s,
-        "thrust.lag_delay_correlation": used.thrust.lag_delay_correlation,
-    }
-    keys |= {key: sigma for key, sigma in timing_sigmas.items() if sigma}
-    for section, names in (
-        ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2")),
-        ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),
-    ):
-        keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}
-    final = used.estimator.model_copy(update={"adapt_noise": False})
-    return keys | vehicle.flat(final, "estimator") | vehicle.flat(used.convergence, "convergence") | _set_by_user(analysis, keys)
-
-
-def setting_sources(analysis: Analysis) -> dict[str, str]:
-    """Where each of :func:`effective_settings` came from: "option", "vehicle file", "default", or "log" if a first pass found it."""
-    stated = analysis.source.vehicle
-    options = {assignment.partition("=")[0].strip() for assignment in analysis.assignments}
-    found = {}
-    for key, value in effective_settings(analysis).items():
-        section, _, name = key.partition(".")
-        part = getattr(stated, section, None)
-        if key in options:
-            found[key] = "option"
-        elif part is None or vehicle.flat(part, section).get(key) != value:
-            found[key] = "log"
-        else:
-            found[key] = "vehicle file" if name.partition(".")[0] in part.model_fields_set else "default"
-    return found
-
-
-def _set_by_user(analysis: Analysis, keys: dict[str, Any]) -> dict[str, Any]:
-    """Other keys that the command line overrode."""
-    from massprop_cli.configfile import literal
-
-    pairs = (assignment.partition("=") for assignment in analysis.assignments)
-    others = {key.strip(): literal(value.strip()) for key, _, value in pairs}
-    return {k: v for k, v in others.items() if k not in keys and not k.startswith(("estimator.", "convergence."))}
-
-
-__all__ = ["Analysis", "analyse", "effective_settings", "examine", "nearest_consistent", "physical_note", "setting_sources"]
+__all__ = ["Analysis", "MendedAnswer", "Progress", "analyse", "examine"]

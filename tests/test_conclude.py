@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from massprop_cli.analysis import nearest_consistent
 from massprop_cli.conclude import conclude
 from massprop_cli.history import History
+from massprop_cli.physical import nearest_consistent
 from massprop_cli.vehicle import Phase, Vehicle
 from tests import flight
 

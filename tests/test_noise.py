@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import chi2
 
 from massprop_cli import noise
-from massprop_cli.analysis import _estimates, examine
+from massprop_cli.analysis import examine
 from massprop_cli.arrays import Array
+from massprop_cli.estimates import estimates
 from massprop_cli.sensitivity import Consider
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.vehicle import Phase, VehicleSource
@@ -38,7 +39,7 @@ def test_clean_logs_gain_no_disturbance() -> None:
     used = flight.vehicle()
     flown = flight.standard("free")
     for seed in range(10):
-        found, _, _, notices = _estimates(flown.samples(np.random.default_rng(seed)), PHASES, used, Consider(), lambda *_: None)
+        found, _, _, notices = estimates(flown.samples(np.random.default_rng(seed)), PHASES, used, Consider(), lambda *_: None)
         assert found.environment == used.environment
         assert notices == []
 
@@ -57,7 +58,7 @@ def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia(seeds: int
             return moment
 
         flown = flight.fly(used, flight.pulses(300), flight.TRUTH, torque=push)
-        found, histories, _, notices = _estimates(flown.samples(rng), PHASES, used, Consider(), lambda *_: None)
+        found, histories, _, notices = estimates(flown.samples(rng), PHASES, used, Consider(), lambda *_: None)
         assert "disturbance-torque" in [n.code for n in notices]
         assert 0.002 < found.environment.disturbance_walk_n_m < 0.012
         z.append((histories[0].values[-1] - flight.TRUTH)[[0, 3, 5]] / histories[0].sigmas[-1, [0, 3, 5]])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES, estimate
-from massprop_cli.analysis import Analysis, effective_settings
+from massprop_cli.analysis import Analysis
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption
 from massprop_cli.history import History
 from massprop_cli.sensitivity import Consider, late
+from massprop_cli.settings import effective_settings
 from massprop_cli.timing import Timing
 from tests import faulty
 

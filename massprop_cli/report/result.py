@@ -12,12 +12,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli import QUANTITIES, __version__, arrow, assumptions
-from massprop_cli.analysis import Analysis, MendedAnswer, effective_settings, nearest_consistent, physical_note, setting_sources
+from massprop_cli.analysis import Analysis, MendedAnswer
 from massprop_cli.arrays import Array, median
 from massprop_cli.compensate import acceleration
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
+from massprop_cli.physical import nearest_consistent, physical_note
+from massprop_cli.settings import effective_settings, setting_sources
 from massprop_cli.vehicle import ZERO, Known, Nominal, Quantity, Vehicle
 
 AXES = ("x", "y", "z")

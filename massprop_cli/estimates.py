@@ -1,0 +1,104 @@
+"""Noise levels, off-line fits, and the causal pass through every phase: all that is estimated before anything is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli import estimate, noise, thesis
+from massprop_cli.arrays import Array
+from massprop_cli.compensate import Samples
+from massprop_cli.history import History
+from massprop_cli.plant import Reference
+from massprop_cli.sensitivity import Consider
+from massprop_cli.start import first_reference
+from massprop_cli.telemetry import Notice
+from massprop_cli.vehicle import Phase, Vehicle
+
+ROUNDS = 8
+"""How often disturbances may be raised until the innovations are explained."""
+SIZING = 2
+"""Passes of an off-line fit that disturbances are sized by."""
+BEGINNING, LONGER = 1024, 4
+"""Cycles that a long phase is fitted over first, and how many times as many come next."""
+Progress = Callable[[str, float], None]
+"""Told the stage and how much of it is done, 0 to 1."""
+
+
+class Estimates(NamedTuple):
+    """Of every phase."""
+
+    used: Vehicle
+    """With the noise levels and disturbances that were found."""
+    histories: tuple[History, ...]
+    """The causal pass."""
+    settled: list[History]
+    """The off-line fits that it is judged by; the causal pass where there is none; nothing by the thesis's method."""
+    notices: list[Notice]
+
+
+def estimates(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider, say: Progress) -> Estimates:
+    """Estimates, and the off-line fits of each phase that they are judged by.
+
+    Noise levels first; off-line fits, with disturbances sized until these explain the log where the stated noise can't; then the
+    estimator once through every phase.
+    """
+    pieces = [cycles for _, cycles in phases]
+    if stated.estimator.method == "thesis":
+        return Estimates(stated, _thesis(samples, phases, stated), [], [])
+    used, notices = noise.with_noise_levels(samples, pieces, stated)
+    used, fits, excess = _fitted(samples, phases, used, consider)
+    histories = tuple(
+        estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
+        for phase, cycles in phases
+    )
+    settled = [history if fit is None else fit for history, fit in zip(histories, fits, strict=True)]
+    return Estimates(used, histories, settled, notices + noise.disturbance_notices(stated, used, excess))
+
+
+def _fitted(
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle, consider: Consider
+) -> tuple[Vehicle, list[History | None], Array]:
+    """The vehicle with disturbances raised until off-line fits explain the log; these, None of a phase without motion; what is left."""
+    pieces, adapt = [cycles for _, cycles in phases], used.estimator.adapt_noise
+    references = [first_reference(samples, cycles, used) for cycles in pieces]
+    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
+    used = noise.with_disturbances(samples, pieces, excess, used)
+    references = [_led_up(samples, piece, phase, r, used.in_phase(phase)) for (phase, piece), r in zip(phases, references, strict=True)]
+    passes = SIZING
+    for _ in range(ROUNDS):
+        fits = [
+            None if reference is None else estimate.settle(samples, cycles, phase, reference, used.in_phase(phase), consider, passes)
+            for (phase, cycles), reference in zip(phases, references, strict=True)
+        ]
+        found = [fit.history for fit in fits if fit is not None]
+        excess = noise.misfit(found, used)
+        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
+        if sized == used and all(fit is None or fit.stands or passes > SIZING for fit in fits):
+            break
+        if sized == used:
+            passes = estimate.SETTLINGS
+        used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
+    return used, [None if fit is None else fit.history for fit in fits], excess
+
+
+def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
+    """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
+    length = BEGINNING
+    while reference is not None and length * LONGER <= cycles.stop - cycles.start:
+        begun = slice(cycles.start, cycles.start + length)
+        reference = estimate.settle(samples, begun, phase, reference, vehicle, passes=SIZING).history.reference
+        length *= LONGER
+    return reference
+
+
+def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
+    histories: list[History] = []
+    filters = None
+    for phase, cycles in phases:
+        history, filters = thesis.replay(samples, cycles, phase, used, filters)
+        histories.append(history)
+    return tuple(histories)
