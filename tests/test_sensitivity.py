@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, estimate
+from massprop_cli import QUANTITIES, estimate, timing
 from massprop_cli.analysis import Analysis
 from massprop_cli.arrays import Array
-from massprop_cli.assumptions import Assumption
+from massprop_cli.assumptions import Assumption, examined
 from massprop_cli.history import History
 from massprop_cli.sensitivity import Consider, late
 from massprop_cli.settings import effective_settings
@@ -136,3 +136,22 @@ def test_the_sigma_of_a_delay_that_was_found_is_among_the_settings_and_gives_the
     back = faulty.examined(log, faulty.stated(used, *given))
     np.testing.assert_array_equal(back.histories[0].sigmas, found.histories[0].sigmas)
     np.testing.assert_array_equal(back.histories[0].values, found.histories[0].values)
+
+
+@pytest.mark.parametrize("later", [-0.04, 0.05])
+def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float) -> None:
+    log, used = faulty.sample("free-flyer")
+    said = faulty.stated(used, f"cycle.command_delay_cycles={2.0 - later}")
+    samples = Timing(2.0 - later, 0.0).of(log, said)
+    about = faulty.examined(log, used).settled
+    told = examined(log, said, Timing(2.0 - later, 0.0), samples, about).delay()
+    assert told is not None
+    found, sigma, before, after = told
+    searched = timing.detect(log, said, [about[0].cycles], Timing(2.0 - later, 0.0), ["delay"])
+    assert searched is not None
+    assert sigma == pytest.approx(searched.sigma.delay, rel=0.1)
+    # the sample's delay is two cycles; the column is linear, the step a fraction of a cycle
+    assert found == pytest.approx(later, rel=0.02, abs=4 * sigma)
+    rows = 6 * (about[0].cycles.stop - about[0].cycles.start)
+    assert after == pytest.approx(rows, abs=4 * np.sqrt(2 * rows))  # noise alone is left
+    assert before > 2 * rows
