@@ -60,29 +60,44 @@ def estimates(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: V
 
 
 def _fitted(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle, consider: Consider
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider
 ) -> tuple[Vehicle, list[History | None], Array]:
     """The vehicle with disturbances raised until off-line fits explain the log; these, None of a phase without motion; what is left."""
-    pieces, adapt = [cycles for _, cycles in phases], used.estimator.adapt_noise
-    references = [first_reference(samples, cycles, used) for cycles in pieces]
-    excess = noise.gross_misfit(samples, pieces, used) if adapt else np.full(6, np.nan)
-    used = noise.with_disturbances(samples, pieces, excess, used)
-    references = [_led_up(samples, piece, phase, r, used.in_phase(phase)) for (phase, piece), r in zip(phases, references, strict=True)]
-    passes = SIZING
+    pieces, adapt = [cycles for _, cycles in phases], stated.estimator.adapt_noise
+    excess = noise.gross_misfit(samples, pieces, stated) if adapt else np.full(6, np.nan)
+    used = noise.with_disturbances(samples, pieces, excess, stated)
+    references = _first(samples, phases, used)
     for _ in range(ROUNDS):
-        fits = [
-            None if reference is None else estimate.settle(samples, cycles, phase, reference, used.in_phase(phase), consider, passes)
-            for (phase, cycles), reference in zip(phases, references, strict=True)
-        ]
-        found = [fit.history for fit in fits if fit is not None]
-        excess = noise.misfit(found, used)
+        fits = _fits(samples, phases, references, used, consider, SIZING)
+        excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
         sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
-        if sized == used and all(fit is None or fit.stands or passes > SIZING for fit in fits):
-            break
         if sized == used:
-            passes = estimate.SETTLINGS
+            break
         used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
+    if used != stated or not all(fit is None or fit.stands for fit in fits):
+        # from the beginning again, so that the settings that were found give the very same when they are given back
+        fits = _fits(samples, phases, _first(samples, phases, used), used, consider, estimate.SETTLINGS)
+        excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
     return used, [None if fit is None else fit.history for fit in fits], excess
+
+
+def _first(samples: Samples, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
+    """What each phase is fitted about first."""
+    return [_led_up(samples, cycles, phase, first_reference(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
+
+
+def _fits(
+    samples: Samples,
+    phases: Sequence[tuple[Phase, slice]],
+    references: Sequence[Reference | None],
+    vehicle: Vehicle,
+    consider: Consider,
+    passes: int,
+) -> list[estimate.Settled | None]:
+    return [
+        None if reference is None else estimate.settle(samples, cycles, phase, reference, vehicle.in_phase(phase), consider, passes)
+        for (phase, cycles), reference in zip(phases, references, strict=True)
+    ]
 
 
 def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
