@@ -316,10 +316,10 @@ def _checked_timing(
     """
     known = [(history.cycles, history.reference) for history in settled if history.reference is not None]
     plain, later = _undisturbed(used, stated), examination.delay()
-    if later is not None and plain == used and abs(later[0]) < timing.MISMATCH[0] and at.delay + later[0] >= 0:
+    if later is not None and plain == used and abs(later.cycles) < timing.MISMATCH[0] and at.delay + later.cycles >= 0:
         rows = 6 * sum(cycles.stop - cycles.start for cycles, _ in known)
-        scale = max(later[2] / rows, 1.0)
-        return timing.near(at, later[0], later[1] * scale**0.5, later[2] / rows, later[3] / rows)
+        scale = max(later.before / rows, 1.0)
+        return timing.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
     if not known:
         return None
     return timing.detect(log, plain, [cycles for cycles, _ in known], at, ["delay"], [reference for _, reference in known])

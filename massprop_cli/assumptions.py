@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,6 +70,19 @@ class _Taken:
     size: float
 
 
+class Later(NamedTuple):
+    """What the log says of the stated delay."""
+
+    cycles: float
+    """By which commands come later than they were read."""
+    sigma: float
+    """Of that, by the noise levels in use."""
+    before: float
+    """Chi-square of what is left as it was read, over all channels and cycles."""
+    after: float
+    """The same so much later."""
+
+
 @dataclass(frozen=True)
 class Examined:
     """What is taken for granted, and what each of it does to each phase."""
@@ -77,14 +91,14 @@ class Examined:
     responses: tuple[Response | None, ...]
     """To one unit of each, then of each channel's thrust; None of a phase without a reference."""
 
-    def delay(self) -> tuple[float, float, float, float] | None:
-        """By how many cycles commands come later than read, its sigma, and chi-square before and after; None where nothing tells."""
+    def delay(self) -> Later | None:
+        """None where nothing tells."""
         at = next((i for i, t in enumerate(self.taken) if t.code == "command-delay"), None)
         grams = [response.gram[np.ix_([0, at + 1], [0, at + 1])] for response in self.responses if response is not None and at is not None]
         if not grams or not sum(gram[1, 1] for gram in grams) > 0:
             return None
         (before, cross), (_, own) = np.sum(grams, 0)
-        return float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own)
+        return Later(float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own))
 
     def likeliest_channels(self) -> list[int]:
         """Command channels, first the one whose own thrust explains most of what is left of the log."""

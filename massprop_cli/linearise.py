@@ -5,10 +5,9 @@ Rotation. The growth of the cycle-mean rate is the impulse under the triangular 
     I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
 
 Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.lift` (:func:`lifted`). The products of rates in it come
-from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt from the commands in a few bins: their means, first
-moments and variances count, so that the error is of the fourth order in a bin's length. Because the rate is a state (derivatives
-``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the measured one enters to second
-order only.
+from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.within`). Because the rate is a
+state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the measured
+one enters to second order only.
 
 Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
 
@@ -21,25 +20,21 @@ integrated attitude turned by it).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
-from massprop_cli.dynamics import cross, cross_matrix, elements, lever_arm, tensor, times
+from massprop_cli.dynamics import cross, cross_matrix, elements, tensor, times
 from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.lift import MU as LIFT_MU
 from massprop_cli.plant import BearingBody, Motion, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
+from massprop_cli.within import STEEP, Windows, Within, level, motion_within, multiplied, response_of, swing, windows
 
 PARAMETERS = slice(0, 10)
 INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
 RATE = slice(10, 13)
-STEEP = 0.5
-"""Largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step."""
-_REFINEMENTS = 3
-"""Passes that rebuild the motion within a cycle; each gains a factor of rate × cycle."""
 
 
 @dataclass(frozen=True)
@@ -70,155 +65,40 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Linear:
-    """Cycles ``first … first + K − 1`` as a linear system: step k leads from cycle k to k + 1."""
+class _Steps:
+    """Of cycles ``first … first + K − 1``, in both forms: step k leads from cycle k to k + 1; n states."""
 
     transition: Array
     """(K − 1, n, n)"""
-    drive: Array
-    """(K − 1, n)"""
     observation: Array
     """(K, 6, n) rate and specific force in terms of the state."""
-    measured: Array
-    """(K, 6)"""
     moment_to_rate: Array
     """(K − 1, 3, 3) impulse of a moment [N m s] to its growth of the mean rate [rad/s]."""
     steps: Array
     """(K − 1, 3) growth of the rate that the reference expects, rad/s."""
-
-
-class Windows(NamedTuple):
-    """An integral over each cycle: under the rising and falling halves of the triangular window, and plain."""
-
-    rising: Array
-    falling: Array
-    whole: Array
-
-    @property
-    def step(self) -> Array:
-        """(K − 1, ...) from each cycle into the next."""
-        joined: Array = self.rising[:-1] + self.falling[1:]
-        return joined
-
-
-def windows(per_bin: Array, bin_s: Array, lateness: Array | None = None) -> Windows:
-    """Integrals of a (K, B, ...) quantity given as means over bins of length ``bin_s`` (K,).
-
-    ``lateness`` (K, ...) is the sum of the bins' first moments, each about its own middle and over its own length: the rising half
-    weights what comes late in a bin more.
-    """
-    bins = per_bin.shape[1]
-    weight = (np.arange(bins) + 0.5) / bins
-    bin_s = bin_s.reshape(-1, *(1,) * (per_bin.ndim - 2))
-    rising, whole = np.einsum("b,kb...->k...", weight, per_bin) * bin_s, per_bin.sum(1) * bin_s
-    if lateness is not None:
-        rising += lateness / bins
-    return Windows(rising, whole - rising, whole)
-
-
-class Within(NamedTuple):
-    """The motion in each bin, and what of it is needed beyond."""
-
-    motion: Motion
-    """Means over each bin."""
-    rates: tuple[Array, Array]
-    """(K, 3) the rate at the start and at the end of each cycle."""
-    ups: tuple[Array, Array]
-    """(K, 3) the vertical there."""
-
-
-def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: Lift) -> Within:
-    """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
-    executed = samples.executed
-    mean = samples.rate_rad_s[cycles] - reference.gyro_bias
-    impulse, skew = executed.impulse_bins[cycles], executed.skew_bins[cycles]
-    bin_s = (executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
-    theta = lift.theta(reference)
-    response = _response(reference, lift, theta)
-    shape = (*impulse.shape[:2], 3)
-    up_start = samples.up_b[:-1][cycles]
-    on_bearing = isinstance(lift.plant, BearingBody)
-    motion = Motion(impulse / bin_s, np.broadcast_to(mean[:, None], shape), np.zeros(shape), np.broadcast_to(up_start[:, None], shape))
-    ups = up_start, up_start
-    for _ in range(_REFINEMENTS):
-        coupled = times(response[:, -6:], products(motion.rate))
-        coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
-        rate_dot = times(response[:, :-6], _channels(lift, motion.wrench, motion.up)) + coupled
-        # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
-        late = times(response[:, :-6], _channels(lift, skew, np.zeros(shape), motion.up))
-        if on_bearing:
-            rate_dot = rate_dot + _swing(theta, motion)
-        change = np.cumsum(rate_dot * bin_s, 1)
-        within = change - rate_dot * bin_s / 2 - late
-        start = mean - within.mean(1)
-        rate = start[:, None] + within
-        up = motion.up
-        if on_bearing:
-            turned = np.cumsum(rate * bin_s, 1)
-            up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
-            ups = up_start, end[:, 0]
-        motion = Motion(motion.wrench, rate, rate_dot, up)
-    return Within(motion, (start, start + change[:, -1]), ups)
-
-
-def _turned(up: Array, angle: Array) -> Array:
-    """(K, B, 3) the vertical (K, 3) after the body has turned by ``angle`` (K, B, 3), rad, to second order."""
-    tilt = cross(up[:, None], angle)
-    found: Array = up[:, None] + tilt + cross(tilt, angle) / 2
-    return found
-
-
-def _response(reference: Reference, lift: Lift, theta: Array) -> Array:
-    """(3, C) Φ of a reference."""
-    if reference.response is not None:
-        return reference.response
-    made: Array = lift.coefficients(theta)[0][: 3 * lift.channels].reshape(3, -1)
-    return made
-
-
-def _channels(lift: Lift, wrench: Array, up: Array, level_of: Array | None = None) -> Array:
-    """(K, B, C − 6) what Φ multiplies in each bin but products of rates: of wrench (K, B, 6) and vertical (K, B, 3).
-
-    ``level_of`` is the vertical that says what is level, if it is not ``up``.
-    """
-    if not isinstance(lift.plant, BearingBody):
-        return wrench
-    torque, force = wrench[..., :3], wrench[..., 3:]
-    return np.concatenate([torque - cross(lift.plant.bearing, force), up, _level(up if level_of is None else level_of, force)], -1)
-
-
-def _level(up: Array, v: Array) -> Array:
-    """The part of vectors that lies in the level plane, P v."""
-    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
-    return part
-
-
-def _swing(theta: Array, motion: Motion) -> Array:
-    """(K, B, 3) angular acceleration, on a bearing, by the acceleration that the CG's own swing gives the base: second order in κ."""
-    kappa = theta[MOMENT]
-    swung = cross(kappa, _level(motion.up, lever_arm(motion.rate, motion.rate_dot, kappa))) * theta[LIFT_MU]
-    return times(tensor(theta[J]), swung)
 
 
 @dataclass(frozen=True)
-class Lifted:
+class Linear(_Steps):
+    """A linear system about one reference."""
+
+    drive: Array
+    """(K − 1, n)"""
+    measured: Array
+    """(K, 6)"""
+
+
+@dataclass(frozen=True)
+class Lifted(_Steps):
     """The same response with the N coefficients φ of :mod:`massprop_cli.lift` left free.
 
-    The n' states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
+    Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
     """
 
-    transition: Array
-    """(K − 1, n', n')"""
     drive: Array
-    """(K − 1, n', 1 + N)"""
-    observation: Array
-    """(K, 6, n')"""
+    """(K − 1, n, 1 + N)"""
     measured: Array
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
-    moment_to_rate: Array
-    """(K − 1, 3, 3) impulse of a moment [N m s] to its growth of the mean rate [rad/s]."""
-    steps: Array
-    """(K − 1, 3) growth of the rate that the reference expects, rad/s."""
 
 
 def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Lifted:
@@ -231,7 +111,7 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     within = motion_within(samples, cycles, reference, lift)
     motion = within.motion
     theta = lift.theta(reference)
-    response = _response(reference, lift, theta)
+    response = response_of(reference, lift, theta)
     inverse = tensor(theta[J])
     duration = samples.executed.duration_s[cycles]
     bin_s = duration / motion.rate.shape[1]
@@ -283,7 +163,7 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     measured[:, :3, 0] = samples.rate_rad_s[cycles]
     measured[:, 3:, 0] = samples.specific_force_m_s2[cycles] - offset
     measured[:, 3:, 1:] = -felt
-    return Lifted(transition, drive, observation, measured, to_rate, steps)
+    return Lifted(transition, observation, to_rate, steps, drive, measured)
 
 
 def _bounded(derivative: Array) -> Array:
@@ -291,13 +171,6 @@ def _bounded(derivative: Array) -> Array:
     size = np.sqrt((derivative**2).sum((1, 2)))
     found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
     return found
-
-
-def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:
-    """(K, B, 1) part of the gyroscopic coupling that changes the rate by no more than ``STEEP`` of itself within a cycle."""
-    most, change = (np.sqrt((v**2).sum(-1, keepdims=True)) for v in (STEEP * rate, coupled * cycle_s))
-    found: Array = most / np.maximum(np.maximum(most, change), np.finfo(float).tiny)
-    return np.where(change > most, found, 1.0)
 
 
 def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
@@ -311,15 +184,15 @@ def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within
     lateness[:, -6:] = (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12
     if isinstance(plant, BearingBody):
         lateness[:, 3:6] = (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12
-        lateness[:, 6:9] = _level(motion.up, executed.skew_bins[cycles][..., 3:]).sum(1)
-    multiplied = np.concatenate([_channels(lift, motion.wrench, motion.up), second], -1)
-    rising, _, whole = windows(multiplied, bin_s, lateness)
+        lateness[:, 6:9] = level(motion.up, executed.skew_bins[cycles][..., 3:]).sum(1)
+    all_channels = np.concatenate([multiplied(lift, motion.wrench, motion.up), second], -1)
+    rising, _, whole = windows(all_channels, bin_s, lateness)
     # the commands' own, exactly
     jets = np.concatenate([executed.rising[cycles], executed.impulse[cycles]], -1).reshape(len(duration), 2, 6)
     if isinstance(plant, BearingBody):
         jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
     rising[:, : jets.shape[2]], whole[:, : jets.shape[2]] = jets[:, 0], jets[:, 1]
-    known = windows(_swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
+    known = windows(swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
     return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
 
 
@@ -334,10 +207,10 @@ def _felt(whole: Array, lift: Lift, reference: Reference, response: Array, motio
     if isinstance(plant, BearingBody):
         theta = lift.theta(reference)
         arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
-        level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
-        euler = level @ along - cross_matrix(arm)
-        felt[..., -4], felt[..., -3:] = whole[:, 6:9], -level @ rotation
-        offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(level @ along, rate_dot)
+        onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
+        euler = onto_level @ along - cross_matrix(arm)
+        felt[..., -4], felt[..., -3:] = whole[:, 6:9], -onto_level @ rotation
+        offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(onto_level @ along, rate_dot)
     else:
         euler = np.broadcast_to(-cross_matrix(position - reference.cg), rotation.shape)
         felt[..., -4], felt[..., -3:] = whole[:, 3:6], -rotation
@@ -365,7 +238,7 @@ def linearise(samples: Samples, cycles: slice, reference: Reference, vehicle: Ve
     observation[..., states] = free.observation
     observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 1:] @ by_parameter
     measured = free.measured[..., 0] + free.measured[..., 1:] @ about
-    return Linear(transition, drive, observation, measured, free.moment_to_rate, free.steps)
+    return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
 
 
 def parameters(reference: Reference) -> Array:

@@ -122,3 +122,14 @@ def test_a_lag_delays_impulse_but_keeps_it() -> None:
     lagged, _ = integrals(signal, edges, 0.05)
     assert lagged.sum() == pytest.approx(0.1, abs=1e-12)
     assert lagged[:20].sum() < 0.09
+
+
+def test_opposed_jets_make_nothing_but_rounding_and_that_is_taken_off() -> None:
+    """Three forces that cancel: to a machine, 0.1 + 0.2 - 0.3 is not zero."""
+    jets = [{"name": str(x), "position_m": [0.0, 0.0, x], "force_n": [f, 0.0, 0.0]} for x, f in ((0.1, 0.1), (0.2, 0.2), (0.3, -0.3))]
+    on = np.full((30, 3), 0.02)
+    assert 0.1 + 0.2 - 0.3 != 0
+    aligned = flight.Flight(flight.vehicle(delay=0.0, jets=jets), on, np.zeros((30, 3)), np.zeros((30, 3))).aligned()
+    for part in (aligned.impulse, aligned.rising, aligned.impulse_bins.reshape(-1, 6)):
+        np.testing.assert_array_equal(part[:, 3], 0.0)
+    np.testing.assert_allclose(aligned.impulse[:, 1], 0.02 * (0.01 + 0.04 - 0.09), rtol=1e-12)  # the couple stays

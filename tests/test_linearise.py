@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -104,3 +105,28 @@ def test_a_step_to_what_is_no_body_is_not_taken(entries: int | slice, value: flo
     target = parameters(reference(flight.TRUTH))
     target[entries] = value
     assert stepped(reference(flight.TRUTH), target) is None
+
+
+def test_a_reference_of_no_body_s_kind_makes_no_motion_run_away() -> None:
+    """Principal moments a thousand to one, at rates of a wrong unit: the coupling would square the rate in each pass."""
+    flown_ = flown("free")
+    samples = flown_.samples()
+    fast = replace(samples, rate_rad_s=60 * samples.rate_rad_s)
+    absurd = Reference(np.diag([1e3, 1.0, 1e3]), np.zeros(3), 0.05)
+    system = linearise(fast, slice(2, 80), absurd, flown_.used)
+    rate = np.linalg.norm(fast.rate_rad_s[2:80], axis=1)
+    assert np.isfinite(system.steps).all()
+    # products of what is within a cycle are no more than a few times those of its mean
+    assert (np.linalg.norm(system.steps, axis=1) < 1e3 * flight.CYCLE * 4 * rate[1:] ** 2 + 1).all()
+    assert np.linalg.norm(system.transition[:, 10:13, 10:13], axis=(1, 2)).max() < 10
+
+
+def test_four_bins_of_a_cycle_give_what_forty_give() -> None:
+    """To a fiftieth of what the gyro's noise leaves of one step; the second order that was left out made half of it at six bins."""
+    found = []
+    for bins in (4, 40):
+        used = flown("free", 0.003).used
+        used = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
+        samples = replace(flown("free", 0.003), used=used).samples()
+        found.append(linearise(samples, slice(2, 80), reference(truth("free")), used).steps)
+    np.testing.assert_allclose(found[0], found[1], atol=5e-8)

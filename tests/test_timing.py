@@ -120,3 +120,9 @@ def test_a_response_that_runs_away_tells_no_delay(size: float) -> None:
     assert history.reference is not None
     wild = replace(log, delta_theta_imu_rad=size * log.delta_theta_imu_rad)
     assert timing.detect(wild, found.vehicle, [history.cycles], found.timing, ["delay"], [history.reference]) is None
+
+
+@pytest.mark.parametrize(("after", "named"), [(2.0, 1), (500.0, 1), (2000.0, 0)])
+def test_a_delay_that_leaves_nearly_everything_unexplained_is_not_the_cause(after: float, named: int) -> None:
+    found = timing.Found(timing.Timing(0.0, 0.0), timing.Timing(0.1, 0.0), after, 1e5)
+    assert len(timing.mismatch(2.0, found, fits=False)) == named
