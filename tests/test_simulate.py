@@ -212,6 +212,26 @@ def test_a_failed_jet_pushes_as_its_factor_says() -> None:
     assert np.allclose(felt, expected, rtol=0, atol=1e-14)
 
 
+def test_a_periodic_torque_turns_as_its_integral() -> None:
+    body = {"ixx": 2.0, "iyy": 1.0, "izz": 1.0, "mass": 20.0}
+    disturbance = {"periodic_n_m": [0.05, 0.0, 0.0], "periodic_s": 3.0}
+    flown = simulate.fly(source(sensors=quiet(), truth=body, plan=[], disturbance=disturbance), [1])
+    time, around = flight.CYCLE * np.arange(121), 2 * np.pi / 3.0
+    closed = 0.05 / 2.0 / around * (1 - np.cos(around * time))
+    # constant within a cycle, at its middle's value
+    assert np.abs(flown.rate_rad_s[0, :, 0] - closed).max() < (around * flight.CYCLE) ** 2 / 24 * closed.max() * 1.01
+    assert closed.max() > 0.02
+
+
+def test_friction_slows_a_turn_exponentially() -> None:
+    body = {"ixx": 2.0, "iyy": 1.0, "izz": 1.0, "mass": 20.0}
+    changes = {"truth": body, "plan": [], "initial": {"rate_rad_s": [0.4, 0.0, 0.0]}, "disturbance": {"rate_n_m_s": [0.8, 0.0, 0.0]}}
+    rate = simulate.fly(source(sensors=quiet(), **changes), [1]).rate_rad_s[0, :, 0]
+    each = 1 - 0.8 / 2.0 * flight.CYCLE  # the torque of a cycle is that of its start
+    assert np.allclose(rate, 0.4 * each ** np.arange(121), rtol=1e-12, atol=0)
+    assert rate[-1] < 0.04
+
+
 def test_attitude_hold_brings_a_turning_vehicle_back() -> None:
     control = {"rate_gain_n_m_s": [1.0, 5.0, 5.0], "attitude_gain_n_m": [0.6, 3.0, 3.0]}
     changes = {"control": control, "duration_cycles": 600, "plan": [{"motion": "hold", "start_cycle": 0, "end_cycle": 600}]}

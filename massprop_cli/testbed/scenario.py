@@ -114,6 +114,9 @@ class Disturbance(Section):
         None, description="one sigma of a slow torque's change per cycle; absent: as the vehicle file states"
     )
     constant_n_m: Vector = ZERO
+    periodic_n_m: Vector = Field(ZERO, description="amplitude of a sine that begins with the log")
+    periodic_s: Positive = Field(10.0, description="its period")
+    rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate, over that rate at the cycle's start")
 
 
 class Fuel(Section):

@@ -119,7 +119,7 @@ def fly(
     plan = mission.plan(scenario, allocated, rngs["plan"]) if issued is None else None
     actuators = _actuators(scenario, rngs["pulses"], width * np.arange(bins + 1), issued)
     gyro, accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
-    torque = _disturbance(scenario, rngs["disturbance"])
+    torque, drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
     bearing = _bearing(scenario.vehicle)
     body = truth.bodies(scenario.truth, members)
     events = {event.at(period): event for event in scenario.events}
@@ -147,8 +147,9 @@ def fly(
                 demand = demand + np.pad(onboard.torque() * plan.held[k], ((0, 0), (0, 3)))
             actuators.issue(k, allocated.commands(demand))
         mean, gathered, burn_s = actuators.execute(k)
-        mean[:3] += torque[:, :, k, None]
-        gathered[:3] += torque[:, :, k, None] * (width / 2)
+        disturbing = (torque[:, :, k] - (drag * rate[:, k]).T)[..., None]
+        mean[:3] += disturbing
+        gathered[:3] += disturbing * (width / 2)
         dynamics = Dynamics(body, bearing)
         up = vertical(attitude[:, k * records].T) if bearing else np.zeros((3, members))
         motion = dynamics.advance(rate[:, k].T, up, Wrench(mean, gathered), width)
@@ -272,13 +273,15 @@ def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Arr
 
 
 def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
-    """(3, S, K) torque, N m."""
+    """(3, S, K) torque that does not depend on the motion, N m."""
     stated, real = scenario.vehicle.environment, scenario.disturbance
     white = stated.disturbance_torque_n_m if real.torque_n_m is None else real.torque_n_m
     walk = stated.disturbance_walk_n_m if real.walk_n_m is None else real.walk_n_m
     shape = (scenario.cycles, 3)
     drawn = np.stack([white * rng.standard_normal(shape) + np.cumsum(walk * rng.standard_normal(shape), 0) for rng in rngs])
-    return np.moveaxis(drawn + np.array(real.constant_n_m), -1, 0)
+    middle = scenario.vehicle.cycle.period_s * (np.arange(scenario.cycles) + 0.5)
+    periodic = np.sin(2 * np.pi / real.periodic_s * middle)[:, None] * np.array(real.periodic_n_m)
+    return np.moveaxis(drawn + periodic + np.array(real.constant_n_m), -1, 0)
 
 
 def _bearing(vehicle: Vehicle) -> Bearing | None:
