@@ -1,185 +1,218 @@
-"""How often a fault is named by a warning that points at it, whether any wrong value looks good, and how often a clean log raises any.
+"""How faults of logs and vehicle files are named: each kind on each vehicle, seed by seed, and what is said of logs without any.
 
-    python benchmarks/faults.py > docs/faults.md
+    python benchmarks/faults.py --seeds 10 > docs/faults.md
+    python benchmarks/faults.py --fault jet-dead --vehicle bearing --first 1003 --seeds 1 --show
 
-Every fault is flown in the free-flyer scenario, seed by seed (the jet at fault changes with the seed); clean logs are those of all packaged
-scenarios with noise.
+A kind is chosen by its name or by the code that names it (``--fault gyro-scale`` is both). Jet, axis, sign, size and time are drawn
+from the seed.
 """
 
 from __future__ import annotations
 
 import argparse
+import statistics
+import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
 
-import numpy as np
-from commit import commit
+from massprop_cli import onethread
 
-from massprop_cli import QUANTITIES, __version__, analysis
-from massprop_cli.telemetry import Log
-from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Vehicle, VehicleSource
+onethread.prefer()
 
-SCENARIO = "free-flyer"
-CLEAN = ("refined", "docking", "testbed", "free-flyer")
-SIGMAS, PART = 4.0, 0.005
-"""A converged value is wrong if it is off by more than this many sigmas and this part of its size."""
-UNPHYSICAL = "unphysical-inertia"
-"""The thesis's own vehicle breaks the triangle inequality, and so says its truth."""
-Mistake = Callable[[Log, Vehicle], tuple[Log, Vehicle]]
+from commit import commit  # noqa: E402
+from fault_kinds import FAULTS  # noqa: E402
+from fault_named import CAUSES  # noqa: E402
+from fault_runs import Run, Status, clean, run, warm_up  # noqa: E402
+from fault_vehicles import VEHICLES  # noqa: E402
 
+from massprop_cli import __version__  # noqa: E402
 
-@dataclass(frozen=True)
-class Fault:
-    """How it comes about, and what must be said of it."""
-
-    what: str
-    code: str
-    keys: Callable[[int], list[str]] = lambda _: []
-    """Of the scenario, for a seed."""
-    mistake: Mistake = lambda log, vehicle: (log, vehicle)
-    names: Callable[[int], str] = lambda _: ""
-    """What the message must hold, for a seed."""
-
-
-def jet(seed: int) -> str:
-    """Another jet for every seed."""
-    jets = scenario.load(SCENARIO).scenario.vehicle.jets
-    return jets[seed % len(jets)].name
-
-
-def axis(seed: int) -> str:
-    """Another axis for every seed."""
-    return "xyz"[seed % 3]
-
-
-def failure(names: list[str], thrust: float) -> list[str]:
-    """Jets that give this part of their thrust."""
-    return ["actuators.failures=[" + ", ".join(f'{{jet="{name}", thrust={thrust}}}' for name in names) + "]"]
-
-
-def degrees(log: Log, vehicle: Vehicle) -> tuple[Log, Vehicle]:
-    """Gyro columns in degrees."""
-    return replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad)), vehicle
-
-
-def transposed(log: Log, vehicle: Vehicle) -> tuple[Log, Vehicle]:
-    """The vehicle file has imu_from_body where body_from_imu belongs."""
-    rows = tuple(tuple(float(x) for x in row) for row in np.array(vehicle.imu.body_from_imu).T)
-    return log, vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
-
-
-FAULTS = (
-    Fault("one jet's sign flipped", "jet-sign", lambda seed: failure([jet(seed)], -1.0), names=jet),
-    Fault("degrees for radians", "gyro-units", mistake=degrees, names=lambda _: "degrees"),
-    Fault("IMU mounting transposed", "imu-mounting", mistake=transposed, names=lambda _: "the transpose"),
-    Fault("delay off by two cycles", "delay-mismatch", lambda _: ["actuators.delay_cycles=4.0"], names=lambda _: "shows 4"),
-    Fault(
-        "divert thrust 20 % low on one axis",
-        "thrust-scale",
-        lambda seed: failure([f"divert_{axis(seed)}p", f"divert_{axis(seed)}n"], 0.8),
-        names=lambda seed: f"divert_{axis(seed)}p",
-    ),
-    Fault("gyro saturated, its range stated", "gyro-saturated", lambda _: ["vehicle.imu.gyro_range_rad_s=0.25"]),
-)
-
-
-@dataclass(frozen=True)
-class Flown:
-    """What one run said."""
-
-    named: bool
-    beside: tuple[str, ...]
-    """Other warnings."""
-    good: tuple[str, ...]
-    """Quantities that are called converged, and are wrong."""
-    mended: bool
-    """Whether the mended answer is there and right."""
-
-
-def flown(fault: Fault, seed: int) -> Flown:
-    """One log with the fault."""
-    flight = simulate.fly(scenario.load(SCENARIO, fault.keys(seed)), [seed])
-    log, vehicle = fault.mistake(flight.log(0), flight.vehicle)
-    with np.errstate(all="ignore"):  # as the command does
-        found = analysis.examine(log, VehicleSource(vehicle, SCENARIO, ""))
-    due = [n for n in found.notices if n.code == fault.code and fault.names(seed) in n.message]
-    truth, sizes = flight.truth[0, 0], found.histories[0].natural_sizes.copy()
-    own = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
-    sizes[own] = np.minimum(sizes[own], truth[own])
-    estimates = [found.conclusions[0].estimates[name] for name in QUANTITIES]
-    good = tuple(
-        name
-        for name, e, true, size in zip(QUANTITIES, estimates, truth, sizes, strict=True)
-        if e.verdict == "converged" and abs((e.value or 0) - true) > max(SIGMAS * (e.sigma or 0), PART * size)
-    )
-    answers = [[c.estimates[name] for name in QUANTITIES] for answer in found.mended for c in answer.conclusions[:1]]
-    right = [all(abs((e.value or 0) - true) <= SIGMAS * (e.sigma or 0) for e, true in zip(a, truth, strict=True)) for a in answers]
-    return Flown(bool(due), tuple(sorted({n.code for n in found.notices} - {fault.code})), good, any(right))
-
-
-def clean(name: str, seed: int) -> tuple[str, ...]:
-    """The warnings of a log without fault."""
-    flight = simulate.fly(scenario.load(name), [seed])
-    notices = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, name, "")).notices
-    return tuple(sorted({notice.code for notice in notices} - {UNPHYSICAL}))
+MARKS: dict[Status, str] = {
+    "right": "✓",
+    "half": "½",
+    "wrong": "✗",
+    "unknown": "?",
+    "silent": "–",
+    "harmless": "○",
+    "hidden": "∅",
+    "refused": "refused",
+    "crash": "crash",
+}
+SLOWEST = 3.0
+"""Times its clean twin's CPU time that a log may take."""
+Task = tuple[str, str, int]
 
 
 def main() -> None:
     """Faults first, then clean logs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100, help="of each fault")
-    parser.add_argument("--clean", type=int, default=250, help="seeds of each clean scenario")
-    parser.add_argument("--first", type=int, default=1001)
-    parser.add_argument("--fault", type=int, action="append", help="by number, from 0")
-    arguments = parser.parse_args()
-    print(HEAD.format(version=__version__, commit=commit(), first=arguments.first))
-    with ProcessPoolExecutor() as pool:
-        seeds = range(arguments.first, arguments.first + arguments.seeds)
-        for number in arguments.fault if arguments.fault is not None else range(len(FAULTS)):
-            fault = FAULTS[number]
-            found = list(pool.map(partial(_by_number, number), seeds))
-            missed = [seed for seed, one in zip(seeds, found, strict=True) if not one.named]
-            beside = Counter(code for one in found for code in one.beside)
-            others = ", ".join(f"{code} {n}" for code, n in beside.most_common()) or "none"
-            good, mended = sum(bool(one.good) for one in found), sum(one.mended for one in found)
-            print(
-                f"| {fault.what} | {fault.code} | {len(seeds) - len(missed)} of {len(seeds)} | {good} | {mended} | {others} |", flush=True
-            )
-            if missed:
-                print(f"<!-- missed in seeds {missed} -->", flush=True)
-        print(CLEAN_HEAD)
-        total = 0
-        for name in CLEAN:
-            seeds = range(arguments.first, arguments.first + arguments.clean)
-            raised = Counter(code for codes in pool.map(partial(clean, name), seeds) for code in codes)
-            total += sum(raised.values())
-            said = ", ".join(f"{code} {n}" for code, n in raised.most_common()) or "none"
-            print(f"| {name} | {len(seeds)} | {said} |", flush=True)
-        print(f"\n{total} warnings in {len(CLEAN) * arguments.clean} clean logs.")
+    arguments = _arguments()
+    vehicles = arguments.vehicle or list(VEHICLES)
+    faults = _chosen(arguments.fault)
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
+    tasks = [(fault, vehicle, seed) for vehicle in vehicles for seed in seeds for fault in faults]
+    with ProcessPoolExecutor(arguments.jobs, initializer=warm_up) as pool:
+        if arguments.show:
+            for found in pool.map(_run, tasks):
+                if found is not None:
+                    print(_shown(found), flush=True)
+            return
+        print(HEAD.format(version=__version__, commit=commit(), first=arguments.first, last=seeds[-1] if seeds else "none"))
+        runs = []
+        # the faults of one vehicle and seed are one piece of work: they share its clean flight
+        for done, found in enumerate(pool.map(_run, tasks, chunksize=max(len(faults), 1)), 1):
+            runs += [] if found is None else [found]
+            if done % len(faults) == 0:
+                print(f"{done} of {len(tasks)}", file=sys.stderr, flush=True)
+        if runs:
+            print(_matrix(runs, faults, vehicles))
+            print(_totals(runs, vehicles))
+            print(_misses(runs))
+        if arguments.clean:
+            logs = [(vehicle, seed) for vehicle in vehicles for seed in range(arguments.first, arguments.first + arguments.clean)]
+            print(_clean_table(logs, list(pool.map(_clean, logs, chunksize=8))))
 
 
-def _by_number(number: int, seed: int) -> Flown:
-    return flown(FAULTS[number], seed)
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10, help="of each fault on each vehicle")
+    parser.add_argument("--first", type=int, default=1001, help="seed")
+    parser.add_argument("--clean", type=int, default=0, metavar="N", help="seeds of each vehicle without fault")
+    parser.add_argument("--fault", action="append", help=f"by name or code, may be repeated: {', '.join(FAULTS)}")
+    parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="may be repeated")
+    parser.add_argument("--jobs", type=int, default=None, help="processes")
+    parser.add_argument("--show", action="store_true", help="what was said of each run, and its values in sigmas")
+    return parser.parse_args()
+
+
+def _chosen(asked: Sequence[str] | None) -> list[str]:
+    """Names of the kinds of fault."""
+    if not asked:
+        return list(FAULTS)
+    unknown = sorted(set(asked) - set(FAULTS))
+    if unknown:
+        sys.exit(f"--fault {unknown[0]}: not one of {', '.join(FAULTS)}")
+    return [name for name in FAULTS if name in asked]
+
+
+def _run(task: Task) -> Run | None:
+    return run(*task)
+
+
+def _clean(log: tuple[str, int]) -> tuple[tuple[str, ...], int]:
+    return clean(*log)
+
+
+def _shown(found: Run) -> str:
+    lines = [f"{found.fault} on {found.vehicle}, seed {found.seed}: {found.status}; {found.what}"]
+    lines += [f"  said      {notice.code}: {notice.message}" for notice in found.notices]
+    lines += [
+        f"  {v.phase:9} {v.name:5} {v.value:12.6g} ± {v.sigma:<10.3g} truth {v.true:12.6g} {v.off:9.1f} sigma  {v.verdict}{' !' * v.good}"
+        for v in found.values
+    ]
+    lines.append(f"  mended right: {found.mended}; {found.seconds:.2f} s of CPU, {found.ratio:.1f} times the clean twin's")
+    return "\n".join(lines)
+
+
+def _matrix(runs: Sequence[Run], faults: Sequence[str], vehicles: Sequence[str]) -> str:
+    lines = [f"| fault | {' | '.join(vehicles)} | mended right | time |", "|---|" + "---|" * len(vehicles) + "--:|--:|"]
+    for fault in faults:
+        own = [r for r in runs if r.fault == fault]
+        if own:
+            cells = [_cell([r for r in own if r.vehicle == vehicle]) for vehicle in vehicles]
+            mended = f"{sum(r.mended for r in own if r.status == 'right')} of {sum(r.status == 'right' for r in own)}"
+            slow = f"{statistics.median(r.ratio for r in own):.1f}, {max(r.ratio for r in own):.1f}"
+            lines.append(f"| {fault}: {FAULTS[fault].what} | {' | '.join(cells)} | {mended} | {slow} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(runs: Sequence[Run]) -> str:
+    if not runs:
+        return ""
+    counted = Counter(r.status for r in runs)
+    parts = [f"{counted[status]}{mark}" for status, mark in MARKS.items() if counted[status]]
+    good = sum(bool(r.good) for r in runs)
+    return " ".join(parts) + (f" **{good}!**" if good else "")
+
+
+def _totals(runs: Sequence[Run], vehicles: Sequence[str]) -> str:
+    lines = [TOTALS_HEAD]
+    for name in (*vehicles, "all"):
+        own = [r for r in runs if name in (r.vehicle, "all")]
+        if own:
+            lines.append(f"| {name} | {_total(own)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _total(runs: Sequence[Run]) -> str:
+    answered = [r for r in runs if r.status not in ("refused", "crash")]
+    telling = [r for r in answered if r.harm and r.status != "hidden" and r.fault != "all-scale"]
+    right, wrong = sum(r.status == "right" for r in telling), sum(r.status == "wrong" for r in runs)
+    named = [r for r in answered if r.status == "right"]
+    ratios = [r.ratio for r in answered] or [float("nan")]
+    return " | ".join(
+        (
+            str(len(runs)),
+            f"{right} of {len(telling)}{_percent(right, len(telling))}",
+            f"{wrong}{_percent(wrong, len(runs))}",
+            str(sum(bool(r.good) for r in runs)),
+            f"{sum(r.mended for r in named)} of {len(named)}",
+            f"{statistics.median(ratios):.1f}, {max(ratios):.1f}; {sum(r > SLOWEST for r in ratios)}",
+            str(sum(r.status in ("refused", "crash") for r in runs)),
+        )
+    )
+
+
+def _percent(part: int, whole: int) -> str:
+    return f" ({100 * part / whole:.1f} %)" if whole else ""
+
+
+def _misses(runs: Iterable[Run]) -> str:
+    """What to look at with ``--show``, in comments."""
+    lines = []
+    for r in runs:
+        if r.status not in ("right", "harmless", "hidden") or r.good:
+            causes = sorted({n.code for n in r.notices if n.code in CAUSES})
+            good = f"; looks good: {' '.join(sorted(set(r.good)))}" if r.good else ""
+            lines.append(f"{r.fault} {r.vehicle} {r.seed} {r.status}: {r.what}; named {' '.join(causes) or 'nothing'}{good}")
+    return "<!--\n" + "\n".join(lines) + "\n-->\n"
+
+
+def _clean_table(logs: Sequence[tuple[str, int]], found: Sequence[tuple[tuple[str, ...], int]]) -> str:
+    lines = [CLEAN_HEAD]
+    for vehicle in dict.fromkeys(name for name, _ in logs):
+        own = [(seed, causes, good) for (name, seed), (causes, good) in zip(logs, found, strict=True) if name == vehicle]
+        counted = Counter(code for _, causes, _ in own for code in causes)
+        said = ", ".join(f"{code} {n}" for code, n in counted.most_common()) or "none"
+        at = [str(seed) for seed, causes, good in own if causes or good]
+        lines.append(f"| {vehicle} | {len(own)} | {said} | {sum(good for *_, good in own)} |" + (f" <!-- {' '.join(at)} -->" if at else ""))
+    lines.append(f"\n{sum(bool(causes) for causes, _ in found)} of {len(found)} clean logs have a cause named.")
+    return "\n".join(lines)
 
 
 HEAD = """# Faults named, and false alarms
 
-Made by `python benchmarks/faults.py > docs/faults.md` at commit {commit} (massprop {version}), seeds from {first} on. A fault
-counts as named if the warning points at it: the code, and the jet, axis, delay or unit in its text. "Looks good" counts the logs in which
-any value is called converged and is more than 4 sigma and 0.5 % of its size off; "mended right" those whose mended answer holds the truth
-within 4 sigma in all ten quantities.
+Made by `python benchmarks/faults.py` at commit {commit} (massprop {version}), seeds {first} to {last}. Each kind of fault is flown on each
+vehicle, seed by seed; jet, axis, sign, size and time change with the seed. A cell counts runs:
 
-| fault | warning due | named | looks good | mended right | other warnings |
-|---|---|--:|--:|--:|---|"""
+| | |
+|---|---|
+| ✓ | the right cause is named (its code, and the jet, axis, delay or unit in its text) and no other; ½ one of two at once |
+| ✗ | a wrong cause is named |
+| ? | the log is said not to fit, its cause not |
+| – | a value is more than 4 sigma off, and nothing is said (it may be called not converged) |
+| ○ | no value is more than 4 sigma off and no cause is named: silence is right |
+| ∅ | a value is more than 4 sigma off, and no log could tell: the fault leaves less than 25 of chi-square in the off-line fit |
+| **n!** | runs in which a value is called converged and is more than 4 sigma and 0.5 % of its size off |
+
+Where the mass properties change, a value is held against the nearest that was true at some time. Time is CPU time over that of the same
+log without the fault: median, most.
+"""
+TOTALS_HEAD = """| vehicle | runs | right, of harm that a log can tell | wrong cause | looks good | mended right | time; over 3 | refused |
+|---|--:|--:|--:|--:|--:|--:|--:|"""
 CLEAN_HEAD = """
-A scale common to all thrust can't be seen in a log (mass and inertia are proportional to it); every report says so.
-
-| clean scenario | logs | warnings |
-|---|--:|---|"""
+| without fault | logs | causes named | values converged and wrong |
+|---|--:|---|--:|"""
 
 if __name__ == "__main__":
     main()

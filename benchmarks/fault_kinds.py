@@ -1,0 +1,9 @@
+"""All kinds of fault."""
+
+from __future__ import annotations
+
+from fault_body import BODY
+from fault_imu import IMU
+from fault_thrust import THRUST
+
+FAULTS = {fault.name: fault for fault in (*THRUST, *IMU, *BODY)}

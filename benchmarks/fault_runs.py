@@ -1,0 +1,221 @@
+"""One fault on one vehicle with one seed: what was said of it, and what it did to the values."""
+
+from __future__ import annotations
+
+import time
+import traceback
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from fault_kinds import FAULTS
+from fault_named import CAUSES, SIZED, Drawn, Due
+from fault_vehicles import VEHICLES, Body, Case, Subject, subject
+
+from massprop_cli import QUANTITIES, analysis
+from massprop_cli.align import align
+from massprop_cli.analysis import Analysis
+from massprop_cli.arrays import Array
+from massprop_cli.columns import WRENCH
+from massprop_cli.compensate import compensate
+from massprop_cli.conclude import POSITIVE, Conclusion
+from massprop_cli.errors import InputError
+from massprop_cli.estimates import estimates
+from massprop_cli.history import History
+from massprop_cli.sensitivity import Consider
+from massprop_cli.telemetry import Notice
+from massprop_cli.vehicle import VehicleSource, changed
+
+SIGMAS, PART = 4.0, 0.005
+"""A converged value is wrong if it is off by more than this many sigmas and this part of its size."""
+TELLS = 25.0
+"""Chi-square that a fault must leave in the off-line fit, at the noise that is truly there, before any log can tell it: five sigma."""
+OVERLAP = 5
+"""Cycles that a phase must share with a true body to be taken as that body's."""
+UNKNOWN = frozenset({"contradicted", "cause-unknown"})
+Status = Literal["right", "half", "wrong", "unknown", "silent", "harmless", "hidden", "refused", "crash"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """One quantity of one phase."""
+
+    phase: str
+    name: str
+    value: float
+    sigma: float
+    true: float
+    verdict: str
+    good: bool
+    """Whether it is called converged and is wrong."""
+
+    @property
+    def off(self) -> float:
+        """Sigmas."""
+        return abs(self.value - self.true) / self.sigma if self.sigma > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was said of one log."""
+
+    fault: str
+    vehicle: str
+    seed: int
+    what: str
+    status: Status
+    """right: the cause and no other; half: one of two; wrong: an innocent cause; unknown: it is said to fit no cause; silent: nothing is
+    said of harm; harmless: nothing beyond 4 sigma, no cause named; hidden: harm that no log can tell; refused: no result; crash."""
+    values: tuple[Value, ...] = ()
+    mended: bool = False
+    """Whether the mended answer is there and right."""
+    seconds: float = 0.0
+    """CPU time."""
+    clean_seconds: float = 1.0
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def harm(self) -> bool:
+        """Whether a value is more than 4 sigma off."""
+        return any(value.off > SIGMAS for value in self.values)
+
+    @property
+    def good(self) -> tuple[str, ...]:
+        """Quantities that look good and are wrong, where the log could have told."""
+        return () if self.status == "hidden" else tuple(value.name for value in self.values if value.good)
+
+    @property
+    def ratio(self) -> float:
+        """CPU time over the clean twin's."""
+        return self.seconds / self.clean_seconds
+
+
+def run(fault: str, vehicle: str, seed: int) -> Run | None:
+    """One run; None where the vehicle can't have the fault."""
+    flown = subject(vehicle, seed)
+    drawn = FAULTS[fault].draw(flown, np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
+    if drawn is None:
+        return None
+    try:
+        found, seconds = _examined(drawn.case, vehicle)
+    except InputError as error:
+        return Run(fault, vehicle, seed, drawn.what, "refused", notices=(Notice("refused", str(error)),))
+    except Exception:  # a crash is a cell of the matrix, not its end
+        return Run(fault, vehicle, seed, drawn.what, "crash", notices=(Notice("crash", traceback.format_exc()),))
+    twin, clean_seconds = _twin(vehicle, seed)
+    values = tuple(_values(found, drawn.case.bodies))
+    status = _status(found, drawn, flown, values)
+    if status in ("unknown", "silent") and any(v.off > SIGMAS for v in values) and not _tells(drawn.case, found, twin):
+        status = "hidden"
+    right = any(all(_fits(c, drawn.case.bodies) for c in answer.conclusions) for answer in found.mended)
+    return Run(fault, vehicle, seed, drawn.what, status, values, right, seconds, clean_seconds, found.notices)
+
+
+def clean(vehicle: str, seed: int) -> tuple[tuple[str, ...], int]:
+    """Causes named of a log without fault, and how many of its quantities look good and are wrong."""
+    found, _ = _twin(vehicle, seed)
+    codes = {notice.code for notice in found.notices} & CAUSES - VEHICLES[vehicle].said
+    return tuple(sorted(codes)), sum(value.good for value in _values(found, subject(vehicle, seed).clean.bodies))
+
+
+@lru_cache(maxsize=2)
+def _twin(vehicle: str, seed: int) -> tuple[Analysis, float]:
+    return _examined(subject(vehicle, seed).clean, vehicle)
+
+
+def _examined(case: Case, name: str) -> tuple[Analysis, float]:
+    """As the command does it, and its CPU time."""
+    begin = time.process_time()
+    with np.errstate(all="ignore"):
+        found = analysis.examine(case.log, VehicleSource(case.vehicle, name, ""))
+    return found, time.process_time() - begin
+
+
+def warm_up() -> None:
+    """Load what is loaded late, so that no run's time holds it."""
+    _examined(subject("bearing", 1).clean, "bearing")
+
+
+def _status(found: Analysis, drawn: Drawn, flown: Subject, values: Sequence[Value]) -> Status:
+    channels = [jet.name for jet in flown.vehicle.jets] or list(WRENCH)
+    named = [n for n in found.notices if n.code in CAUSES]
+    met = [any(due.met_by(n, channels) for n in named) for due in drawn.dues]
+    if any(_innocent(n, drawn.dues, channels) for n in named if n.code not in SIZED | flown.kind.said):
+        return "wrong"
+    if met and all(met):
+        return "right"
+    if any(met):
+        return "half"
+    if not any(value.off > SIGMAS for value in values):
+        return "harmless"
+    said = any(n.code in UNKNOWN for n in found.notices) or any(value.verdict == "contradicted" for value in values)
+    return "unknown" if said else "silent"
+
+
+def _innocent(notice: Notice, dues: Sequence[Due], channels: Sequence[str]) -> bool:
+    return not any(due.met_by(notice, channels) for due in dues)
+
+
+def _bodies(conclusion: Conclusion, bodies: Sequence[Body], cycle_s: float) -> Array:
+    """(B, 10) what the vehicle truly was during a phase."""
+    phase = conclusion.phase
+    during = [b.values for b in bodies if min(b.end_s, phase.end_s) - max(b.start_s, phase.start_s) > OVERLAP * cycle_s]
+    # pieces shorter than that are those of a body that changes all the time
+    return np.array(during or [b.values for b in bodies if b.start_s < phase.end_s and b.end_s > phase.start_s])
+
+
+def _values(found: Analysis, bodies: Sequence[Body]) -> Iterator[Value]:
+    """Each value against the nearest of the bodies that its phase had."""
+    for conclusion, history in zip(found.conclusions, found.histories, strict=True):
+        true = _bodies(conclusion, bodies, found.vehicle.cycle.period_s)
+        sizes = history.natural_sizes.copy()
+        sizes[POSITIVE] = np.minimum(sizes[POSITIVE], true[:, POSITIVE].min(0))
+        for i, name in enumerate(QUANTITIES):
+            e = conclusion.estimates[name]
+            if e.value is not None and e.sigma is not None:
+                nearest = float(true[np.abs(true[:, i] - e.value).argmin(), i])
+                good = e.verdict == "converged" and abs(e.value - nearest) > max(SIGMAS * e.sigma, PART * sizes[i])
+                yield Value(conclusion.phase.name, name, e.value, e.sigma, nearest, e.verdict, bool(good))
+
+
+def _fits(conclusion: Conclusion, bodies: Sequence[Body]) -> bool:
+    """Whether a mended answer is some true body's within 4 sigma, in all that it tells."""
+    told = {name: e for name, e in conclusion.estimates.items() if e.value is not None and e.sigma is not None}
+    return bool(told) and any(
+        all(
+            abs((e.value or 0.0) - body.values[i]) <= SIGMAS * (e.sigma or 0.0)
+            for i, name in enumerate(QUANTITIES)
+            if (e := told.get(name)) is not None
+        )
+        for body in bodies
+    )
+
+
+def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
+    """Whether the fault leaves a trace in the off-line fit, at the disturbances that the clean log has.
+
+    Both logs have the same noise, so what differs between their whitened innovations is what the fit can't absorb.
+    """
+    settings = twin.vehicle.environment
+    keys = [f"environment.{key}={getattr(settings, key)}" for key in ("disturbance_torque_n_m", "disturbance_walk_n_m")]
+    scale = twin.vehicle.estimator.accel_noise_scale
+    keys += [] if scale is None else [f"estimator.accel_noise_scale={list(scale)}"]
+    used = changed(case.vehicle, [*keys, "estimator.adapt_noise=false"])
+    with np.errstate(all="ignore"):
+        samples = compensate(align(case.log, used, found.timing.delay), used)
+        phases = [(history.phase, history.cycles) for history in found.histories]
+        try:
+            settled = estimates(samples, phases, used, Consider(), lambda *_: None).settled
+        except np.linalg.LinAlgError:
+            return True  # so far from any vehicle that nothing can be fitted
+    left, clean_left = (_innovations(histories, used.cycle.period_s) for histories in (settled, twin.settled))
+    trace = sum(float(np.nansum((left[k] - clean_left[k]) ** 2)) for k in left.keys() & clean_left.keys())
+    return not trace < TELLS
+
+
+def _innovations(histories: Sequence[History], period_s: float) -> dict[int, Array]:
+    """Whitened ones (6,) of each cycle, counted from the log's start."""
+    return {round(time_s / period_s): row for history in histories for time_s, row in zip(history.time_s, history.normalised, strict=True)}

@@ -1,0 +1,188 @@
+"""Faults of jets, commands and their timing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from fault_named import Drawn, Due, Fault, Number, due
+from fault_vehicles import Case, Subject
+
+from massprop_cli.arrays import Array, frozen
+from massprop_cli.columns import WRENCH
+
+FINE = 20
+"""Records per cycle that a drifting clock is sampled from."""
+Random = np.random.Generator
+
+
+def unit(rng: Random) -> Array:
+    """(3,) a direction."""
+    drawn = rng.standard_normal(3)
+    direction: Array = drawn / np.linalg.norm(drawn)
+    return direction
+
+
+def across(rng: Random, force: Array) -> Array:
+    """(3,) a direction across ``force``."""
+    drawn = np.cross(force, unit(rng))
+    direction: Array = drawn / np.linalg.norm(drawn)
+    return direction
+
+
+def turned(vector: Array, axis: Array, degrees: float) -> Array:
+    """(3,) ``vector`` turned about ``axis``, which is across it or not (Rodrigues)."""
+    angle = np.radians(degrees)
+    rotated: Array = vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle) + axis * (axis @ vector) * (1 - np.cos(angle))
+    return rotated
+
+
+def stated_forces(subject: Subject, case: Case, factors: dict[str, float]) -> Case:
+    """The vehicle file gives these jets so many times the thrust that they have."""
+    jets = subject.vehicle.jets
+    keys = [f"jets.{i}.force_n={[factors[j.name] * x for x in j.force_n]}" for i, j in enumerate(jets) if j.name in factors]
+    return case.stating(*keys)
+
+
+def failing(jets: list[str]) -> str:
+    """The scenario's key for jets that give nothing."""
+    return "actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust=0.0}}' for jet in jets) + "]"
+
+
+def _reversed(s: Subject, rng: Random) -> Drawn | None:
+    if not s.fired:
+        return None
+    jet = str(rng.choice(s.fired))
+    return Drawn(stated_forces(s, s.clean, {jet: -1.0}), due("jet-sign", channels=[jet]), f"{jet} pushes the other way")
+
+
+def _dead(s: Subject, rng: Random, count: int) -> Drawn | None:
+    if not s.fired:
+        return None
+    jets = [str(jet) for jet in rng.choice(s.fired, count, replace=False)]
+    dues = tuple(Due(("jet-dead",), (jet,), frozenset(jets)) for jet in jets)
+    return Drawn(s.flown(failing(jets)), dues, f"{' and '.join(jets)} dead")
+
+
+def _weak(s: Subject, rng: Random, factor: float) -> Drawn | None:
+    if not s.fired:
+        return None
+    jet = str(rng.choice(s.fired))
+    return Drawn(stated_forces(s, s.clean, {jet: 1 / factor}), due("thrust-scale", channels=[jet]), f"{jet} gives {factor:.0%}")
+
+
+def _group(s: Subject, rng: Random, prefixes: tuple[str, ...]) -> Drawn | None:
+    groups = [[jet for jet in s.fired if jet.startswith(prefix)] for prefix in prefixes]
+    groups = [group for group in groups if len(group) > 1]
+    if not groups:
+        return None
+    group = groups[int(rng.integers(len(groups)))]
+    factor = float(rng.choice([0.8, 1.2]))
+    wrong = stated_forces(s, s.clean, dict.fromkeys(group, 1 / factor))
+    return Drawn(wrong, due("thrust-scale", channels=group), f"{', '.join(group)} give {factor:.0%}")
+
+
+def _all_thrust(s: Subject, rng: Random) -> Drawn | None:
+    factor = float(rng.choice([0.8, 1.2]))
+    if s.vehicle.jets:
+        wrong = stated_forces(s, s.clean, {jet.name: 1 / factor for jet in s.vehicle.jets})
+    else:
+        wrong = s.clean.logging(command=frozen(s.clean.log.command / factor))
+    return Drawn(wrong, (), f"all thrust at {factor:.0%}, which no log can tell")
+
+
+def _misplaced(s: Subject, rng: Random, metres: float) -> Drawn | None:
+    if not s.fired:
+        return None
+    jet = str(rng.choice(s.fired))
+    i = [j.name for j in s.vehicle.jets].index(jet)
+    placed = np.array(s.vehicle.jets[i].position_m) + metres * across(rng, np.array(s.vehicle.jets[i].force_n))
+    wrong = s.clean.stating(f"jets.{i}.position_m={placed.tolist()}")
+    return Drawn(wrong, due("jet-position", channels=[jet]), f"{jet} {metres * 1000:g} mm out of place")
+
+
+def _canted(s: Subject, rng: Random, degrees: float) -> Drawn | None:
+    if not s.fired:
+        return None
+    jet = str(rng.choice(s.fired))
+    i = [j.name for j in s.vehicle.jets].index(jet)
+    force = np.array(s.vehicle.jets[i].force_n)
+    wrong = s.clean.stating(f"jets.{i}.force_n={turned(force, across(rng, force), degrees).tolist()}")
+    return Drawn(wrong, due("jet-direction", channels=[jet]), f"{jet} canted by {degrees:g} degrees")
+
+
+def _command(s: Subject, rng: Random, factor: float, code: str) -> Drawn | None:
+    if not s.driven:
+        return None
+    i = int(rng.choice(s.driven))
+    command = s.clean.log.command.copy()
+    command[:, i] /= factor
+    return Drawn(s.clean.logging(command=frozen(command)), due(code, channels=[WRENCH[i]]), f"{WRENCH[i]} gives {factor:.0%}")
+
+
+def _rise(s: Subject, _: Random, cycles: float) -> Drawn | None:
+    if not s.vehicle.jets:
+        return None
+    more = cycles * s.period_s
+    keys = [f"vehicle.jets.{i}.{k}={getattr(j, k) + more}" for i, j in enumerate(s.vehicle.jets) for k in ("rise_s", "fall_s")]
+    return Drawn(s.flown(*keys), due("thrust-rise"), f"thrust rises and falls for {1000 * more:g} ms more than stated")
+
+
+def _lag(s: Subject, rng: Random) -> Drawn | None:
+    stated = s.vehicle.thrust.stated_lag_s
+    true = stated + rng.uniform(0.3, 0.8) * s.period_s
+    return Drawn(s.flown(f"actuators.lag_s={true}"), due("thrust-lag"), f"thrust lags by {true:.4g} s, stated {stated:g}")
+
+
+def _delay(s: Subject, rng: Random, cycles: float) -> Drawn | None:
+    true = float(s.vehicle.cycle.command_delay_cycles)
+    stated = true + (cycles if true < cycles else float(rng.choice([-1, 1])) * cycles)
+    wrong = s.clean.stating(f"cycle.command_delay_cycles={stated}")
+    return Drawn(wrong, due("delay-mismatch", Number(true, 0.2)), f"delay {true:g} cycles, stated {stated:g}")
+
+
+def _drift(s: Subject, rng: Random) -> Drawn | None:
+    """Command k stands in the IMU's row k, whichever clock is the faster."""
+    total = rng.uniform(1.0, 1.5)
+    faster = total / s.cycles
+    if float(s.vehicle.cycle.command_delay_cycles) > total and rng.random() < 0.5:
+        faster = -faster
+    fine = s.flown(f"sensors.records_per_cycle={FINE}", "sensors.gyro_noise_rad_s=0.0", "sensors.accel_noise_m_s2=0.0")
+    shorter = s.clean.cut(s.cycles - 3)  # a slow IMU sees beyond what was flown
+    log, imu = shorter.log, s.vehicle.imu
+    ends = np.concatenate([[0.0], fine.log.time_s])
+    sampled = np.concatenate([[0.0], log.time_s]) * (1 - faster)
+    white = np.sqrt(log.records_per_cycle) * log.interval_s[:, None]
+    found = []
+    for increments, sigma in ((fine.log.delta_theta_imu_rad, imu.gyro_noise_rad_s), (fine.log.delta_v_imu_m_s, imu.accel_noise_m_s2)):
+        total_so_far = np.vstack([np.zeros(3), np.cumsum(increments, 0)])
+        seen = np.stack([np.interp(sampled, ends, column) for column in total_so_far.T], 1)
+        found.append(frozen(np.diff(seen, axis=0) + (sigma or 0.0) * white * rng.standard_normal((len(log.time_s), 3))))
+    wrong = replace(shorter.logging(*found), bodies=fine.bodies)
+    return Drawn(wrong, due("clock-drift"), f"IMU clock {faster * 1e6:+.0f} ppm, {abs(faster) * s.cycles:.2f} cycles in all")
+
+
+THRUST = (
+    Fault("jet-reversed", "one jet reversed", _reversed),
+    Fault("jet-dead", "one jet dead", partial(_dead, count=1)),
+    Fault("jets-dead", "two jets dead", partial(_dead, count=2)),
+    Fault("jet-weak", "one jet at 80 %", partial(_weak, factor=0.8)),
+    Fault("jet-strong", "one jet at 120 %", partial(_weak, factor=1.2)),
+    Fault("jet-10mm", "one jet 10 mm out of place", partial(_misplaced, metres=0.01)),
+    Fault("jet-50mm", "one jet 50 mm out of place", partial(_misplaced, metres=0.05)),
+    Fault("jet-5deg", "one jet canted by 5°", partial(_canted, degrees=5.0)),
+    Fault("jet-20deg", "one jet canted by 20°", partial(_canted, degrees=20.0)),
+    Fault("axis-scale", "all jets of one axis at 80 or 120 %", partial(_group, prefixes=("roll_", "pitch_", "yaw_"))),
+    Fault("line-scale", "diverts of one line at 80 or 120 %", partial(_group, prefixes=("divert_x", "divert_y", "divert_z"))),
+    Fault("all-scale", "all thrust at 80 or 120 %: no log can tell", _all_thrust),
+    Fault("command-sign", "one component of the wrench reversed", partial(_command, factor=-1.0, code="command-sign")),
+    Fault("command-scale", "one component of the wrench at 80 %", partial(_command, factor=0.8, code="thrust-scale")),
+    Fault("rise-short", "rise and fall of a fifth of a cycle unstated", partial(_rise, cycles=0.2)),
+    Fault("rise-long", "rise and fall of two fifths unstated", partial(_rise, cycles=0.4)),
+    Fault("lag", "lag of 0.3 to 0.8 cycles unstated", _lag),
+    Fault("delay-half", "delay off by half a cycle", partial(_delay, cycles=0.5)),
+    Fault("delay-one", "delay off by a cycle", partial(_delay, cycles=1.0)),
+    Fault("delay-two", "delay off by two cycles", partial(_delay, cycles=2.0)),
+    Fault("clock-drift", "IMU clock drifts by 1 to 1.5 cycles in all", _drift),
+)
