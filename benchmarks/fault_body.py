@@ -154,7 +154,8 @@ def _weak_and_tilted(s: Subject, rng: Random) -> Drawn | None:
         return None
     jet = str(rng.choice(s.fired))
     wrong = mounted(s, stated_forces(s, s.clean, {jet: 1 / 0.8}), rotation(unit(rng), 10.0))
-    return Drawn(wrong, (*due("thrust-scale", channels=[jet]), Due(("imu-mounting",))), f"{jet} gives 80 %, IMU tilted by 10 degrees")
+    dues = (*due("thrust-scale", channels=[jet]), *due("imu-mounting", Number(10.0, 1.5)))
+    return Drawn(wrong, dues, f"{jet} gives 80 %, IMU tilted by 10 degrees")
 
 
 BODY = (

@@ -208,7 +208,9 @@ vehicle, seed by seed; jet, axis, sign, size and time change with the seed. A ce
 Where the mass properties change, a value is held against the nearest that was true at some time. Time is CPU time over that of the same
 log without the fault: median, most.
 """
-TOTALS_HEAD = """| vehicle | runs | right, of harm that a log can tell | wrong cause | looks good | mended right | time; over 3 | refused |
+TOTALS_HEAD = """Wanted: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, nothing that looks good and is wrong, no time over 3.
+
+| vehicle | runs | right, of harm that a log can tell | wrong cause | looks good | mended right | time; over 3 | refused |
 |---|--:|--:|--:|--:|--:|--:|--:|"""
 CLEAN_HEAD = """
 | without fault | logs | causes named | values converged and wrong |
