@@ -1,10 +1,10 @@
 """How faults of logs and vehicle files are named: each kind on each vehicle, seed by seed, and what is said of logs without any.
 
     python benchmarks/faults.py --seeds 10 > docs/faults.md
+    python benchmarks/faults.py --seeds 0 --clean 125
     python benchmarks/faults.py --fault jet-dead --vehicle bearing --first 1003 --seeds 1 --show
 
-A kind is chosen by its name or by the code that names it (``--fault gyro-scale`` is both). Jet, axis, sign, size and time are drawn
-from the seed.
+Jet, axis, sign, size and time are drawn from kind, vehicle and seed.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=10, help="of each fault on each vehicle")
     parser.add_argument("--first", type=int, default=1001, help="seed")
     parser.add_argument("--clean", type=int, default=0, metavar="N", help="seeds of each vehicle without fault")
-    parser.add_argument("--fault", action="append", help=f"by name or code, may be repeated: {', '.join(FAULTS)}")
+    parser.add_argument("--fault", action="append", help=f"by name, may be repeated: {', '.join(FAULTS)}")
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="may be repeated")
     parser.add_argument("--jobs", type=int, default=None, help="processes")
     parser.add_argument("--show", action="store_true", help="what was said of each run, and its values in sigmas")
