@@ -176,3 +176,17 @@ def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
         z.append(z_scores(estimate.replay(flown.samples(rng), slice(2, 240), Phase(name="all", start_s=0, end_s=99), used), flight.TRUTH))
     assert np.abs(z).max() < 4.5
     assert 0.65 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+def test_a_mass_that_is_said_to_drift_is_known_no_better_than_it_drifts() -> None:
+    """The body of the flight is constant: its mass still holds, with a sigma that no averaging brings below the walk."""
+    flown = flight.standard("free")
+    drifting = flight.vehicle(drift={"mass": 2.0})
+    for seed in range(5):
+        samples = flown.samples(np.random.default_rng(seed))
+        whole = slice(2, len(samples))
+        phase = Phase(name="all", start_s=0.0, end_s=99.0)
+        still, walked = (estimate.replay(samples, whole, phase, used) for used in (flight.vehicle(), drifting))
+        assert walked.sigmas[-1, 9] > 1.5 * still.sigmas[-1, 9]
+        assert walked.sigmas[-1, 9] < 2.0 * np.sqrt(16.0)  # what it would have wandered from the start on
+        assert np.abs((walked.values[-1] - flight.TRUTH) / walked.sigmas[-1]).max() < 4.5
