@@ -351,7 +351,7 @@ class Regression:
         mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
-        spread = np.linalg.cholesky(np.eye(6) + ahead @ ahead.transpose(0, 2, 1))
+        spread = _root_beside_unit(ahead)
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
         duration = self.samples.executed.duration_s[before.at : before.at + len(each)]
         unit = np.zeros((len(each), 6, 6))
@@ -411,6 +411,14 @@ class Regression:
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
         return found
+
+
+def _root_beside_unit(ahead: Array) -> Array:
+    """(K, 6, 6) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
+    beside = np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(6), (len(ahead), 6, 6))], 1)
+    upper = triangle_of(beside)
+    found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
+    return found
 
 
 def _curved(theta: Array, sigma: Array) -> Array:
