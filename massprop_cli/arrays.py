@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.integer[Any]]
 
 
 def frozen(array: Array) -> Array:

@@ -43,6 +43,14 @@ def cross(a: Array, b: Array) -> Array:
     return found
 
 
+def rotation(vector: Array) -> Array:
+    """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
+    angle = np.sqrt((vector**2).sum(-1))[..., None, None]
+    turn = cross_matrix(vector)
+    found: Array = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
+    return found
+
+
 def inertia_regressor(v: Array) -> Array:
     """L(v), shape (..., 3, 6): ``L(v) @ elements(I) = I v``."""
     matrix = np.zeros((*v.shape, 6))
