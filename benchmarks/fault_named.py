@@ -13,6 +13,8 @@ from massprop_cli.telemetry import Notice
 
 RIVALS = "rival"
 """A message that weighs rivals against what it names does so from this word on."""
+EVEN = ", or else "
+"""Between causes of one kind that a log can't tell apart: two jets that always fire together, say. One of them must be right."""
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 CAUSES = frozenset(
     {
@@ -54,10 +56,12 @@ class Due:
 
     def met_by(self, notice: Notice, channels: Sequence[str]) -> bool:
         """Whether a warning is it; ``channels`` are the names of all."""
-        said = notice.message.partition(RIVALS)[0]
+        return any(self._met(notice.code, said, channels) for said in notice.message.partition(RIVALS)[0].split(EVEN))
+
+    def _met(self, code: str, said: str, channels: Sequence[str]) -> bool:
         named = {name for name in channels if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said)}
         return (
-            notice.code in self.codes
+            code in self.codes
             and all(word.among(said) if isinstance(word, Number) else word in said for word in self.words)
             and (not self.channels or (bool(named) and named <= self.channels))
         )

@@ -23,7 +23,7 @@ from massprop_cli.columns import WRENCH
 from massprop_cli.compensate import compensate
 from massprop_cli.conclude import POSITIVE, Conclusion
 from massprop_cli.errors import InputError
-from massprop_cli.estimates import estimates
+from massprop_cli.estimates import as_stated, estimates
 from massprop_cli.history import History
 from massprop_cli.sensitivity import Consider
 from massprop_cli.telemetry import Notice
@@ -208,7 +208,8 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
         samples = compensate(align(case.log, used, found.timing.delay), used)
         phases = [(history.phase, history.cycles) for history in found.histories]
         try:
-            settled = estimates(samples, phases, used, Consider(), lambda *_: None).settled
+            plain = as_stated(samples, phases, used, Consider())
+            settled = estimates(samples, phases, plain, False, Consider(), lambda *_: None).settled
         except np.linalg.LinAlgError:
             return True  # so far from any vehicle that nothing can be fitted
     left, clean_left = (_innovations(histories, used.cycle.period_s) for histories in (settled, twin.settled))

@@ -9,17 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import columns, diagnose, noise, timing, vehicle
+from massprop_cli import columns, noise, timing, vehicle
 from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
 from massprop_cli.compensate import Samples
 from massprop_cli.conclude import Conclusion, conclude, contradicted
-from massprop_cli.contradict import SATURATED, Fault, by_faults, by_known, by_misfit, by_no_body, mended_log, together
-from massprop_cli.diagnose import Cure
+from massprop_cli.contradict import SATURATED, Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
+from massprop_cli.cures import Cure
+from massprop_cli.diagnose import Diagnosis, diagnose
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
-from massprop_cli.estimates import Progress, estimates
+from massprop_cli.estimates import Progress, as_stated, by_thesis, estimates
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.physical import physical_note
 from massprop_cli.sensitivity import Consider, late
@@ -69,6 +70,10 @@ class Analysis:
     assumptions: tuple[Assumption, ...] = ()
     examination: Examined | None = None
     """What each assumption does to the off-line fits; None by another method, and where there is none."""
+    faults: tuple[Fault, ...] = ()
+    """What has a name."""
+    unknown: str = ""
+    """Why nothing has, where something should."""
 
 
 def analyse(
@@ -86,55 +91,72 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
     """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
     say = progress or (lambda *_: None)
     found = _estimated(log, source, assignments, say)
-    faults = _faults(found, say)
-    change_s = next((fault.change_s for fault in faults if fault.change_s is not None), None)
+    change_s = next((fault.change_s for fault in found.faults if fault.change_s is not None), None)
     if change_s is not None and source.vehicle.estimator.split_on_change:
         split = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], change_s))
         again = examine(log, split, assignments, progress)
-        return replace(again, source=source, notices=(*(fault.notice for fault in faults if fault.change_s is not None), *again.notices))
-    mended = [answer for fault in _distinct(faults) if (answer := _mended(found, fault, say)) is not None]
-    judged = _judged(found, faults, mended)
+        changes = (fault.notice for fault in found.faults if fault.change_s is not None)
+        return replace(again, source=source, notices=(*changes, *again.notices))
+    mended = [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
+    judged = _judged(found, mended)
     return replace(judged, assumptions=_assumptions(judged))
 
 
 def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
-    """Timing, noise levels, estimates: before anything is held against anything."""
+    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
     detected = _found_timing(log, source, say)
     used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
     stated = _with_timing(source.vehicle, used_timing, detected)
     samples = used_timing.of(log, stated)
     phases = _phases(log, stated, samples.executed)
     consider = _considered(log, stated, used_timing)
-    used, histories, settled, notices = estimates(samples, phases, stated, consider, say)
+    diagnosis = Diagnosis()
+    if stated.estimator.method == "thesis":
+        answer = by_thesis(samples, phases, stated)
+    else:
+        plain = as_stated(samples, phases, stated, consider)
+        if check and plain.dubious and not _saturated(log):
+            say("looking for the cause", 1.0)
+            diagnosis = diagnose(log, plain.used, used_timing, [cycles for _, cycles in phases])
+        size = stated.estimator.adapt_noise and not diagnosis.explanations
+        answer = estimates(samples, phases, plain, size, consider, say)
+    histories, settled, used = answer.histories, answer.settled, answer.used
     if stated.estimator.refine and settled:
         histories = tuple(settled)
-    conclusions = tuple(conclude(history, used) for history in histories)
     examination = None
     if settled and check:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled)
-    if detected is None and examination is not None:
-        say("checking the delay", 1.0)
-        detected = _checked_timing(log, used, stated, settled, used_timing, examination)
-        notices = timing.mismatch(used_timing.delay, detected, fits=not notices) + notices
-    found = (*log.notices, *notices, *(n for h in histories for n in h.notices))
-    judged = tuple(settled) or histories
+    if detected is None:
+        detected = diagnosis.detected
+    if detected is None and examination is not None and used == _undisturbed(used, stated):
+        detected = _checked_timing(settled, used_timing, examination)
     return Analysis(
-        log,
-        source,
-        used,
-        stated,
-        samples,
-        used_timing,
-        detected,
-        histories,
-        judged,
-        conclusions,
-        None,
-        found,
-        tuple(assignments),
+        log=log,
+        source=source,
+        vehicle=used,
+        stated=stated,
+        samples=samples,
+        timing=used_timing,
+        detected=detected,
+        histories=histories,
+        settled=tuple(settled) or histories,
+        conclusions=tuple(conclude(history, used) for history in histories),
+        docked=None,
+        notices=(*log.notices, *_unexplained(diagnosis), *answer.notices, *(n for h in histories for n in h.notices)),
+        assignments=tuple(assignments),
         examination=examination,
+        faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in diagnosis.explanations)),
+        unknown=diagnosis.unknown,
     )
+
+
+def _unexplained(diagnosis: Diagnosis) -> list[Notice]:
+    return [Notice("cause-unknown", diagnosis.unknown)] if diagnosis.unknown else []
+
+
+def _saturated(log: Log) -> list[Notice]:
+    return [notice for notice in log.notices if notice.code in SATURATED]
 
 
 def _with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
@@ -165,24 +187,6 @@ def _considered(log: Log, stated: Vehicle, used: Timing) -> Consider:
     return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
 
 
-def _faults(found: Analysis, say: Progress) -> list[Fault]:
-    """What has a name: saturation, a delay, or what an examination of the misfit finds."""
-    faults = [Fault(n, None) for n in found.notices if n.code in SATURATED]
-    for notice in found.notices:
-        if notice.code == "delay-mismatch" and found.detected is not None:
-            at, sigma = found.detected.at.delay, found.detected.sigma.delay
-            settings = (f"cycle.command_delay_cycles={at:.9g}", f"cycle.command_delay_sigma_cycles={sigma:.3g}")
-            faults.append(Fault(notice, Cure(settings)))
-    raised = [n for n in found.notices if n not in found.log.notices and n.code != "known-mismatch"]
-    if faults or not raised or found.vehicle.estimator.method != "default":
-        return faults
-    say("looking for the cause", 1.0)
-    pieces = [history.cycles for history in found.histories]
-    channels = [] if found.examination is None else found.examination.likeliest_channels()
-    explained = diagnose.diagnose(found.log, _undisturbed(found.vehicle, found.stated), found.timing.delay, pieces, channels)
-    return [Fault(e.notice, e.cure, e.change_s) for e in explained]
-
-
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
     """One of those that the same cure mends."""
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
@@ -195,38 +199,49 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     if cure is None:
         return None
     try:
-        log, source = mended_log(found.log, cure), found.source
+        log, source = cure.log(found.log), found.source
         if fault.change_s is not None:
             source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
         else:
             source = replace(source, vehicle=vehicle.changed(source.vehicle, cure.settings))
-        again = _judged(_estimated(log, source, (), say, check=False), [], [])
+        again = _judged(_estimated(log, source, (), say, check=False), [])
     except InputError:
         return None
     return MendedAnswer(fault, (*cure.settings, *_column_settings(found, cure)), again.conclusions)
 
 
 def _column_settings(found: Analysis, cure: Cure) -> tuple[str, ...]:
-    """The keys that mend units and signs of the log's own columns."""
-    factors = dict.fromkeys(found.log.rate_columns, cure.gyro) | dict.fromkeys(found.log.force_columns, cure.accel)
-    factors |= dict(zip(columns.WRENCH, cure.command, strict=False))
-    settings = []
-    for name, factor in factors.items():
-        if factor != 1.0:
-            now = found.source.vehicle.columns.get(name, vehicle.Column.model_validate({"from": name}))
-            settings.append(f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * factor:.9g} }}")
-    return tuple(settings)
+    """The keys that mend units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
+    settings: list[str] = []
+    turns = ((found.log.rate_columns, cure.gyro), (found.log.force_columns, cure.accelerometer), (columns.WRENCH, _diagonal(cure.command)))
+    for names, turn in turns:
+        if all(sum(value != 0 for value in row) == 1 for row in turn):
+            settings += [_column(found, name, names, row) for name, row in zip(names, turn, strict=False)]
+    return tuple(setting for setting in settings if setting)
 
 
-def _judged(found: Analysis, faults: Sequence[Fault], mended: Sequence[MendedAnswer]) -> Analysis:
+def _diagonal(factors: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(factor * (i == j) for j in range(len(factors))) for i, factor in enumerate(factors))
+
+
+def _column(found: Analysis, name: str, names: Sequence[str], row: Sequence[float]) -> str:
+    """Where a column is to be read from; empty if it stays as it is."""
+    at = next(i for i, value in enumerate(row) if value != 0)
+    if names[at] == name and row[at] == 1.0:
+        return ""
+    now = found.source.vehicle.columns.get(names[at], vehicle.Column.model_validate({"from": names[at]}))
+    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
+
+
+def _judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
     """Conclusions with what is contradicted, the docked object, and every notice."""
-    by_method = found.vehicle.estimator.method == "default"
+    by_method, faults = found.vehicle.estimator.method == "default", found.faults
     conclusions, factors = [], []
     for conclusion, history, settled in zip(found.conclusions, found.histories, found.settled, strict=True):
         own = [f for f in faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
         answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle) if by_method else (None, np.ones(6))
-        unnamed = [] if own or not by_method else [misfit, by_no_body(conclusion)]
+        unnamed = [] if own or not by_method else [_explained(misfit, found.unknown), by_no_body(conclusion)]
         against = together([by_faults(conclusion, own, answers), by_known(history), *unnamed])
         conclusions.append(conclusion if against is None else contradicted(conclusion, against.cause, against.touched))
         factors.append(factor)
@@ -241,6 +256,11 @@ def _judged(found: Analysis, faults: Sequence[Fault], mended: Sequence[MendedAns
     about_docking = _docking_notices(docked, tuple(conclusions), found.vehicle)
     notices = (*causes, *others, *found.notices, *_physical(found.conclusions), *about_docking)
     return replace(found, conclusions=tuple(conclusions), docked=docked, notices=notices, lack_of_fit=tuple(factors), mended=tuple(mended))
+
+
+def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
+    """With what was tried to find its cause."""
+    return against if against is None or not unknown else replace(against, cause=f"{unknown}; {against.cause}")
 
 
 def _assumptions(found: Analysis) -> tuple[Assumption, ...]:
@@ -307,22 +327,15 @@ def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | Non
     return found
 
 
-def _checked_timing(
-    log: Log, used: Vehicle, stated: Vehicle, settled: Sequence[History], at: Timing, examination: Examined
-) -> Found | None:
-    """What the log says of a stated delay; None where nothing is known of the vehicle to tell it by.
-
-    Where the noise that is stated explains the log, and the delay is off by little if at all, the examination has it already.
-    """
-    known = [(history.cycles, history.reference) for history in settled if history.reference is not None]
-    plain, later = _undisturbed(used, stated), examination.delay()
-    if later is not None and plain == used and abs(later.cycles) < timing.MISMATCH[0] and at.delay + later.cycles >= 0:
-        rows = 6 * sum(cycles.stop - cycles.start for cycles, _ in known)
-        scale = max(later.before / rows, 1.0)
-        return timing.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
-    if not known:
+def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:
+    """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
+    known = [history.cycles for history in settled if history.reference is not None]
+    later = examination.delay()
+    if later is None or abs(later.cycles) >= timing.MISMATCH or at.delay + later.cycles < 0:
         return None
-    return timing.detect(log, plain, [cycles for cycles, _ in known], at, ["delay"], [reference for _, reference in known])
+    rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
+    scale = max(later.before / rows, 1.0)
+    return timing.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
 
 
 def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:

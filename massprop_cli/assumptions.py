@@ -100,17 +100,6 @@ class Examined:
         (before, cross), (_, own) = np.sum(grams, 0)
         return Later(float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own))
 
-    def likeliest_channels(self) -> list[int]:
-        """Command channels, first the one whose own thrust explains most of what is left of the log."""
-        grams = [response.gram for response in self.responses if response is not None]
-        if not grams:
-            return []
-        gram = np.sum(grams, 0)
-        first = 1 + len(self.taken)
-        own = np.diag(gram)[first:]
-        explained = np.where(own > 0, gram[0, first:] ** 2 / np.maximum(own, np.finfo(float).tiny), 0.0)
-        return [int(i) for i in np.argsort(-explained, kind="stable")]
-
 
 def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History]) -> Examined:
     """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``."""

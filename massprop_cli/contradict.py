@@ -12,7 +12,7 @@ does not bear out, and a misfit without a name: what the model leaves still foll
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.compensate import Samples
 from massprop_cli.conclude import POSITIVE, Conclusion, Estimate
-from massprop_cli.diagnose import Cure
+from massprop_cli.cures import Cure
 from massprop_cli.history import History
 from massprop_cli.lackoffit import hidden_error, innovation_test
-from massprop_cli.telemetry import Log, Notice
+from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Vehicle
 
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
@@ -59,17 +59,6 @@ class Contradiction:
     cause: str
     touched: BoolArray
     """(10,)"""
-
-
-def mended_log(log: Log, cure: Cure) -> Log:
-    """The log as it is after the cure's factors."""
-    command = log.command * np.array(cure.command) if cure.command else log.command
-    return replace(
-        log,
-        delta_theta_imu_rad=log.delta_theta_imu_rad * cure.gyro,
-        delta_v_imu_m_s=log.delta_v_imu_m_s * cure.accel,
-        command=command,
-    )
 
 
 def by_faults(conclusion: Conclusion, faults: Sequence[Fault], mended: Sequence[Conclusion | None]) -> Contradiction | None:

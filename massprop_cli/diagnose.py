@@ -1,83 +1,79 @@
-"""What could be wrong with the vehicle file or the log, where the two don't fit: suppositions tried one after another.
+"""What is wrong with the vehicle file or the log, where the two don't fit: the right cause, or none.
 
-Each supposition changes what is taken for granted (the gyro's unit, the IMU's mounting, what each jet really does) and the log is fitted
-again without any disturbance (:mod:`massprop_cli.fit`). One that explains nearly all of the misfit is
-named, with the cure; none is acted on.
+Every supposition of :mod:`massprop_cli.causes` is held against one reduction of the log (:mod:`massprop_cli.channelwise`). What is left
+is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind. The best are applied
+to log and vehicle file and the log is reduced again, so that what counts in the end is exact. One is named only if the log passes its
+test once it is mended; those that come near stand beside it. Two at once are tried where no single one suffices. Nothing is acted on.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import change
-from massprop_cli.align import Aligned, align, channel_wrench
-from massprop_cli.arrays import Array, BoolArray
+from massprop_cli import causes, change
+from massprop_cli.arrays import Array
+from massprop_cli.channelwise import Free, free_response, verticals
 from massprop_cli.columns import WRENCH
-from massprop_cli.compensate import Samples, compensate
+from massprop_cli.contest import Fitted, compared, fitted
+from massprop_cli.cures import Case, Cure, applied, cure_of
 from massprop_cli.errors import InputError
-from massprop_cli.fit import PASSES, Extra, Fit, fit
-from massprop_cli.sensitivity import thrust_columns
 from massprop_cli.start import first_reference
+from massprop_cli.suppositions import Model, Supposition
 from massprop_cli.telemetry import Log, Notice
+from massprop_cli.timing import Found, Timing, near, search
 from massprop_cli.vehicle import Vehicle
+from massprop_cli.wording import NEAR, alone, words_of
 
 LONGEST = 3000
-"""Cycles that a supposition is tried on."""
-MISFIT = 1.3
-"""Mean squared residual over noise below which nothing is looked for."""
-EXPLAINED = 0.1
-"""A supposition is named if it leaves at most this part of the misfit ..."""
-REMAINS = 3.0
-"""... and no more than this over what noise explains: a wandering torque is fitted better by many a wrong supposition."""
-ROUGH, ROUGH_PASSES = 400, 3
-"""Cycles and passes of a first try."""
-SUSPECTS = 4
-"""Jets that are tried, one alone."""
-PROMISING, FINALISTS = 0.5, 3
-"""Part of the misfit that it may leave there, and how many are tried again with care."""
-NOISE_RATIO = 2.0
-"""Another unit leaves a variance within this factor of the stated noise's."""
-FACTOR_PRIOR = 1.0
-FACTOR_STEPS = 8
-LARGEST = 3.0
-"""Factors beyond are not tried."""
-OFF = (0.03, 0.3)
-"""A channel's factor is off if it differs by this much from what most channels have, and by this part of what the worst does."""
+"""Cycles that suppositions are tried on."""
+FITS = (2.0, 6.0)
+"""The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
+as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
+NEARLY, PART = 6.0, 1e-3
+"""Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
+LOUD = 4.0
+"""Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
+FINALISTS = (5, 12)
+"""How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
+FIRST = 3
+"""How many of them are tried with a second one."""
+AGAIN = 12
+"""How often one is applied anew from where it led."""
+FURTHER = 1.5
+"""Before it is applied a large change looks worse than it is, by up to so much."""
+STILL = 0.01
+"""A change of −2 log likelihood that ends that."""
+CLEAR = 14.0
+"""−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
+TRIED = (
+    "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
+    "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
+    "a change of the mass properties, and pairs of these"
+)
+EVEN = 6.0
+"""−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
+SHARE = 12
+"""Mountings that are read anew or fitted."""
 
 
-@dataclass(frozen=True)
-class Supposition:
-    """Something else than stated, and how to say it."""
+class Trial(NamedTuple):
+    """A supposition, how it is mended, and what it leaves."""
 
-    code: str
-    message: str
-    vehicle: Vehicle
-    gyro: float = 1.0
-    accel: float = 1.0
-    settings: tuple[str, ...] = ()
-    """KEY=VALUE of the vehicle file that mend it; units are columns of the log and not among them."""
-
-
-@dataclass(frozen=True)
-class Cure:
-    """How a named fault is mended: keys of the vehicle file, and factors on what the log holds."""
-
-    settings: tuple[str, ...] = ()
-    gyro: float = 1.0
-    accel: float = 1.0
-    command: tuple[float, ...] = ()
-    """On each component of a commanded wrench; empty: none."""
+    fitted: Fitted
+    case: Case
+    score: float
+    """−2 log likelihood, with the price of its freedom."""
+    fits: bool
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A supposition that was tried, and what it leaves."""
+    """A cause that has a name."""
 
-    chi_square: float
     code: str
     message: str
     cure: Cure
@@ -90,238 +86,320 @@ class Explanation:
         return Notice(self.code, self.message)
 
 
-def diagnose(log: Log, vehicle: Vehicle, delay_cycles: float, pieces: Sequence[slice], channels: Sequence[int] = ()) -> list[Explanation]:
-    """What explains the misfit of the piece that fits worst, if anything does. Noise levels must be set in ``vehicle``.
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found: several causes are wrong together."""
 
-    ``channels`` are the command channels that are likeliest at fault, in this order; without any, each jet is tried.
-    """
-    pieces = [slice(piece.start, min(piece.stop, piece.start + LONGEST)) for piece in pieces]
-    fits = [_tried(log, Supposition("", "", vehicle), delay_cycles, piece) for piece in pieces]
-    misfits = [np.inf if found is None else found.chi_square - 1 for found in fits]
-    worst = int(np.argmax(misfits))
-    piece, stated, misfit = pieces[worst], fits[worst], misfits[worst]
-    if misfit <= MISFIT - 1:
-        return []
-    allowed = 1 + min(EXPLAINED * misfit, REMAINS)
-    found = _fitting(log, vehicle, list(_suppositions(vehicle)), delay_cycles, piece, allowed)
-    if not found:
-        found = _fitting(
-            log, vehicle, list(_single_jets(vehicle, channels[:SUSPECTS] or range(len(vehicle.jets)))), delay_cycles, piece, allowed
-        )
-    if not found:
-        found = [e for e in _change(log, vehicle, delay_cycles, piece) if e.chi_square <= allowed]
-    if not found and stated is not None:  # factors are many changes: they are asked only where no single one does it
-        return [e for e in _factors(log, vehicle, delay_cycles, piece, stated) if e.chi_square <= allowed]
-    return [min(found, key=lambda e: (e.chi_square, e.message))] if found else []
+    explanations: tuple[Explanation, ...] = ()
+    detected: Found | None = None
+    """What the log says of the command delay, if that is the cause."""
+    unknown: str = ""
+    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
 
 
-def _fitting(
-    log: Log, vehicle: Vehicle, supposed: Sequence[Supposition], delay_cycles: float, piece: slice, allowed: float
-) -> list[Explanation]:
-    """Those that explain the misfit: all are tried roughly on a stretch, the best again with care."""
-    busiest = _busiest(log, piece)
-    aligned = align(log, vehicle, delay_cycles)
-    stated = _tried(log, Supposition("", "", vehicle), delay_cycles, busiest, ROUGH_PASSES, aligned)
-    least = np.inf if stated is None else 1 + PROMISING * (stated.chi_square - 1)
-    rough = [
-        (_tried(log, s, delay_cycles, busiest, ROUGH_PASSES, aligned if s.vehicle.jets == vehicle.jets else None), s) for s in supposed
-    ]
-    best = sorted(((found.chi_square, i) for i, (found, _) in enumerate(rough) if found is not None and found.chi_square <= least))
-    careful = [(_tried(log, rough[i][1], delay_cycles, piece), rough[i][1]) for _, i in best[:FINALISTS]]
-    return [
-        Explanation(f.chi_square, s.code, s.message, Cure(s.settings, s.gyro, s.accel))
-        for f, s in careful
-        if f is not None and _explains(f, s, allowed)
-    ]
+def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
+    """Why the piece that fits worst doesn't fit. Noise levels must be set in ``vehicle``, and no disturbance beyond what it states."""
+    case = Case(log, vehicle, timing)
+    looks = [look for piece in pieces if (look := _looked(case, _busiest(log, piece))) is not None]
+    if not looks:
+        return Diagnosis()
+    look = max(looks, key=lambda one: one.misfit)
+    if look.fits:
+        return Diagnosis()
+    return look.single() or look.much_later() or look.changed() or look.pair() or Diagnosis(unknown=look.in_vain())
 
 
 def _busiest(log: Log, piece: slice) -> slice:
-    """The ``ROUGH`` cycles of a piece in which most is commanded."""
+    """The ``LONGEST`` cycles of a piece in which most is commanded."""
     effort = np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
     total = np.concatenate([[0.0], np.cumsum(effort.sum(1))])
-    first = piece.start + int(np.argmax(total[ROUGH:] - total[:-ROUGH])) if len(total) > ROUGH else piece.start
-    return slice(first, min(first + ROUGH, piece.stop))
+    if len(total) <= LONGEST:
+        return piece
+    first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
+    return slice(first, first + LONGEST)
 
 
-def _explains(found: Fit, supposed: Supposition, allowed: float) -> bool:
-    """Whether hardly anything of the misfit is left.
-
-    Another unit must leave just the stated noise in every channel: any misfit drowns in noise once the signal is made small enough.
-    """
-    if supposed.gyro != 1.0 or supposed.accel != 1.0:
-        return bool((np.abs(np.log(found.channels)) < np.log(NOISE_RATIO)).all())
-    return found.chi_square <= allowed
-
-
-def _change(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice) -> list[Explanation]:
-    """The likeliest moment for a sudden change of the mass properties, each side fitted on its own."""
-    samples = _samples(log, Supposition("", "", vehicle), delay_cycles)
-    reference = None if samples is None else first_reference(samples, piece, vehicle)
-    if samples is None or reference is None:
-        return []
-    best = change.likeliest(samples, piece, reference, vehicle)
-    if best is None:
-        return []
-    time = round(float(samples.executed.start_s[best]), 9)
-    message = (
-        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
-        "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
-    )
-    cure = Cure(("estimator.split_on_change=true",))
-    return [Explanation(_sides(samples, piece, best, vehicle), "mass-change", message, cure, time)]
-
-
-def _sides(samples: Samples, piece: slice, at: int, vehicle: Vehicle) -> float:
-    """Chi-square of two bodies, one before cycle ``at`` and one from it on."""
-    total = 0.0
-    for side in (slice(piece.start, at), slice(at, piece.stop)):
-        reference = first_reference(samples, side, vehicle)
-        found = None if reference is None else fit(samples, side, reference, vehicle)
-        if found is None:
-            return float(np.inf)
-        total += found.chi_square * (side.stop - side.start)
-    return float(total / (piece.stop - piece.start))
-
-
-def _single_jets(vehicle: Vehicle, suspects: Sequence[int]) -> Iterator[Supposition]:
-    """Each of these jets mounted the other way round, and each dead."""
-    for i, jet in ((i, vehicle.jets[i]) for i in suspects if vehicle.jets):
-        for code, f, words in (
-            ("jet-sign", -1.0, "pushes the other way than the vehicle file says; mend its force_n"),
-            ("jet-dead", 0.0, "does not push at all; look at its valve and wiring"),
-        ):
-            factor = np.ones(len(vehicle.jets))
-            factor[i] = f
-            scaled = _scaled(vehicle, factor)
-            yield Supposition(code, f"the log fits if jet {jet.name} {words}", scaled, settings=_forces(scaled, [i]))
-
-
-def _suppositions(vehicle: Vehicle) -> Iterator[Supposition]:
-    degree = np.pi / 180
-    remedy = "mend the log, or scale its columns under [columns]"
-    yield Supposition(
-        "gyro-units", f"the log fits if its gyro columns are in degrees, not radians; {remedy} (0.0174533)", vehicle, gyro=degree
-    )
-    yield Supposition(
-        "gyro-units", f"the log fits if its gyro columns were turned into radians twice; {remedy} (57.2958)", vehicle, gyro=1 / degree
-    )
-    yield Supposition("accel-units", f"the log fits if its accelerometer columns are in g; {remedy} (9.80665)", vehicle, accel=9.80665)
-    mounted = np.array(vehicle.imu.body_from_imu)
-    turns = [("the transpose of what is stated", mounted.T)]
-    turns += [("", turn) for turn in _right_angles() if np.abs(turn - mounted.T).max() > 1e-9]
-    for words, turn in turns:
-        if np.abs(turn - mounted).max() > 1e-9:
-            rows = tuple(tuple(float(x) + 0.0 for x in row) for row in turn)
-            shown = [[round(x, 6) for x in row] for row in rows]
-            message = f"the log fits if imu.body_from_imu is {words + ', ' if words else ''}{shown}; look at the IMU's mounting"
-            supposed = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
-            yield Supposition("imu-mounting", message, supposed, settings=(f"imu.body_from_imu={[list(row) for row in rows]}",))
-
-
-def _right_angles() -> list[Array]:
-    """The 24 ways to mount a box by right angles."""
-    found: list[Array] = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            turn = np.zeros((3, 3))
-            turn[range(3), order] = signs
-            if np.linalg.det(turn) > 0:
-                found.append(turn)
-    return found
-
-
-def _tried(
-    log: Log, supposed: Supposition, delay_cycles: float, piece: slice, passes: int = PASSES, aligned: Aligned | None = None
-) -> Fit | None:
-    """The fit under a supposition; None where it makes no body at all. ``aligned``: the log's commands, if the same are supposed."""
-    samples = _samples(log, supposed, delay_cycles, aligned)
-    if samples is None:
-        return None
-    reference = first_reference(samples, piece, supposed.vehicle)
-    return None if reference is None else fit(samples, piece, reference, supposed.vehicle, passes=passes)
-
-
-def _samples(log: Log, supposed: Supposition, delay_cycles: float, aligned: Aligned | None = None) -> Samples | None:
+def _looked(case: Case, piece: slice) -> _Look | None:
+    """A case reduced; None where it is too short."""
     try:
-        read = aligned or align(log, supposed.vehicle, delay_cycles)
-        rate, force = read.rate_imu_rad_s * supposed.gyro, read.specific_force_imu_m_s2 * supposed.accel
-        return compensate(replace(read, rate_imu_rad_s=rate, specific_force_imu_m_s2=force), supposed.vehicle)
-    except InputError:
+        free = free_response(case.log, case.vehicle, case.timing, piece)
+    except (InputError, np.linalg.LinAlgError):
         return None
+    by_jets = case.log.command_kind == "jets"
+    samples = case.timing.of(case.log, case.vehicle)
+    model = Model.of(free, case.vehicle, by_jets, samples.up_b[piece])
+    floor = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
+    variance = free.variance(floor * 1e-6)
+    (stated,) = fitted(model, free, variance, [Supposition("", (), np.zeros((len(model.stated), 0)))])
+    return _Look(case, piece, free, model, variance, stated)
 
 
-def _factors(log: Log, vehicle: Vehicle, delay_cycles: float, piece: slice, stated: Fit) -> list[Explanation]:
-    """What each channel's thrust really is over what is stated, if that explains the log: chi-square, code, message for each kind."""
-    names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
-    wrench = channel_wrench(log, vehicle)
-    factor, found, used, tried = np.ones(len(names)), stated, log, vehicle
-    best = np.inf
-    for _ in range(FACTOR_STEPS):
-        aligned = align(used, tried, delay_cycles)
-        samples = compensate(aligned, tried)
-        growth, force = thrust_columns(samples, piece, found.reference, tried)
-        extra, fired = Extra(growth, force, FACTOR_PRIOR), (samples.executed.channels.whole[piece] != 0).any(0)
-        step = fit(samples, piece, found.reference, tried, extra, passes=0)
-        if step is None:
-            break
-        factor = factor * (1 + step.extra)
-        # the scale common to all is not told from mass and inertia: most channels are taken to be as stated
-        factor = np.where(fired, np.clip(factor / _common(factor, fired, wrench), -LARGEST, LARGEST), 1.0)
-        used, tried = _with_factors(log, vehicle, factor)
-        samples = compensate(align(used, tried, delay_cycles), tried)
-        again = fit(samples, piece, found.reference, tried)
-        if again is None:
-            break
-        done = not again.chi_square < best * 0.99
-        best, found = min(best, again.chi_square), again
-        if done:
-            break
-    least = max(OFF[0], OFF[1] * float(np.abs(factor - 1).max()))
-    off = [(name, float(f)) for name, f in zip(names, factor, strict=True) if abs(f - 1) > least]
-    kinds: dict[str, list[tuple[str, float]]] = {}
-    for name, f in off:
-        kinds.setdefault("jet-sign" if f < -0.5 else "jet-dead" if abs(f) < 0.2 else "thrust-scale", []).append((name, f))
-    says = {
-        "jet-sign": "push the other way than the vehicle file says; mend force_n",
-        "jet-dead": "hardly push at all; look at valves and wiring",
-        "thrust-scale": "push by another part of their stated thrust than the others; mend force_n or calibrate",
-    }
-    wrong = [i for i, name in enumerate(names) if name in dict(off)]
-    mended = np.where(np.isin(np.arange(len(names)), wrong), factor, 1.0)
-    by_jets = log.command_kind == "jets"
-    cure = Cure(_forces(_scaled(vehicle, mended), wrong)) if by_jets else Cure(command=tuple(float(f) for f in mended))
-    return [
-        Explanation(best, code, f"the log fits if these {says[code]}: " + ", ".join(f"{name} ({f:+.3g})" for name, f in some), cure)
-        for code, some in kinds.items()
-    ]
+@dataclass(frozen=True)
+class _Look:
+    """A stretch of a case: what it says, and what is left of it as stated."""
+
+    case: Case
+    piece: slice
+    free: Free
+    model: Model
+    variance: Array
+    stated: Fitted
+
+    @property
+    def names(self) -> list[str]:
+        """Of the channels that fired."""
+        every = [jet.name for jet in self.case.vehicle.jets] if self.case.log.command_kind == "jets" else list(WRENCH)
+        return [every[i] for i in self.free.fired]
+
+    @property
+    def misfit(self) -> float:
+        """What is left over what is to be expected."""
+        return float(self.stated.chi_square.sum() / self._freedom)
+
+    @property
+    def _freedom(self) -> int:
+        ranks = [int(np.linalg.matrix_rank(told.triangle)) for told in (self.free.gyro, self.free.accelerometer)]
+        return max(3 * sum(ranks) - 10, 1)
+
+    @property
+    def fits(self) -> bool:
+        """Whether what is left is chance."""
+        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self._freedom))
+
+    @property
+    def cost(self) -> float:
+        """−2 log likelihood of free noise levels, as stated."""
+        further = self.stated.chi_square * self.variance
+        return self.free.gyro.cost(further[:3]) + self.free.accelerometer.cost(further[3:])
+
+    def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
+        """−2 log of how likely a supposition is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
+
+        Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
+        """
+        price = np.log(2) if _at_once(found) else found.unlikely + found.unknowns * np.log(self.free.gyro.spare)
+        return self._cost(left) + float(price + 2 * np.log(alternatives))
+
+    @property
+    def loud(self) -> bool:
+        """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
+        imu = self.case.vehicle.imu
+        stated = np.repeat([imu.gyro_noise_rad_s or 0.0, imu.accel_noise_m_s2 or 0.0], 3) ** 2
+        return bool((self.variance > LOUD * stated).any())
+
+    def _cost(self, left: Array) -> float:
+        """−2 log likelihood of free noise levels, of chi-square (6,)."""
+        counts = np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3)
+        return float((counts * np.log1p(left / counts)).sum())
+
+    def ranked(self) -> list[tuple[float, Fitted]]:
+        """Every supposition that leaves less than what is stated, the likeliest first."""
+        supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
+        kinds = [one.code for one in supposed]
+        found = fitted(self.model, self.free, self.variance, supposed)
+        scores = [self.score(one.chi_square, one, kinds.count(one.supposed.code)) for one in found]
+        least = self.score(self.stated.chi_square, self.stated) - CLEAR
+        order = sorted(range(len(found)), key=lambda i: (scores[i], i))
+        return [(scores[i], found[i]) for i in order if scores[i] < least]
+
+    def _likely_turns(self) -> list[Supposition]:
+        """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
+        every = [*causes.units(self.model), *causes.mountings(self.model)]
+        if self.model.bearing is not None:
+            rough = self._by_gravity(every)
+        else:
+            rough = [self._cost(left) for left in compared(self.model, self.free, self.variance, every)]
+        return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
+
+    def _by_gravity(self, supposed: Sequence[Supposition]) -> list[float]:
+        """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""
+        samples = self.case.timing.of(self.case.log, self.case.vehicle)
+        rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
+        turns = np.linalg.inv(np.stack([one.gyro for one in supposed]))
+        different, which = np.unique(turns.round(9).reshape(len(turns), 9), axis=0, return_inverse=True)
+        rates = np.einsum("nij,kj->nki", different.reshape(-1, 3, 3), rate)
+        ups = verticals(rates, samples.executed.duration_s[: self.piece.stop], samples.up_b[0])
+        means = (ups[:, 1:] + ups[:, :-1]) / 2
+        left = [
+            force @ np.linalg.inv(one.accelerometer).T - self.model.gravity * means[i]
+            for one, i in zip(supposed, which.ravel(), strict=True)
+        ]
+        return [float((part**2).mean()) for part in left]
+
+    def single(self) -> Diagnosis | None:
+        """One cause that makes the log fit, with what comes near it."""
+        ranked = self.ranked()
+        best: list[Trial] = []
+        most = FINALISTS[self.model.bearing is not None]
+        for rough, found in ranked:
+            if len(best) >= most or (any(t.fits for t in best) and rough > FURTHER * min(t.score for t in best if t.fits) + CLEAR):
+                break
+            trial = self.applied(found)
+            if trial is not None:
+                best.append(trial)
+        return self.chosen(best)
+
+    def chosen(self, trials: Sequence[Trial]) -> Diagnosis | None:
+        """The likeliest of those with which the log fits."""
+        fitting = sorted((trial for trial in trials if trial.fits), key=lambda trial: trial.score)
+        if not fitting:
+            return None
+        rivals = [trial for trial in fitting[1:] if trial.score < fitting[0].score + CLEAR]
+        first = fitting[0]
+        detected = None
+        if first.fitted.supposed.code == "delay-mismatch":
+            before, after = self.misfit, float(first.fitted.chi_square.sum() / self._freedom)
+            by = first.case.timing.delay - self.case.timing.delay
+            detected = near(self.case.timing, by, float(first.fitted.spread[0]), before, after)
+        return Diagnosis((self.explained(first, rivals),), detected)
+
+    def much_later(self) -> Diagnosis | None:
+        """Another command delay, further off than a small step leads to: where free coefficients leave least."""
+        log, vehicle, timing = self.case
+        at = search(log, vehicle, [timing.lag], pieces=[self.piece])
+        if at is None:
+            return None
+        x = self.stated.x.copy()
+        x[self.model.place("delay")] = at.delay - timing.delay
+        supposed = Supposition("delay-mismatch", (), causes.along(self.model, ("delay", np.ones(1))))
+        begun = Fitted(supposed, self.model, x, self.stated.chi_square, np.zeros(1))
+        trial = self._trial(begun, self.case._replace(timing=timing._replace(delay=at.delay)))
+        return None if trial is None else self.chosen([trial])
+
+    def applied(self, found: Fitted) -> Trial | None:
+        """A supposition with its best values in log and vehicle file; None where that can't be written down."""
+        case = applied(self.case, found, self.free.fired)
+        if case is None:
+            return Trial(found, self.case, self.score(found.chi_square, found), self._passes(found))
+        return self._trial(found, case)
+
+    def _passes(self, found: Fitted) -> bool:
+        freedom = self._freedom - found.unknowns
+        left = float(found.chi_square.sum() / freedom)
+        return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * self.misfit or not self.loud)
+
+    def _trial(self, found: Fitted, case: Case) -> Trial | None:
+        """What is left once the case is reduced anew, its unknowns moved on from there until they stand."""
+        look = _looked(case, self.piece)
+        if look is None or look.model.places != self.model.places:
+            return None
+        spread = found.spread
+        for _ in range(AGAIN if found.unknowns else 0):
+            (more,) = fitted(look.model, look.free, look.variance, [found.supposed])
+            spread = more.spread
+            further = replace(found, x=_together(found.x, more.x, self.model))
+            then = applied(self.case, further, self.free.fired)
+            there = None if then is None else _looked(then, self.piece)
+            if then is None or there is None or there.cost > look.cost - STILL:
+                break
+            found, case, look = further, then, there
+        found = replace(found, chi_square=look.stated.chi_square, spread=spread * np.sqrt(max(look.misfit, 1.0)))
+        if _at_once(found):
+            x = found.x.copy()
+            thrust = self.model.place("thrust")
+            x[thrust] = np.where(x[thrust] == 1.0, 1.0, x[thrust].round())
+            found = replace(found, x=x)
+            case = applied(self.case, found, self.free.fired) or case
+        much = look.misfit < PART * self.misfit
+        fits = (look.fits and not look.loud) or (much and (look.fits or look.misfit < NEARLY))
+        return Trial(found, case, look.score(look.stated.chi_square, found), fits)
+
+    def explained(self, trial: Trial, rivals: Sequence[Trial] = ()) -> Explanation:
+        """In words, with the settings that mend it."""
+        code, message = words_of(trial.fitted, self.names, self.case, trial.case)
+        beside = []
+        for rival in rivals:
+            its_code, other = words_of(rival.fitted, self.names, self.case, rival.case)
+            if rival.fitted.supposed.subject == trial.fitted.supposed.subject and its_code == code:
+                continue  # the same, found from elsewhere
+            if its_code == code and rival.score < trial.score + EVEN:
+                message += f", or else {other}"
+            else:
+                beside.append(f"{other} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
+        message = f"the log fits if {message}"
+        if beside:
+            message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
+        return Explanation(code, message, cure_of(self.case, trial.case, trial.fitted))
+
+    def changed(self) -> Diagnosis | None:
+        """Another body from some moment on."""
+        log, vehicle, timing = self.case
+        samples = timing.of(log, vehicle)
+        reference = first_reference(samples, self.piece, vehicle)
+        at = None if reference is None else change.likeliest(samples, self.piece, reference, vehicle)
+        if at is None:
+            return None
+        sides = [_looked(self.case, part) for part in (slice(self.piece.start, at), slice(at, self.piece.stop))]
+        if not all(side is not None and side.fits for side in sides):
+            return None
+        time = round(float(samples.executed.start_s[at]), 9)
+        message = (
+            f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
+            "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
+        )
+        return Diagnosis((Explanation("mass-change", message, Cure(("estimator.split_on_change=true",)), time),))
+
+    def pair(self) -> Diagnosis | None:
+        """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
+        found: list[tuple[float, Trial, _Look, Trial]] = []
+        for _, first in self.ranked()[:FIRST]:
+            trial = self.applied(first)
+            look = None if trial is None or trial.case is self.case else _looked(trial.case, self.piece)
+            if trial is None or look is None:
+                continue
+            for _, second in look.ranked()[:2]:
+                other = look.applied(second)
+                if other is not None and other.fits:
+                    price = first.unknowns * np.log(self.free.gyro.spare)
+                    found.append((other.score + price, trial, look, other))
+                    break
+        if not found:
+            return self.two_channels()
+        _, trial, look, other = min(found, key=lambda one: one[0])
+        one, two = self.explained(trial), look.explained(other)
+        both = one.cure.followed_by(two.cure)
+        message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
+        return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)))
+
+    def two_channels(self) -> Diagnosis | None:
+        """The thrust of any two channels at once."""
+        supposed = causes.two_channels(self.model, self.names)
+        if not supposed:
+            return None
+        found = fitted(self.model, self.free, self.variance, supposed)
+        best = min(found, key=lambda one: (self._cost(one.chi_square), one.supposed.subject))
+        trial = self.applied(best)
+        if trial is None or not trial.fits:
+            return None
+        both = cure_of(self.case, trial.case, trial.fitted)
+        return Diagnosis(
+            tuple(
+                Explanation(code, f"the log fits if {words}", both)
+                for name in best.supposed.subject
+                for code, words in [words_of(alone(trial.fitted, name), self.names, self.case, trial.case)]
+            )
+        )
+
+    def in_vain(self) -> str:
+        """What was tried, and what came nearest."""
+        nearest = []
+        for _, found in self.ranked()[:2]:
+            code, _ = words_of(found, self.names, self.case, self.case)
+            nearest.append(f"{code} leaves {100 * found.chi_square.sum() / self.stated.chi_square.sum():.2g} %")
+        near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
+        return f"log and vehicle file don't fit, cause unknown: what the model leaves is {self.misfit:.3g} times pure error{near}; {TRIED}"
 
 
-def _common(factor: Array, fired: BoolArray, wrench: Array) -> Array:
-    """(C,) what most channels of a kind have: those that only push (they share the mass' scale) and those that turn (the inertia's)."""
-    arm = np.linalg.norm(wrench[:, :3], axis=1) / np.maximum(np.linalg.norm(wrench[:, 3:], axis=1), 1e-300)
-    pushes = arm < 0.1 * arm.max()
-    common = np.ones(len(factor))
-    for kind in (pushes, ~pushes):
-        if (kind & fired).any():
-            common[kind] = np.median(factor[kind & fired]) or 1.0
-    return common
+def _at_once(found: Fitted) -> bool:
+    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
+    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
 
 
-def _forces(vehicle: Vehicle, jets: Sequence[int]) -> tuple[str, ...]:
-    """The settings that give these jets their force."""
-    return tuple(f"jets.{i}.force_n={[float(f'{x:.6g}') for x in vehicle.jets[i].force_n]}" for i in jets)
-
-
-def _with_factors(log: Log, vehicle: Vehicle, factor: Array) -> tuple[Log, Vehicle]:
-    if log.command_kind == "wrench":
-        return replace(log, command=log.command * factor), vehicle
-    return log, _scaled(vehicle, factor)
-
-
-def _scaled(vehicle: Vehicle, factor: Array) -> Vehicle:
-    """The vehicle with each jet's force multiplied."""
-    jets = tuple(
-        jet.model_copy(update={"force_n": tuple(float(x) for x in f * np.array(jet.force_n))})
-        for jet, f in zip(vehicle.jets, factor, strict=True)
-    )
-    return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})
+def _together(x: Array, more: Array, model: Model) -> Array:
+    """Both changes of x one after the other; the second was found with the first in place."""
+    found = more.copy()
+    own = slice(10, None)
+    found[own] = x[own] + more[own] - model.stated[own]
+    thrust = model.place("thrust")
+    found[thrust] = x[thrust] * more[thrust]
+    return found

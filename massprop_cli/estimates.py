@@ -28,6 +28,30 @@ Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""
 
 
+class AsStated(NamedTuple):
+    """Off-line fits of every phase with the noise that is stated, and nothing beside it."""
+
+    used: Vehicle
+    """With noise levels where none are stated."""
+    fits: list[estimate.Settled | None]
+    """None of a phase without motion."""
+    excess: Array
+    """(6,) of :func:`massprop_cli.noise.misfit`."""
+    gross: Array
+    """(6,) of :func:`massprop_cli.noise.gross_misfit`."""
+    notices: list[Notice]
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the stated noise doesn't explain the log."""
+        return not (np.isnan(self.excess).all() and np.isnan(self.gross).all())
+
+    @property
+    def dubious(self) -> bool:
+        """Whether it doesn't, or a phase tells of no body at all."""
+        return self.misfit or any(fit is None for fit in self.fits)
+
+
 class Estimates(NamedTuple):
     """Of every phase."""
 
@@ -40,45 +64,63 @@ class Estimates(NamedTuple):
     notices: list[Notice]
 
 
-def estimates(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider, say: Progress) -> Estimates:
-    """Estimates, and the off-line fits of each phase that they are judged by.
-
-    Noise levels first; off-line fits, with disturbances sized until these explain the log where the stated noise can't; then the
-    estimator once through every phase.
-    """
+def as_stated(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
+    """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
-    if stated.estimator.method == "thesis":
-        return Estimates(stated, _thesis(samples, phases, stated), [], [])
     used, notices = noise.with_noise_levels(samples, pieces, stated)
-    used, fits, excess = _fitted(samples, phases, used, consider)
+    fits = _fits(samples, phases, _first(samples, phases, used), used, consider, SIZING)
+    excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
+    return AsStated(used, fits, excess, noise.gross_misfit(samples, pieces, used), notices)
+
+
+def estimates(
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
+) -> Estimates:
+    """The estimator once through every phase, and the off-line fits that it is judged by.
+
+    With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't.
+    """
+    used, fits, excess = _sized(samples, phases, plain, size, consider)
     histories = tuple(
         estimate.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
         for phase, cycles in phases
     )
-    settled = [history if fit is None else fit for history, fit in zip(histories, fits, strict=True)]
-    return Estimates(used, histories, settled, notices + noise.disturbance_notices(stated, used, excess))
+    settled = [history if fit is None else fit.history for history, fit in zip(histories, fits, strict=True)]
+    notices = noise.disturbance_notices(plain.used, used, excess) if size else []
+    return Estimates(used, histories, settled, plain.notices + notices)
 
 
-def _fitted(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider
-) -> tuple[Vehicle, list[History | None], Array]:
-    """The vehicle with disturbances raised until off-line fits explain the log; these, None of a phase without motion; what is left."""
-    pieces, adapt = [cycles for _, cycles in phases], stated.estimator.adapt_noise
-    excess = noise.gross_misfit(samples, pieces, stated) if adapt else np.full(6, np.nan)
-    used = noise.with_disturbances(samples, pieces, excess, stated)
-    references = _first(samples, phases, used)
-    for _ in range(ROUNDS):
-        fits = _fits(samples, phases, references, used, consider, SIZING)
-        excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
-        sized = noise.with_disturbances(samples, pieces, excess, used) if adapt else used
-        if sized == used:
-            break
-        used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
-    if used != stated or not all(fit is None or fit.stands for fit in fits):
+def by_thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
+    """The thesis's own filters, one after the other, with its own matrices."""
+    histories: list[History] = []
+    filters = None
+    for phase, cycles in phases:
+        history, filters = thesis.replay(samples, cycles, phase, stated, filters)
+        histories.append(history)
+    return Estimates(stated, tuple(histories), [], [])
+
+
+def _sized(
+    samples: Samples, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
+) -> tuple[Vehicle, list[estimate.Settled | None], Array]:
+    """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
+    pieces = [cycles for _, cycles in phases]
+    used, fits, excess = plain.used, plain.fits, plain.excess
+    if size and plain.misfit:
+        used = noise.with_disturbances(samples, pieces, np.fmax(plain.gross, excess), used)
+        references = _first(samples, phases, used)
+        for _ in range(ROUNDS):
+            fits = _fits(samples, phases, references, used, consider, SIZING)
+            excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
+            sized = noise.with_disturbances(samples, pieces, excess, used)
+            if sized == used:
+                break
+            used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
+    if used != plain.used or not all(fit is None or fit.stands for fit in fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
         fits = _fits(samples, phases, _first(samples, phases, used), used, consider, estimate.SETTLINGS)
         excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
-    return used, [None if fit is None else fit.history for fit in fits], excess
+    return used, fits, excess
 
 
 def _first(samples: Samples, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
@@ -108,12 +150,3 @@ def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference 
         reference = estimate.settle(samples, begun, phase, reference, vehicle, passes=SIZING).history.reference
         length *= LONGER
     return reference
-
-
-def _thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], used: Vehicle) -> tuple[History, ...]:
-    histories: list[History] = []
-    filters = None
-    for phase, cycles in phases:
-        history, filters = thesis.replay(samples, cycles, phase, used, filters)
-        histories.append(history)
-    return tuple(histories)

@@ -19,7 +19,7 @@ from massprop_cli.errors import InputError
 from massprop_cli.fit import PASSES, Extra, fit, response
 from massprop_cli.plant import Reference
 from massprop_cli.start import first_reference
-from massprop_cli.telemetry import Log, Notice
+from massprop_cli.telemetry import Log
 from massprop_cli.vehicle import Vehicle
 
 LONGEST = 20
@@ -42,12 +42,8 @@ MORE_STEPS = 20
 """Most steps for a delay, and for a lag: the two look alike, so that they creep."""
 SETTLED = 1e-3
 """Cycles."""
-EXPLAINED = 0.5
-"""... and if the delay found leaves at most this part of the misfit."""
-HOPELESS = 1e3
-"""Mean squared residual over noise of a log that no delay explains."""
-MISMATCH = (0.1, 5.0)
-"""A stated delay is contradicted if it is off by this many cycles and this many sigmas."""
+MISMATCH = 0.1
+"""Cycles by which a stated delay may be off and what the log says of it still be linear."""
 
 
 class Timing(NamedTuple):
@@ -85,32 +81,25 @@ def with_lag(vehicle: Vehicle, lag_s: float) -> Vehicle:
     return vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"lag_s": lag_s})})
 
 
-def detect(
-    log: Log, vehicle: Vehicle, pieces: Sequence[slice], start: Timing, unknown: Sequence[str], references: Sequence[Reference] = ()
-) -> Found | None:
+def detect(log: Log, vehicle: Vehicle, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:
     """The ``unknown`` entries of the timing, from ``start`` on, pooled over ``pieces`` (cycles of each phase).
 
-    None where the log can't tell. Noise levels must be set in ``vehicle``. With ``references`` of the pieces ``start`` is stated and to
-    be checked: if it is right within the tolerance no last digit is sought, and if it is far off the search begins anew.
+    None where the log can't tell. Noise levels must be set in ``vehicle``.
     """
-    found = _move(log, vehicle, pieces, start, unknown, references)
-    if found is None:
-        return None
-    before, now = found.before, start.moved(unknown, found.steps)
-    if not references or np.abs(found.steps).max() > MISMATCH[0]:
-        now = (search(log, vehicle, [start.lag], pieces=pieces) or start) if references else start
-        for step in range(MORE_STEPS if "lag" in unknown else STEPS):
-            found = _move(log, vehicle, pieces, now, unknown, ())
-            if found is None or (references and step > 0 and _unlike(found.after, before)):
-                return None
-            leap = [max(LEAP, LEAP * now.lag) if name == "lag" else LEAP for name in unknown]
-            then = now.moved(unknown, np.clip(found.steps, [-most for most in leap], leap))
-            still = max(abs(a - b) for a, b in zip(then, now, strict=True)) < SETTLED
-            now = then
-            if still:
-                break
-        else:
+    now, before = start, None
+    for _ in range(MORE_STEPS if "lag" in unknown else STEPS):
+        found = _move(log, vehicle, pieces, now, unknown)
+        if found is None:
             return None
+        before = found.before if before is None else before
+        leap = [max(LEAP, LEAP * now.lag) if name == "lag" else LEAP for name in unknown]
+        then = now.moved(unknown, np.clip(found.steps, [-most for most in leap], leap))
+        still = max(abs(a - b) for a, b in zip(then, now, strict=True)) < SETTLED
+        now = then
+        if still:
+            break
+    else:
+        return None
     sigma = Timing(0.0, 0.0).moved(unknown, found.sigmas)
     limits = [PRIOR / 2 * max(1.0, now.lag) if name == "lag" else PRIOR / 2 for name in unknown]
     return Found(now, sigma, found.after, before, found.correlation) if (found.sigmas < limits).all() else None
@@ -121,27 +110,6 @@ def near(stated: Timing, later: float, sigma: float, before: float, after: float
     if not SHARPEST < sigma < PRIOR / 2:
         return None
     return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before)
-
-
-def mismatch(stated: float, found: Found | None, fits: bool) -> list[Notice]:
-    """A warning if the log contradicts the stated delay, from which ``found`` was sought.
-
-    A small difference that is certain is told only where the log does not fit (``fits``) as it is.
-    """
-    if found is None or abs(found.at.delay - stated) <= max(MISMATCH[0] * fits, MISMATCH[1] * found.sigma.delay):
-        return []
-    if _unlike(found.chi_square, found.chi_square_before):
-        return []
-    message = (
-        f"cycle.command_delay_cycles = {stated:g}, but the log shows {found.at.delay:.4g} ± {found.sigma.delay:.2g} cycles; "
-        "mend it, or let --delay auto find it. A lag of the thrust that isn't stated looks the same; --set thrust.lag_s=auto finds that"
-    )
-    return [Notice("delay-mismatch", message)]
-
-
-def _unlike(after: float, before: float) -> bool:
-    """Whether a shift makes it hardly better, or leaves nearly everything unexplained: it is some other fault."""
-    return after - 1 > EXPLAINED * (before - 1) or after > HOPELESS
 
 
 def search(
@@ -172,13 +140,15 @@ def _unexplained(samples: Samples, piece: slice, vehicle: Vehicle) -> float:
     executed = samples.executed
     rate = samples.rate_rad_s[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
-    impulse = executed.rising[piece][:-1] + executed.falling[piece][1:]
+    channels = executed.channels
+    rising, whole = channels.rising[piece], channels.whole[piece]
+    impulse = rising[:-1] + (whole - rising)[1:]
     load = (products[1:] + products[:-1]) / 2
     up = (samples.up_b[:-1][piece][1:] + samples.up_b[1:][piece][:-1]) / 2
     cost = 0.0
     for motion, causes in (
         (np.diff(rate, axis=0), np.hstack([impulse, load, up, np.ones((len(load), 1))])),
-        (acceleration(samples, vehicle)[piece], np.hstack([executed.impulse[piece], products, np.ones((len(rate), 1))])),
+        (acceleration(samples, vehicle)[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
     ):
         size = np.sqrt((causes**2).sum(0))
         basis, _ = np.linalg.qr(causes[:, size > 0] / size[size > 0])
@@ -197,9 +167,15 @@ class _Move(NamedTuple):
     after: float
 
 
-def _move(
-    log: Log, vehicle: Vehicle, pieces: Sequence[slice], now: Timing, unknown: Sequence[str], references: Sequence[Reference]
-) -> _Move | None:
+def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """What a fit may begin about; None where nothing tells, or what is told runs away."""
+    try:
+        return first_reference(samples, cycles, vehicle) if cycles.stop - cycles.start > 20 else None
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _move(log: Log, vehicle: Vehicle, pieces: Sequence[slice], now: Timing, unknown: Sequence[str]) -> _Move | None:
     """The move from ``now`` that fits best, pooled over pieces; None where no piece can tell."""
     size = len(unknown)
     sides = [tuple(now.moved([name], [sign * STEP]) for sign in (-1, 1)) for name in unknown]
@@ -211,12 +187,12 @@ def _move(
     information, moment = np.zeros((size, size)), np.zeros(size)
     before = after = 0.0
     rows = 0
-    for i, piece in enumerate(pieces):
+    for piece in pieces:
         cycles = slice(max(piece.start, first), piece.stop)
-        reference = references[i] if references else first_reference(at[now], cycles, vehicle) if cycles.stop - cycles.start > 20 else None
+        reference = _first(at[now], cycles, vehicle)
         if reference is None:
             continue
-        plain = fit(at[now], cycles, reference, vehicle, passes=0 if references else PASSES)
+        plain = fit(at[now], cycles, reference, vehicle, passes=PASSES)
         if plain is None:
             continue  # a response that runs away tells nothing
         changes = [_change(at[low], at[high], (low, high), cycles, plain.reference, vehicle) for low, high in sides]

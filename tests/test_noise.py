@@ -7,10 +7,11 @@ from scipy.stats import chi2
 from massprop_cli import noise
 from massprop_cli.analysis import examine
 from massprop_cli.arrays import Array
-from massprop_cli.estimates import estimates
+from massprop_cli.compensate import Samples
+from massprop_cli.estimates import Estimates, as_stated, estimates
 from massprop_cli.sensitivity import Consider
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Phase, VehicleSource
+from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 from tests import flight
 
 CYCLES = [slice(2, 300)]
@@ -27,6 +28,11 @@ def test_absent_noise_levels_are_estimated_from_the_log() -> None:
         assert [n.code for n in notices] == ["noise-estimated"] * 2
 
 
+def sized(samples: Samples, used: Vehicle) -> Estimates:
+    plain = as_stated(samples, PHASES, used, Consider())
+    return estimates(samples, PHASES, plain, True, Consider(), lambda *_: None)
+
+
 def test_zero_noise_gets_a_named_floor() -> None:
     used = flight.vehicle(imu={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0})
     flown = flight.standard("free")
@@ -39,7 +45,7 @@ def test_clean_logs_gain_no_disturbance() -> None:
     used = flight.vehicle()
     flown = flight.standard("free")
     for seed in range(10):
-        found, _, _, notices = estimates(flown.samples(np.random.default_rng(seed)), PHASES, used, Consider(), lambda *_: None)
+        found, _, _, notices = sized(flown.samples(np.random.default_rng(seed)), used)
         assert found.environment == used.environment
         assert notices == []
 
@@ -58,7 +64,7 @@ def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia(seeds: int
             return moment
 
         flown = flight.fly(used, flight.pulses(300), flight.TRUTH, torque=push)
-        found, histories, _, notices = estimates(flown.samples(rng), PHASES, used, Consider(), lambda *_: None)
+        found, histories, _, notices = sized(flown.samples(rng), used)
         assert "disturbance-torque" in [n.code for n in notices]
         assert 0.002 < found.environment.disturbance_walk_n_m < 0.012
         z.append((histories[0].values[-1] - flight.TRUTH)[[0, 3, 5]] / histories[0].sigmas[-1, [0, 3, 5]])

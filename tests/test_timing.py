@@ -99,9 +99,9 @@ def test_an_unknown_lag_is_found_alone_and_with_the_delay(true_s: float, unknown
 def test_a_lag_that_is_not_stated_is_pointed_at() -> None:
     flight = flown(2.0, 1, "vehicle.cycle.command_delay_cycles=2.0", "actuators.lag_s=0.04")
     notices = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "t", "")).notices
-    (said,) = [notice.message for notice in notices if notice.code == "delay-mismatch"]
-    assert "A lag of the thrust" in said
-    assert "thrust.lag_s=auto" in said
+    (said,) = [notice.message for notice in notices if notice.code == "thrust-lag"]
+    assert "a lag of 0.0399" in said or "a lag of 0.04" in said
+    assert "thrust.lag_s" in said
 
 
 @pytest.mark.slow
@@ -119,10 +119,5 @@ def test_a_response_that_runs_away_tells_no_delay(size: float) -> None:
     history = found.histories[0]
     assert history.reference is not None
     wild = replace(log, delta_theta_imu_rad=size * log.delta_theta_imu_rad)
-    assert timing.detect(wild, found.vehicle, [history.cycles], found.timing, ["delay"], [history.reference]) is None
-
-
-@pytest.mark.parametrize(("after", "named"), [(2.0, 1), (500.0, 1), (2000.0, 0)])
-def test_a_delay_that_leaves_nearly_everything_unexplained_is_not_the_cause(after: float, named: int) -> None:
-    found = timing.Found(timing.Timing(0.0, 0.0), timing.Timing(0.1, 0.0), after, 1e5)
-    assert len(timing.mismatch(2.0, found, fits=False)) == named
+    with np.errstate(all="ignore"):  # as the command does
+        assert timing.detect(wild, found.vehicle, [history.cycles], found.timing, ["delay"]) is None
