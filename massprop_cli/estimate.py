@@ -8,7 +8,7 @@ needed, and the cost of a cycle does not grow with the log.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,7 +21,8 @@ from massprop_cli.linearise import MU, natural_sizes
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import Reference
 from massprop_cli.posterior import alone, discrepancies, quantities
-from massprop_cli.regression import Regression, Response, Rows
+from massprop_cli.nuisance import Taken
+from massprop_cli.regression import Regression, Response, Rows, Run
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback, first_reference
 from massprop_cli.telemetry import Notice
@@ -43,6 +44,8 @@ SETTLINGS = 8
 """Most passes of the off-line fit."""
 WHOLE = 512
 """Cycles taken in at a time by what is off-line."""
+HELD = 4096
+"""Cycles of which an off-line fit keeps what it took in until it stands; of more it takes them in once again."""
 
 
 def replay(
@@ -60,14 +63,14 @@ def replay(
     regression = Regression(samples, cycles, vehicle, consider)
     run = regression.begin(fallback(vehicle))
     started, due, spare = False, cycles.start + FIRST, LEARNING
-    ring, rows = [run], []
+    ring, told = [run], _Told(cycles, vehicle)
     while run.at < cycles.stop:
         if progress is not None:
             progress((run.at - cycles.start) / (cycles.stop - cycles.start))
         end = run.at + (min(max(BLOCK, (run.at - run.moved) // 2), LONGEST) if started else BLOCK)
         before, (run, taken), far = run, regression.take(run, min(end, cycles.stop)), None
         if not started:
-            rows.append(Rows.untold(taken))
+            rows = Rows.untold(len(taken.white))
         else:
             posed = regression.posed(before, taken)
             far = regression.astray(before, posed) if spare >= 0 else None
@@ -76,8 +79,9 @@ def replay(
                 spare -= run.at - before.at - far - 1
                 end, posed = before.at + far + 1, posed.first(far + 1)
                 run, taken = regression.take(before, end)
-            rows.append(regression.rows(before, taken, posed))
+            rows = regression.rows(before, taken, posed)
         if run.at < end:
+            told.add(rows)
             break  # a block at the log's end is what it would have been in a longer log
         ring = [*(one for one in ring if one.at >= run.at - (RING if run.bound else LEARNING)), run]
         target: Reference | None = None
@@ -96,9 +100,27 @@ def replay(
             spare -= run.at - ring[0].at
             ring = regression.again(ring, target)
             run, started = ring[-1], True
-        if started:
-            rows[-1] = rows[-1].ending(*regression.row(run))
-    return _history(samples, cycles, phase, vehicle, Rows.joined(rows), run.estimate if started else None)
+        told.add(rows.ending(*regression.row(run)) if started else rows)
+    return _history(samples, phase, told, run.estimate if started else None)
+
+
+class _Told:
+    """What every cycle's estimate comes to, block by block."""
+
+    def __init__(self, cycles: slice, vehicle: Vehicle) -> None:
+        self.cycles, self.vehicle = cycles, vehicle
+        shape = (cycles.stop - cycles.start, 10)
+        self.values, self.sigmas = np.empty(shape), np.empty(shape)
+        self.innovation, self.innovation_sigma, self.normalised = (np.empty((len(self.values), 6)) for _ in range(3))
+        self.count = 0
+
+    def add(self, rows: Rows) -> None:
+        """The next cycles."""
+        part = slice(self.count, self.count + len(rows.mean))
+        self.values[part], full = quantities(rows.mean, rows.covariance, self.vehicle)
+        self.sigmas[part] = np.sqrt(np.einsum("kii->ki", full))
+        self.innovation[part], self.innovation_sigma[part], self.normalised[part] = rows.innovation, rows.sigma, rows.normalised
+        self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])
 
 
 class Settled(NamedTuple):
@@ -124,35 +146,53 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     bound = False
+    short = cycles.stop - cycles.start <= HELD
     for _ in range(passes):
-        run, taken = replace(regression.begin(reference), bound=bound), []
-        while run.at < cycles.stop:
-            then, part = regression.take(run, min(run.at + WHOLE, cycles.stop))
-            taken.append((run, part))
-            run = then
+        begun = replace(regression.begin(reference), bound=bound)
+        blocks = list(_blocks(regression, begun)) if short else _blocks(regression, begun)
+        for block in blocks:
+            run = block.after
         run = regression.improved(run)
         stands = run.bound == bound and regression.stands(run, SETTLED)
         if stands:
             break
         reference, bound = run.estimate, run.bound
-    about = [(replace(before, estimate=run.estimate, bound=run.bound), part) for before, part in taken]
-    rows = Rows.joined([regression.rows(before, part, regression.posed(before, part)) for before, part in about])
-    return Settled(_history(samples, cycles, phase, vehicle, rows, run.estimate), stands)
+    told = _Told(cycles, vehicle)
+    for before, taken, _ in blocks if short else _blocks(regression, begun):
+        about = replace(before, estimate=run.estimate, bound=run.bound)
+        told.add(regression.rows(about, taken, regression.posed(about, taken)))
+    return Settled(_history(samples, phase, told, run.estimate), stands)
+
+
+class _Block(NamedTuple):
+    """Cycles taken in at once."""
+
+    before: Run
+    taken: Taken
+    after: Run
+
+
+def _blocks(regression: Regression, run: Run) -> Iterator[_Block]:
+    """All cycles from a run on."""
+    while run.at < regression.cycles.stop:
+        before, (run, taken) = run, regression.take(run, min(run.at + WHOLE, regression.cycles.stop))
+        yield _Block(before, taken, run)
 
 
 def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> Response:
     """What each assumption does, about ``reference``."""
     regression = Regression(samples, cycles, vehicle, consider)
     run = replace(regression.begin(reference), bound=True)
-    while run.at < cycles.stop:
-        run, _ = regression.take(run, min(run.at + WHOLE, cycles.stop))
+    for block in _blocks(regression, run):
+        run = block.after
     return regression.response(run)
 
 
-def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, rows: Rows, reference: Reference | None) -> History:
-    values, full = quantities(rows.mean, rows.covariance, vehicle)
-    bare = quantities(rows.mean[-1:], rows.covariance[-1:], alone(vehicle))
-    apart = {name: z for name, z in discrepancies(rows.mean[-1], rows.covariance[-1], vehicle).items() if abs(z) > MISMATCH}
+def _history(samples: Samples, phase: Phase, told: _Told, reference: Reference | None) -> History:
+    vehicle, cycles, (mean, covariance) = told.vehicle, told.cycles, told.last
+    _, full = quantities(mean[None], covariance[None], vehicle)
+    bare = quantities(mean[None], covariance[None], alone(vehicle))
+    apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}
     sizes: Array = np.full(10, np.nan)
     share: Array = np.zeros((10, 6))
     drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
@@ -165,12 +205,12 @@ def _history(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, ro
         phase=phase,
         cycles=cycles,
         time_s=samples.executed.end_s[cycles],
-        values=values,
-        sigmas=np.sqrt(np.einsum("kii->ki", full)),
-        covariance=full[-1],
-        innovation=rows.innovation,
-        innovation_sigma=rows.sigma,
-        normalised=rows.normalised,
+        values=told.values,
+        sigmas=told.sigmas,
+        covariance=full[0],
+        innovation=told.innovation,
+        innovation_sigma=told.innovation_sigma,
+        normalised=told.normalised,
         natural_sizes=sizes,
         information_share=share,
         drowned=drowned,

@@ -107,15 +107,9 @@ class Rows:
     """(K, 6)"""
 
     @staticmethod
-    def untold(taken: Taken) -> Rows:
-        """Of cycles of which nothing is said."""
-        count = len(taken.white)
+    def untold(count: int) -> Rows:
+        """Of so many cycles of which nothing is said."""
         return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
-
-    @staticmethod
-    def joined(rows: list[Rows]) -> Rows:
-        """One after the other."""
-        return Rows(*(np.concatenate([getattr(one, name) for one in rows]) for name in Rows.__dataclass_fields__))
 
     def ending(self, value: Array, spread: Array) -> Rows:
         """With another estimate in the last row."""
