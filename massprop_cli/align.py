@@ -10,7 +10,7 @@ cycle, which belongs to the step into the next cycle) and the *falling* half (1 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ CANCELLED = 1e-12
 """Part of what each channel makes alone below which their sum is rounding."""
 LAGS_FORGOTTEN = 5.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began."""
+LAGS_KEPT = 40.0
+"""... and after these to the last digit of a number."""
 
 
 @dataclass(frozen=True)
@@ -73,53 +75,105 @@ class Aligned:
         """(K,) end of each cycle."""
         return self.start_s + self.duration_s
 
+    def part(self, cycles: slice) -> Aligned:
+        """Of some of its cycles."""
+        channels, pulses = self.channels, self.pulse_covariance
+        return replace(
+            self,
+            **{name: getattr(self, name)[cycles] for name in _PER_CYCLE},
+            attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[cycles],
+            channels=replace(channels, rising=channels.rising[cycles], whole=channels.whole[cycles]),
+            pulse_covariance=None if pulses is None else pulses[cycles],
+        )
+
     @property
     def impulse(self) -> Array:
         """(K, 6) impulse of the executed wrench over each cycle."""
         return self.rising + self.falling
 
 
-def align(log: Log, vehicle: Vehicle, delay_cycles: float) -> Aligned:
-    """Sum records into cycles and pair each cycle with what was executed during it.
+_PER_CYCLE = (
+    "start_s",
+    "duration_s",
+    "rate_imu_rad_s",
+    "specific_force_imu_m_s2",
+    "impulse_bins",
+    "skew_bins",
+    "rising",
+    "falling",
+    "usable",
+)
+
+
+def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None = None) -> Aligned:
+    """Sum records into cycles and pair each cycle with what was executed during it; all of them, or ``cycles`` with both ends given.
 
     ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods. Raises
     :class:`InputError` if the log is shorter than the delay.
     """
-    records = log.records_per_cycle
-    per_cycle = log.interval_s.reshape(-1, records).sum(1)
-    end = log.time_s.reshape(-1, records)[:, -1]
-    start = end - per_cycle
+    of = slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
-    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
-    usable = start >= start[0] + memory_s - 1e-6 * vehicle.cycle.period_s
-    if usable.sum() < 2:
-        raise InputError(
-            f"{log.path}: lasts {end[-1] - start[0]:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
-        )
+    usable_s = _first_usable_s(log, vehicle, delay_s)
+    start, duration = cycle_edges(log, of)
+    # and those whose commands may still act; the one that comes next may go on with a pulse
+    before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
+    issued = slice(before, min(of.stop + 1, log.cycles))
     wrench = channel_wrench(log, vehicle)
-    bins = vehicle.estimator.bins_per_cycle
+    bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
     integral, moment = (
-        x.reshape(len(start), bins, -1) for x in _executed(log, vehicle, start + delay_s, _bin_edges(start, per_cycle, bins))
+        x.reshape(count, bins, -1)
+        for x in _executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, _bin_edges(start, duration, bins))
     )
-    bin_s = (per_cycle / bins)[:, None, None]
+    bin_s = (duration / bins)[:, None, None]
     rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
     channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench)
+    each = slice(of.start * records, of.stop * records)
     return Aligned(
         start_s=frozen(start),
-        duration_s=frozen(per_cycle),
-        rate_imu_rad_s=frozen(log.delta_theta_imu_rad.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
-        specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s.reshape(-1, records, 3).sum(1) / per_cycle[:, None]),
-        attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz.reshape(-1, records, 4)[:, -1],
+        duration_s=frozen(duration),
+        rate_imu_rad_s=frozen(log.delta_theta_imu_rad[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
+        specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
+        attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
         impulse_bins=frozen(_net(integral, wrench)),
         skew_bins=frozen(_net(moment / bin_s - integral / 2, wrench)),
         rising=frozen(_net(rising, wrench)),
         falling=frozen(_net(channels.whole - rising, wrench)),
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
-        capability=wrench if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)],
-        usable=usable,
+        capability=capability(log, vehicle),
+        usable=start >= usable_s,
     )
+
+
+def cycle_edges(log: Log, cycles: slice) -> tuple[Array, Array]:
+    """(K,) start and length of cycles."""
+    records = log.records_per_cycle
+    duration = log.interval_s[cycles.start * records : cycles.stop * records].reshape(-1, records).sum(1)
+    return log.cycle_end_s[cycles] - duration, duration
+
+
+def _first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
+    """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
+    first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
+    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
+    usable_s = first + memory_s - 1e-6 * vehicle.cycle.period_s
+    if last < usable_s:
+        raise InputError(
+            f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
+            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+        )
+    return usable_s
+
+
+def _memory_s(vehicle: Vehicle, delay_s: float) -> float:
+    """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
+    ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * vehicle.thrust.stated_lag_s
+
+
+def capability(log: Log, vehicle: Vehicle) -> Array:
+    """(r, 6) wrenches that this vehicle can command."""
+    return channel_wrench(log, vehicle) if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)]
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
@@ -183,13 +237,17 @@ def held(start_s: Array, value: Array) -> Signal:
     return Signal(start_s, np.diff(value, prepend=0.0), np.zeros_like(start_s))
 
 
-def _executed(log: Log, vehicle: Vehicle, begin_s: Array, edges_s: Array) -> tuple[Array, Array]:
-    """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction or of each wrench component."""
+def _executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array) -> tuple[Array, Array]:
+    """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction or of each wrench component.
+
+    By the commands of the cycles ``issued``, which are executed from ``begin_s`` on.
+    """
+    command = log.command[issued].T
     if log.command_kind == "jets":
         touching = TOUCHING * vehicle.cycle.period_s
-        signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(log.command.T, vehicle.jets, strict=True)]
+        signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(command, vehicle.jets, strict=True)]
     else:
-        signals = [held(begin_s, value) for value in log.command.T]
+        signals = [held(begin_s, value) for value in command]
     return window_integrals(signals, edges_s, vehicle.thrust.stated_lag_s)
 
 

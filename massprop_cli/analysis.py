@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli import columns, noise, timing, vehicle
-from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import end_s, gathered, usable
 from massprop_cli.conclude import Conclusion, conclude, contradicted
 from massprop_cli.contradict import SATURATED, Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
 from massprop_cli.cures import Cure
@@ -24,6 +23,7 @@ from massprop_cli.estimates import Progress, as_stated, by_thesis, estimates
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.physical import physical_note
 from massprop_cli.sensitivity import Consider, late
+from massprop_cli.stream import Stream
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.timing import Found, Timing
@@ -52,7 +52,7 @@ class Analysis:
     """As used: with the noise levels and disturbances that a first pass set."""
     stated: Vehicle
     """With its timing resolved, but without what a first pass sized."""
-    samples: Samples
+    samples: Stream
     timing: Timing
     """Delay and lag as used, cycles."""
     detected: Found | None
@@ -107,8 +107,8 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     detected = _found_timing(log, source, say)
     used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
     stated = _with_timing(source.vehicle, used_timing, detected)
-    samples = used_timing.of(log, stated)
-    phases = _phases(log, stated, samples.executed)
+    samples = Stream.of(log, stated, used_timing)
+    phases = _phases(log, stated, samples)
     consider = _considered(log, stated, used_timing)
     diagnosis = Diagnosis()
     if stated.estimator.method == "thesis":
@@ -314,8 +314,8 @@ def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | Non
     found = None
     if coarse is not None:
         vehicle = timing.with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
-        samples = coarse.of(log, vehicle)
-        pieces = [cycles for _, cycles in _phases(log, vehicle, samples.executed)]
+        samples = Stream.of(log, vehicle, coarse)
+        pieces = [cycles for _, cycles in _phases(log, vehicle, samples)]
         used, _ = noise.with_noise_levels(samples, pieces, vehicle)
         found = timing.detect(log, used, pieces, coarse, unknown)
     if found is None:
@@ -338,11 +338,13 @@ def _checked_timing(settled: Sequence[History], at: Timing, examination: Examine
     return timing.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
 
 
-def _phases(log: Log, used: Vehicle, aligned: Aligned) -> list[tuple[Phase, slice]]:
-    start, end = round(float(aligned.start_s[0]), 9) + 0.0, round(float(aligned.end_s[-1]), 9)  # + 0.0: no minus zero
+def _phases(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, slice]]:
+    every = slice(0, len(samples))
+    ends, can_be_used = gathered(samples, every, end_s), gathered(samples, every, usable)
+    start, end = round(float(samples.part(slice(0, 1)).executed.start_s[0]), 9) + 0.0, round(float(ends[-1]), 9)  # + 0.0: no minus zero
     found = []
     for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
-        cycles = phase_cycles(phase, aligned.end_s, aligned.usable)
+        cycles = phase_cycles(phase, ends, can_be_used)
         if cycles.stop - cycles.start < 2:
             raise InputError(
                 f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "

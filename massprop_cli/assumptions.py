@@ -8,7 +8,7 @@ itself misfit, which says whether it would notice.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +16,14 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
-from massprop_cli.compensate import Samples, compensate
+from massprop_cli.compensate import Samples, gathered
 from massprop_cli.conclude import Conclusion
 from massprop_cli.estimate import respond
 from massprop_cli.history import History
 from massprop_cli.linearise import MU
 from massprop_cli.regression import Response
 from massprop_cli.sensitivity import Consider, Side, Variant, late
+from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
@@ -101,7 +102,7 @@ class Examined:
         return Later(float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own))
 
 
-def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settled: Sequence[History]) -> Examined:
+def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, settled: Sequence[History]) -> Examined:
     """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``."""
     taken = tuple(_taken(log, vehicle, timing, samples))
     consider = Consider(tuple(t.variant for t in taken), thrust=True)
@@ -112,7 +113,7 @@ def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples, settl
 
 
 def assumptions(
-    found: Examined, log: Log, vehicle: Vehicle, samples: Samples, settled: Sequence[History], conclusions: Sequence[Conclusion]
+    found: Examined, log: Log, vehicle: Vehicle, samples: Stream, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
     """All of a log. Without a reference in any phase only what needs none."""
     listed = _thrust_scale(vehicle, conclusions)
@@ -123,10 +124,15 @@ def assumptions(
         for i, (of_one, t) in enumerate(zip(effects, found.taken, strict=True)):
             step = t.size * (np.arange(response.shift.shape[1]) == i)
             of_one.append(_effect(history, conclusion, vehicle, response, step))
-        fired = (samples.executed.channels.whole[history.cycles] != 0).any(0)
+        fired = np.asarray(gathered(samples, history.cycles, _fired).any(0))
         listed += _mass_thrust(log, vehicle, history, conclusion, response, fired)
     told = zip(found.taken, effects, strict=True)
     return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
+
+
+def _fired(samples: Samples) -> BoolArray:
+    found: BoolArray = samples.executed.channels.whole != 0
+    return found
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
@@ -197,9 +203,9 @@ def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response
     return Effect(history.phase.name, change, float(np.sqrt(max(float(step @ response.misfit @ step), 0.0))))
 
 
-def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples) -> Iterator[_Taken]:
+def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[_Taken]:
     """What is varied, each about the log as it was read."""
-    here, aligned = Side(samples), samples.executed
+    here = Side(samples)
     imu, stated = vehicle.imu, vehicle.imu.model_fields_set
     words = f"imu.position_m is {'stated as' if 'position_m' in stated else 'not stated and taken as'} {_vector(imu.position_m)} m"
     for i, axis in enumerate(AXES):
@@ -210,7 +216,7 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples) -> Iter
     for i, axis in enumerate(AXES):
         mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
         used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
-        variant = Variant(here, Side(compensate(aligned, used), used), 0.1 * DEGREE)
+        variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
         message = f"imu.body_from_imu is {words}; turned about {axis}"
         yield _Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
     later = late(log, vehicle, timing, "delay")
@@ -219,16 +225,16 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Samples) -> Iter
         words = "its uncertainty is in every sigma" if uncertain else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
         yield _Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)
     for code, name, scaled in (
-        ("gyro-scale", "gyro", replace(aligned, rate_imu_rad_s=1.01 * aligned.rate_imu_rad_s)),
-        ("accelerometer-scale", "accelerometer", replace(aligned, specific_force_imu_m_s2=1.01 * aligned.specific_force_imu_m_s2)),
+        ("gyro-scale", "gyro", samples.changed(gyro=1.01)),
+        ("accelerometer-scale", "accelerometer", samples.changed(accelerometer=1.01)),
     ):
-        variant = Variant(here, Side(compensate(scaled, vehicle)), 0.01)
+        variant = Variant(here, Side(scaled), 0.01)
         yield _Taken(code, f"the {name}'s scale is taken as exact", "1 %", False, variant, 0.01)
     if vehicle.on_air_bearing:
-        yield from _on_bearing(vehicle, here)
+        yield from _on_bearing(vehicle, here, samples)
 
 
-def _on_bearing(vehicle: Vehicle, here: Side) -> Iterator[_Taken]:
+def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[_Taken]:
     environment, stated = vehicle.environment, vehicle.environment.model_fields_set
     for code, key, unit in (("bearing-mass", "bearing_mass_kg", "kg"), ("gravity", "gravity_m_s2", "m/s^2")):
         value = getattr(environment, key)
@@ -242,8 +248,8 @@ def _on_bearing(vehicle: Vehicle, here: Side) -> Iterator[_Taken]:
         message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
         variant = Variant(here, Side(here.samples, changed), 1e-4)
         yield _Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
-    for i, axis in enumerate("XY" if here.samples.executed.attitude_wxyz is None else ""):
-        variant = Variant(here, _tilted(here, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
+    for i, axis in enumerate("" if samples.attitude_logged else "XY"):
+        variant = Variant(here, _tilted(samples, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
         message = f"environment.initial_attitude_wxyz is {_vector(environment.initial_attitude_wxyz)}; tilted about the world's {axis}"
         yield _Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
 
@@ -260,13 +266,13 @@ def _with(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
     return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})
 
 
-def _tilted(here: Side, vehicle: Vehicle, axis: int, angle: float) -> Side:
+def _tilted(samples: Stream, vehicle: Vehicle, axis: int, angle: float) -> Side:
     w, x, y, z = vehicle.environment.initial_attitude_wxyz
     c, s = np.cos(angle / 2), np.sin(angle / 2)
     about_x = (c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y)
     about_y = (c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x)
     used = _with(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
-    return Side(compensate(here.samples.executed, used), used)
+    return Side(samples.changed(used), used)
 
 
 def _rotation(axis: int, angle: float) -> Array:

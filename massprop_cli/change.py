@@ -11,7 +11,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.arrays import Array, triangle_of
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.lift import Lift
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.regression import STEPS, STILL, Regression
@@ -25,7 +25,7 @@ BLOCKS = 32
 FINER = 8
 
 
-def likeliest(samples: Samples, piece: slice, reference: Reference, vehicle: Vehicle) -> int | None:
+def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Vehicle) -> int | None:
     """The cycle before which a change explains most; None where ``piece`` is too short. Noise levels must be set in ``vehicle``."""
     if piece.stop - piece.start < 4 * SHORTEST:
         return None
@@ -64,7 +64,7 @@ def _has_room(k: int, piece: slice) -> bool:
     return k in range(piece.start + SHORTEST, piece.stop - SHORTEST + 1)
 
 
-def stretch(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+def stretch(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
     """(N + 1, N + 1) triangle of what a stretch says of φ, the rate at its start and all other nuisances unknown; last, what is left."""
     regression = Regression(samples, cycles, vehicle, Consider())
     run, _ = regression.take(regression.begin(reference), cycles.stop)

@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.conclude import POSITIVE, Conclusion, Estimate
 from massprop_cli.cures import Cure
 from massprop_cli.history import History
@@ -92,7 +92,7 @@ def by_known(history: History) -> Contradiction | None:
     return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
 
 
-def by_misfit(conclusion: Conclusion, settled: History, samples: Samples, vehicle: Vehicle) -> tuple[Contradiction | None, Array]:
+def by_misfit(conclusion: Conclusion, settled: History, samples: Source, vehicle: Vehicle) -> tuple[Contradiction | None, Array]:
     """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.lackoffit.innovation_test`."""
     factors = innovation_test(settled, samples)
     if settled.reference is None:

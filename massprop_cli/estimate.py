@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source, end_s, gathered
 from massprop_cli.history import History
 from massprop_cli.linearise import MU, natural_sizes
+from massprop_cli.nuisance import Taken
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import Reference
 from massprop_cli.posterior import alone, discrepancies, quantities
-from massprop_cli.nuisance import Taken
 from massprop_cli.regression import Regression, Response, Rows, Run
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback, first_reference
@@ -49,7 +49,7 @@ HELD = 4096
 
 
 def replay(
-    samples: Samples,
+    samples: Source,
     cycles: slice,
     phase: Phase,
     vehicle: Vehicle,
@@ -132,7 +132,7 @@ class Settled(NamedTuple):
 
 
 def settle(
-    samples: Samples,
+    samples: Source,
     cycles: slice,
     phase: Phase,
     reference: Reference,
@@ -179,7 +179,7 @@ def _blocks(regression: Regression, run: Run) -> Iterator[_Block]:
         yield _Block(before, taken, run)
 
 
-def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> Response:
+def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> Response:
     """What each assumption does, about ``reference``."""
     regression = Regression(samples, cycles, vehicle, consider)
     run = replace(regression.begin(reference), bound=True)
@@ -188,7 +188,7 @@ def respond(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehi
     return regression.response(run)
 
 
-def _history(samples: Samples, phase: Phase, told: _Told, reference: Reference | None) -> History:
+def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | None) -> History:
     vehicle, cycles, (mean, covariance) = told.vehicle, told.cycles, told.last
     _, full = quantities(mean[None], covariance[None], vehicle)
     bare = quantities(mean[None], covariance[None], alone(vehicle))
@@ -200,11 +200,11 @@ def _history(samples: Samples, phase: Phase, told: _Told, reference: Reference |
         sizes = natural_sizes(reference)
         sizes[MU] = 1 / reference.mu
         share, drowned = excitation(samples, cycles, reference, vehicle)
-        seen = observable(samples.executed.capability, reference, vehicle)
+        seen = observable(samples.capability, reference, vehicle)
     return History(
         phase=phase,
         cycles=cycles,
-        time_s=samples.executed.end_s[cycles],
+        time_s=gathered(samples, cycles, end_s),
         values=told.values,
         sigmas=told.sigmas,
         covariance=full[0],

@@ -10,11 +10,11 @@ import numpy as np
 
 from massprop_cli import estimate, noise, thesis
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.history import History
 from massprop_cli.plant import Reference
 from massprop_cli.sensitivity import Consider
-from massprop_cli.start import first_reference
+from massprop_cli.start import beginning
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Phase, Vehicle
 
@@ -64,7 +64,7 @@ class Estimates(NamedTuple):
     notices: list[Notice]
 
 
-def as_stated(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
+def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
     """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
     used, notices = noise.with_noise_levels(samples, pieces, stated)
@@ -74,7 +74,7 @@ def as_stated(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: V
 
 
 def estimates(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
 ) -> Estimates:
     """The estimator once through every phase, and the off-line fits that it is judged by.
 
@@ -90,7 +90,7 @@ def estimates(
     return Estimates(used, histories, settled, plain.notices + notices)
 
 
-def by_thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
+def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
     """The thesis's own filters, one after the other, with its own matrices."""
     histories: list[History] = []
     filters = None
@@ -101,7 +101,7 @@ def by_thesis(samples: Samples, phases: Sequence[tuple[Phase, slice]], stated: V
 
 
 def _sized(
-    samples: Samples, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
 ) -> tuple[Vehicle, list[estimate.Settled | None], Array]:
     """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
     pieces = [cycles for _, cycles in phases]
@@ -123,13 +123,13 @@ def _sized(
     return used, fits, excess
 
 
-def _first(samples: Samples, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
+def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
     """What each phase is fitted about first."""
-    return [_led_up(samples, cycles, phase, first_reference(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
+    return [_led_up(samples, cycles, phase, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
 
 
 def _fits(
-    samples: Samples,
+    samples: Source,
     phases: Sequence[tuple[Phase, slice]],
     references: Sequence[Reference | None],
     vehicle: Vehicle,
@@ -142,7 +142,7 @@ def _fits(
     ]
 
 
-def _led_up(samples: Samples, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
+def _led_up(samples: Source, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
     """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
     length = BEGINNING
     while reference is not None and length * LONGER <= cycles.stop - cycles.start:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.arrays import Array, triangle_of
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.linearise import PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.plant import Reference
 from massprop_cli.vehicle import Vehicle
@@ -58,22 +58,23 @@ class Fit:
     """(e, e) from the stated noise."""
 
 
-def response(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K − 1, 3) growth of the rate and (K, 3) specific force that a reference expects of its commands and the measured rates."""
     system = linearise(samples, cycles, reference, vehicle)
-    force = samples.specific_force_m_s2[cycles] - system.measured[:, 3:]
+    force = samples.part(cycles).specific_force_m_s2 - system.measured[:, 3:]
     return system.steps, force + np.einsum("kij,j->ki", system.observation[:, 3:, PARAMETERS], parameters(reference))
 
 
 def fit(
-    samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None = None, passes: int = PASSES
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None = None, passes: int = PASSES
 ) -> Fit | None:
     """Gauss–Newton from ``reference``, or one linear fit about it with no ``passes``; the extra unknowns are linear about zero.
 
     A step that leaves the reference worse than it was is halved, so that no fit runs away. None where the response about ``reference``
     itself does, or the rates are no body's. Noise levels must be set in ``vehicle``.
     """
-    if not np.abs(samples.rate_rad_s[cycles] * samples.executed.duration_s[cycles, None]).max() < TURN:
+    here = samples.part(cycles)
+    if not np.abs(here.rate_rad_s * here.executed.duration_s[:, None]).max() < TURN:
         return None
     about = _about(samples, cycles, reference, vehicle, extra)
     if about is None:
@@ -95,7 +96,7 @@ def fit(
     return found
 
 
-def _about(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None) -> tuple[Fit, Array] | None:
+def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None) -> tuple[Fit, Array] | None:
     """The linear fit about ``reference``, and the parameters (10,) that it finds; None where the response grows without end."""
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
@@ -106,7 +107,7 @@ def _about(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     rows, target = stacked
     sigma = np.concatenate([_prior(layout, reference, vehicle), np.full(count, extra.sigma if extra else 1.0)])
     state = np.zeros(layout.size + count)
-    state[PARAMETERS], state[RATE] = parameters(reference), samples.rate_rad_s[cycles.start]
+    state[PARAMETERS], state[RATE] = parameters(reference), samples.part(cycles).rate_rad_s[0]
     left = target - rows @ state
     # mass properties last, so that the same factorisation gives all else with these held
     free = np.concatenate([np.flatnonzero(sigma[PARAMETERS.stop :]) + PARAMETERS.stop, np.arange(*PARAMETERS.indices(len(sigma)))])

@@ -14,12 +14,14 @@ visible: the least-squares error that a residual of size √Q, aligned with the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.align import Aligned
+from massprop_cli.arrays import Array, triangle_of
+from massprop_cli.compensate import BLOCK, Source, blocks
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
 from massprop_cli.lift import products
@@ -38,22 +40,30 @@ SPARE = 3
 """Residuals that there must be for each probe."""
 
 
-def innovation_test(history: History, samples: Samples) -> Array:
+def innovation_test(history: History, samples: Source) -> Array:
     """(6,) √(Q/d) of each channel's whitened innovations where it is more than chance, else 1: rate x y z, specific force x y z.
 
     By so much are the sigmas too small that the channel gives: noise and model promise 1 for each direction.
     """
-    cycles = history.cycles
-    told = np.isfinite(history.normalised).all(1)
-    basis = _orthonormal(_probes(_lagged(samples.executed.channels.whole), samples)[cycles][told])
-    if basis.shape[1] == 0 or told.sum() < SPARE * basis.shape[1]:
+    first, end, count = history.cycles.start, history.cycles.stop, 0
+    folded: Array | None = None
+    for start in range(first, end, BLOCK):
+        cycles = slice(start, min(start + BLOCK, end))
+        innovation = history.normalised[cycles.start - first : cycles.stop - first]
+        told = np.isfinite(innovation).all(1)
+        rows = np.hstack([_probes(samples, cycles, _whole), innovation])[told]
+        folded, count = triangle_of(rows if folded is None else np.vstack([folded, rows])), count + int(told.sum())
+    if folded is None:
         return np.ones(6)
-    innovation = history.normalised[told]
-    mean = ((basis.T @ innovation) ** 2).mean(0)
+    # a triangle stands for its rows: whatever is orthogonal to them, and all their products, are the same
+    basis = _orthonormal(folded[:, :-6])
+    if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
+        return np.ones(6)
+    mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
     return np.where(_deviate(mean, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
 
 
-def hidden_error(history: History, samples: Samples, vehicle: Vehicle) -> Array:
+def hidden_error(history: History, samples: Source, vehicle: Vehicle) -> Array:
     """(10,) by how much each quantity may be off through what the model does not hold, in its unit; 0 where nothing but chance is left.
 
     Rates and specific force each give their own; they count as each told the quantity (``history.information_share``).
@@ -61,57 +71,96 @@ def hidden_error(history: History, samples: Samples, vehicle: Vehicle) -> Array:
     reference = history.reference
     if reference is None or any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return np.zeros(10)  # a body that is stated to change leaves what it should
-    cycles, share, channels = history.cycles, history.information_share, samples.executed.channels
-    system = linearise(samples, cycles, reference, vehicle)
-    window = np.zeros_like(channels.whole)
-    window[:-1] = channels.rising[:-1] + (channels.whole - channels.rising)[1:]
-    growth = np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps
-    felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    share = history.information_share
     # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives
-    tilted = vehicle.on_air_bearing and samples.executed.attitude_wxyz is None
+    tilted = vehicle.on_air_bearing and not samples.attitude_logged
     slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
     biased = tilted or vehicle.imu.accel_bias_sigma_m_s2 > 0
-    turning, pushing = _weights(samples, cycles, reference, vehicle)
-    rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(_lagged(window), samples)[cycles][:-1])
-    forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(_lagged(channels.whole), samples)[cycles])
-    parts = _hidden(rates.weighted(turning), share[:, :3], slow), _hidden(forces.weighted(pushing), share[:, 3:], biased)
+    rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow, biased))
+    parts = _hidden(rates, share[:, :3]), _hidden(forces, share[:, 3:])
     weight = np.stack([share[:, :3].sum(1), share[:, 3:].sum(1)])
     found: Array = np.sqrt((weight * np.stack(parts)).sum(0))
     found[MU] /= reference.mu**2
     return found
 
 
-def _weights(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, quick: tuple[bool, bool]) -> tuple[_Rows, _Rows]:
+    """Rows of rates and of specific force of a phase, folded part by part; ``quick``: something in them is known to wander."""
+    found: list[_Rows] = []
+    for part in blocks(cycles):
+        # what is quick needs its neighbours
+        wide = slice(max(part.start - WANDER, cycles.start), min(part.stop + WANDER, cycles.stop))
+        first, last = part.start - wide.start, part.stop - wide.start
+        kinds = zip(_rows(samples, wide, reference, vehicle), quick, (last - 1, last - (part.stop < cycles.stop)), strict=True)
+        now = [(rows.quick() if is_quick else rows).part(slice(first, end)) for rows, is_quick, end in kinds]
+        found = [one.joined(other).folded() for one, other in zip(found, now, strict=True)] if found else [one.folded() for one in now]
+    rates, forces = found
+    return rates, forces
+
+
+def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Rows, _Rows]:
+    """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
+    system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
+    growth = np.diff(here.rate_rad_s, axis=0) - system.steps
+    felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    turning, pushing = _weights(here.executed, reference, vehicle)
+    rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))
+    forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole), len(felt))
+    return rates.weighted(turning), forces.weighted(pushing)
+
+
+def _weights(executed: Aligned, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K − 1,) and (K,) weights that make stated pulse errors as large in every cycle as the IMU's noise alone is."""
-    covariance = samples.executed.pulse_covariance
-    count = cycles.stop - cycles.start
+    covariance, count = executed.pulse_covariance, len(executed.start_s)
     if covariance is None:
         return np.ones(count - 1), np.ones(count)
     moment = np.linalg.inv(reference.inertia) @ plant_of(vehicle).jet_moment(reference)
-    turned = np.trace(moment @ covariance[cycles] @ moment.T, axis1=1, axis2=2) / 3
-    pushed = reference.mu**2 * np.trace(covariance[cycles, 3:, 3:], axis1=1, axis2=2) / 3 / samples.executed.duration_s[cycles] ** 2
+    turned = np.trace(moment @ covariance @ moment.T, axis1=1, axis2=2) / 3
+    pushed = reference.mu**2 * np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2) / 3 / executed.duration_s**2
     gyro, accel = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, (vehicle.imu.accel_noise_m_s2 or 0.0) ** 2
     return np.sqrt(gyro / (gyro + turned[:-1] + turned[1:])), np.sqrt(accel / (accel + pushed))
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Regressors (N, 3, 10), residual (N, 3) and probes (N, d) of one kind of measurement."""
+    """Regressors (N, 3, 10), residual (N, 3) and probes (N, d) of one kind of measurement; ``count`` rows, which N stand for."""
 
     regressors: Array
     residual: Array
     probes: Array
+    count: int
 
     def weighted(self, weight: Array) -> _Rows:
-        return _Rows(self.regressors * weight[:, None, None], self.residual * weight[:, None], self.probes * weight[:, None])
+        return replace(
+            self,
+            regressors=self.regressors * weight[:, None, None],
+            residual=self.residual * weight[:, None],
+            probes=self.probes * weight[:, None],
+        )
 
     def quick(self) -> _Rows:
-        return _Rows(_quick(self.regressors), _quick(self.residual), _quick(self.probes))
+        return replace(self, regressors=_quick(self.regressors), residual=_quick(self.residual), probes=_quick(self.probes))
+
+    def part(self, rows: slice) -> _Rows:
+        found = self.regressors[rows]
+        return _Rows(found, self.residual[rows], self.probes[rows], len(found))
+
+    def joined(self, other: _Rows) -> _Rows:
+        return _Rows(
+            np.concatenate([self.regressors, other.regressors]),
+            np.concatenate([self.residual, other.residual]),
+            np.concatenate([self.probes, other.probes]),
+            self.count + other.count,
+        )
+
+    def folded(self) -> _Rows:
+        """As the triangle of an orthogonal factorisation, with the same sums of products."""
+        upper = triangle_of(np.hstack([self.regressors.reshape(-1, 30), self.residual, self.probes]))
+        return _Rows(upper[:, :30].reshape(-1, 3, 10), upper[:, 30:33], upper[:, 33:], self.count)
 
 
-def _hidden(rows: _Rows, share: Array, slow: bool) -> Array:
-    """(10,) δ² of one kind of measurement; ``slow``: something in it is known to wander, so only what is quick counts."""
-    rows = rows.quick() if slow else rows
+def _hidden(rows: _Rows, share: Array) -> Array:
+    """(10,) δ² of one kind of measurement."""
     regressors, residual, probes = rows.regressors, rows.residual, rows.probes
     size = np.sqrt((regressors**2).sum((0, 1)))
     seen = size > 0
@@ -121,8 +170,8 @@ def _hidden(rows: _Rows, share: Array, slow: bool) -> Array:
     left, singular, right = left[:, kept], singular[kept], right[kept]
     residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
     basis = _orthonormal(probes)
-    count, freedom = basis.shape[1], len(residual) - basis.shape[1]
-    if count == 0 or len(residual) < SPARE * count:
+    count, freedom = basis.shape[1], rows.count - basis.shape[1]
+    if count == 0 or rows.count < SPARE * count:
         return np.zeros(10)
     explained = ((basis.T @ residual) ** 2).sum(0)
     pure = np.maximum(((residual**2).sum(0) - explained) / freedom, 1e-300)
@@ -145,24 +194,33 @@ def _quick(values: Array) -> Array:
     return quick
 
 
-def _lagged(values: Array) -> Array:
-    """(K, lags × C) the same, shifted by each of :data:`LAGS`; zeros beyond the ends."""
-    found = []
-    for lag in LAGS:
-        shifted = np.roll(values, lag, axis=0)
-        shifted[:lag] = 0.0
-        found.append(shifted)
-    return np.hstack(found)
+def _whole(executed: Aligned) -> Array:
+    """(K, C) what each command channel did in each cycle."""
+    return executed.channels.whole
 
 
-def _probes(commands: Array, samples: Samples) -> Array:
-    """(K, d) what a wrong model could leave: commands, rates and their products, the vertical, a constant.
+def _window(executed: Aligned) -> Array:
+    """(K, C) the same under the triangular window of the step out of each cycle; zeros in the last."""
+    channels, found = executed.channels, np.zeros_like(executed.channels.whole)
+    found[:-1] = channels.rising[:-1] + (channels.whole - channels.rising)[1:]
+    return found
+
+
+def _probes(samples: Source, cycles: slice, commands: Callable[[Aligned], Array]) -> Array:
+    """(K, d) what a wrong model could leave: commands, now and :data:`LAGS` ago, rates and their products, the vertical, a constant.
 
     The rates are those of the cycle before: noise in a cycle's own is in what is left of it, and would be taken for a misfit where a
     spin is so steady that nothing but noise is left of it beside the constant.
     """
-    rate = np.concatenate([samples.rate_rad_s[:1], samples.rate_rad_s[:-1]])
-    return np.hstack([commands, rate, products(rate), samples.up_b[:-1], np.ones((len(rate), 1))])
+    before = min(cycles.start, max(LAGS))
+    here = samples.part(slice(cycles.start - before, cycles.stop))
+    told, lagged = commands(here.executed), []
+    for lag in LAGS:
+        shifted = np.roll(told, lag, axis=0)
+        shifted[:lag] = 0.0  # beyond the log's beginning
+        lagged.append(shifted)
+    rate = np.concatenate([here.rate_rad_s[:1], here.rate_rad_s[:-1]])
+    return np.hstack([*lagged, rate, products(rate), here.up_b[:-1], np.ones((len(rate), 1))])[before:]
 
 
 def _orthonormal(columns: Array) -> Array:

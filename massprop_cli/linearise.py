@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Samples, Source
 from massprop_cli.dynamics import cross, cross_matrix, elements, tensor, times
 from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.lift import MU as LIFT_MU
@@ -48,13 +48,13 @@ class Layout:
     size: int
 
     @staticmethod
-    def of(samples: Samples, vehicle: Vehicle) -> Layout:
+    def of(samples: Source, vehicle: Vehicle) -> Layout:
         """The states that this vehicle and log ask for."""
         wanted = (
             vehicle.imu.gyro_bias_sigma_rad_s > 0,
             vehicle.imu.accel_bias_sigma_m_s2 > 0,
             vehicle.environment.disturbance_walk_n_m > 0,
-            vehicle.on_air_bearing and samples.executed.attitude_wxyz is None,
+            vehicle.on_air_bearing and not samples.attitude_logged,
         )
         slices, end = [], RATE.stop
         for want in wanted:
@@ -101,27 +101,27 @@ class Lifted(_Steps):
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
 
 
-def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Lifted:
+def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Lifted:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors.
     """
-    plant, layout = plant_of(vehicle), Layout.of(samples, vehicle)
+    plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
-    within = motion_within(samples, cycles, reference, lift)
+    within = motion_within(here, reference, lift)
     motion = within.motion
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
     inverse = tensor(theta[J])
-    duration = samples.executed.duration_s[cycles]
+    duration = here.executed.duration_s
     bin_s = duration / motion.rate.shape[1]
-    step, whole, known = _integrals(samples, cycles, lift, theta, within)
+    step, whole, known = _integrals(here, lift, theta, within)
     steps = times(response, step) + known
     growth = np.zeros((len(step), 3, lift.size))
     for axis in range(3):
         growth[:, axis, axis * lift.channels : (axis + 1) * lift.channels] = step
 
-    rate = samples.rate_rad_s[cycles] - reference.gyro_bias
+    rate = here.rate_rad_s - reference.gyro_bias
     # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
     # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
     mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
@@ -146,7 +146,7 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
         transition[:, turning, tilt] = to_rate @ by_tilt.step
         transition[:, tilt, tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
         transition[:, tilt, turning] = np.eye(3) * duration[:-1, None, None]
-        drive[:, tilt, 0] = -samples.rate_rad_s[cycles][:-1] * duration[:-1, None]
+        drive[:, tilt, 0] = -here.rate_rad_s[:-1] * duration[:-1, None]
 
     euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m))
     observation = np.zeros((len(duration), 6, states))
@@ -160,8 +160,8 @@ def lifted(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
     measured = np.zeros((len(duration), 6, 1 + lift.size))
-    measured[:, :3, 0] = samples.rate_rad_s[cycles]
-    measured[:, 3:, 0] = samples.specific_force_m_s2[cycles] - offset
+    measured[:, :3, 0] = here.rate_rad_s
+    measured[:, 3:, 0] = here.specific_force_m_s2 - offset
     measured[:, 3:, 1:] = -felt
     return Lifted(transition, observation, to_rate, steps, drive, measured)
 
@@ -173,10 +173,10 @@ def _bounded(derivative: Array) -> Array:
     return found
 
 
-def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
+def _integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
     """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
     plant, executed, motion = lift.plant, samples.executed, within.motion
-    duration = executed.duration_s[cycles]
+    duration = executed.duration_s
     bin_s = duration / motion.rate.shape[1]
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
@@ -184,11 +184,11 @@ def _integrals(samples: Samples, cycles: slice, lift: Lift, theta: Array, within
     lateness[:, -6:] = (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12
     if isinstance(plant, BearingBody):
         lateness[:, 3:6] = (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12
-        lateness[:, 6:9] = level(motion.up, executed.skew_bins[cycles][..., 3:]).sum(1)
+        lateness[:, 6:9] = level(motion.up, executed.skew_bins[..., 3:]).sum(1)
     all_channels = np.concatenate([multiplied(lift, motion.wrench, motion.up), second], -1)
     rising, _, whole = windows(all_channels, bin_s, lateness)
     # the commands' own, exactly
-    jets = np.concatenate([executed.rising[cycles], executed.impulse[cycles]], -1).reshape(len(duration), 2, 6)
+    jets = np.concatenate([executed.rising, executed.impulse], -1).reshape(len(duration), 2, 6)
     if isinstance(plant, BearingBody):
         jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
     rising[:, : jets.shape[2]], whole[:, : jets.shape[2]] = jets[:, 0], jets[:, 1]
@@ -219,7 +219,7 @@ def _felt(whole: Array, lift: Lift, reference: Reference, response: Array, motio
     return euler, felt, offset
 
 
-def linearise(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
+def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
     free = lifted(samples, cycles, reference, vehicle)
     lift, layout = Lift(plant_of(vehicle)), Layout.of(samples, vehicle)

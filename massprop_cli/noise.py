@@ -6,17 +6,19 @@ Both come from a first pass over the log, are stated in the result's settings, a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from massprop_cli.arrays import Array, median
-from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.compensate import Samples, Source, acceleration, duration_s, gathered
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
 from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters, stepped
 from massprop_cli.plant import Reference, plant_of
-from massprop_cli.start import first_reference
+from massprop_cli.start import beginning
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Vehicle
 
@@ -27,22 +29,24 @@ EXCESS = 0.2
 (and three sigmas) of a disturbance that was sized here."""
 CLIP = 4.0
 """Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance."""
+STRETCH = 4096
+"""Most cycles over which one body is to explain what it can, before what is left is looked at."""
 LAGS = (2, 10)
 """Cycles over which the residual torque is compared with itself to tell a slow torque from a white one."""
 
 
-def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
+def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
     """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
     notices = []
     levels: dict[str, float] = {}
     if vehicle.imu.gyro_noise_rad_s and vehicle.imu.accel_noise_m_s2:
         return vehicle, []
     unexplained = _unexplained(samples, cycles, vehicle)
-    signals = {"gyro_noise_rad_s": samples.rate_rad_s, "accel_noise_m_s2": acceleration(samples, vehicle)}
-    for key, signal in signals.items():
+    for key, found_of in (("gyro_noise_rad_s", _rate), ("accel_noise_m_s2", partial(acceleration, vehicle=vehicle))):
         stated = getattr(vehicle.imu, key)
         if stated:
             continue
+        signal = gathered(samples, slice(0, len(samples)), found_of)
         floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
         found = min(white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
         levels[key] = max(found, floor)
@@ -52,6 +56,10 @@ def with_noise_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicl
             source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
             notices.append(Notice("noise-floor", f"imu.{key} is stated as 0; {levels[key]:.3g} stands in for it ({source})"))
     return _changed(vehicle, imu=levels), notices
+
+
+def _rate(samples: Samples) -> Array:
+    return samples.rate_rad_s
 
 
 def white_level(signal: Array, cycles: Sequence[slice]) -> float:
@@ -66,23 +74,38 @@ def white_level(signal: Array, cycles: Sequence[slice]) -> float:
     return float(np.percentile(found, 20)) if found else 0.0
 
 
-def _unexplained(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
     """One sigma of gyro and accelerometer noise from what no mass properties explain; infinite where nothing can be said.
 
     Rate: white noise n enters the growth as n[k+1] − n[k], whose lag-one autocovariance is −σ². Force: half the mean squared difference.
     """
     rate, force = [], []
     for piece in cycles:
-        reference = first_reference(samples, piece, vehicle)
+        reference = beginning(samples, piece, vehicle)
         if reference is None or piece.stop - piece.start < 30:
             continue
         growth = _residual_growth(samples, piece, reference, vehicle)
         rate.append(-float((growth[1:] * growth[:-1]).mean()))
-        system = linearise(samples, piece, reference, vehicle)
-        _, left = _fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:])
+        left = _unfelt(samples, piece, reference, vehicle)
         force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
     gyro = float(np.mean(rate)) if rate else -1.0
     return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)
+
+
+def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
+    found = []
+    for stretch in _stretches(cycles):
+        system = linearise(samples, stretch, reference, vehicle)
+        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:])[1])
+    return np.concatenate(found)
+
+
+def _stretches(cycles: slice) -> list[slice]:
+    """Cycles in parts of equal length, no longer than :data:`STRETCH`."""
+    count = cycles.stop - cycles.start
+    edges = np.linspace(cycles.start, cycles.stop, -(-count // STRETCH) + 1).astype(int)
+    return [slice(int(first), int(end)) for first, end in pairwise(edges)]
 
 
 def _fit(regressors: Array, target: Array) -> tuple[Array, Array]:
@@ -127,7 +150,7 @@ def _long_run(z: Array, lags: int) -> Array:
     return density
 
 
-def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> Array:
+def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> Array:
     """(6,) infinite in the rate channels if a look at the differenced rates shows far more disturbance than is stated, else NaN.
 
     White gyro noise has lag-one autocovariance −½ of its variance, so variance plus twice the lag-one autocovariance is what it leaves.
@@ -137,7 +160,7 @@ def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) ->
         return excess
     noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
     for piece in cycles:
-        reference = first_reference(samples, piece, vehicle)
+        reference = beginning(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > 50:
             e = _residual_growth(samples, piece, reference, vehicle)
             left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
@@ -145,19 +168,24 @@ def gross_misfit(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) ->
     return excess
 
 
-def _stated_growth(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+def _stated_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
     """(3,) variance of the rate's growth per cycle that the stated disturbance torque and pulse errors cause, (rad/s)²."""
     inverse = np.linalg.inv(reference.inertia)
-    impulse = vehicle.environment.disturbance_torque_n_m * median(samples.executed.duration_s[cycles])
+    impulse = vehicle.environment.disturbance_torque_n_m * median(gathered(samples, cycles, duration_s))
     covariance = impulse**2 * np.eye(3)
-    if samples.executed.pulse_covariance is not None:
+    if vehicle.thrust.pulse_sigma > 0:
         moment = plant_of(vehicle).jet_moment(reference)
-        covariance = covariance + moment @ samples.executed.pulse_covariance[cycles].mean(0) @ moment.T
+        covariance = covariance + moment @ gathered(samples, cycles, _pulses).mean(0) @ moment.T
     variance: Array = np.diag(inverse @ covariance @ inverse.T)
     return variance
 
 
-def with_disturbances(samples: Samples, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
+def _pulses(samples: Samples) -> Array:
+    found = samples.executed.pulse_covariance
+    return np.zeros((len(samples), 6, 6)) if found is None else found
+
+
+def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
     """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
 
     Disturbance torque: as the residual torque shows it (:func:`_torque_levels`); where that was done before, raised by what is still
@@ -213,7 +241,7 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
     return found
 
 
-def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+def _torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
     """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m, pooled over axes and phases.
 
     From the structure function of the residual torque e, a mean over two cycles: ``E (e[k+n] − e[k])² = n walk² + white² + 2 gyro noise``
@@ -221,10 +249,10 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
     """
     walks, whites = [], []
     for piece in cycles:
-        reference = first_reference(samples, piece, vehicle)
+        reference = beginning(samples, piece, vehicle)
         if reference is None or piece.stop - piece.start <= 5 * LAGS[1]:
             continue
-        duration = samples.executed.duration_s[piece][1:, None]
+        duration = gathered(samples, piece, duration_s)[1:, None]
         e = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
         near, far = (((e[lag:] - e[:-lag]) ** 2).mean() for lag in LAGS)
         walk = (far - near) / (LAGS[1] - LAGS[0])
@@ -236,14 +264,21 @@ def _torque_levels(samples: Samples, cycles: Sequence[slice], vehicle: Vehicle) 
     return float(np.sqrt(max(np.mean(whites), 0.0))), float(np.sqrt(max(np.mean(walks), 0.0)))
 
 
-def _residual_growth(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps."""
-    growth = np.diff(samples.rate_rad_s[cycles], axis=0)
-    for _ in range(2):
-        system = linearise(samples, cycles, reference, vehicle)
-        step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps)
-        reference = stepped(reference, parameters(reference) + step) or reference
-    return left
+def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
+
+    Each stretch of a long log has its own.
+    """
+    found = []
+    for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
+        piece, near = slice(stretch.start, stretch.stop + 1), reference
+        growth = np.diff(samples.part(piece).rate_rad_s, axis=0)
+        for _ in range(2):
+            system = linearise(samples, piece, near, vehicle)
+            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps)
+            near = stepped(near, parameters(near) + step) or near
+        found.append(left)
+    return np.concatenate(found)
 
 
 def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:

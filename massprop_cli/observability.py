@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.arrays import Array, BoolArray
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source, blocks
 from massprop_cli.dynamics import angular_acceleration, cross_matrix, inertia_regressor, times, torque_regressor
 from massprop_cli.linearise import CG, PARAMETERS, RATE, linearise, parameters
 from massprop_cli.plant import Reference
@@ -68,31 +68,35 @@ def _in_row_space(rows: Array) -> BoolArray:
     return within
 
 
-def excitation(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, BoolArray]:
+def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, BoolArray]:
     """Which channel told what, and which channels told nothing of the commands.
 
     Returns the share (10, 6) of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,) whether in
     that channel the part of the residual that is not white noise is more than ``DROWNED`` of what commands and mass properties explain.
     """
-    system = linearise(samples, cycles, reference, vehicle)
     gyro = vehicle.imu.gyro_noise_rad_s or 1.0
     scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
     accel = scale * (vehicle.imu.accel_noise_m_s2 or 1.0)
-    regressors = system.transition[:, RATE, PARAMETERS], system.observation[:, 3:, PARAMETERS]
-    told = np.concatenate([(r**2).sum(0) / s[:, None] ** 2 for r, s in zip(regressors, (np.full(3, gyro), accel), strict=True)])
-    share = (told / np.maximum(told.sum(0), 1e-300)).T
-
     theta = parameters(reference)
     commanded = theta.copy()
     commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
     slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
-    steps, left = system.steps, np.diff(samples.rate_rad_s[cycles], axis=0) - system.steps
+    told, parts = np.zeros((6, 10)), []
+    for part in blocks(cycles):
+        system = linearise(samples, part, reference, vehicle)
+        own = slice(None, None if part.stop == cycles.stop else -1)
+        turning, pushing = system.transition[:, RATE, PARAMETERS], system.observation[own, 3:, PARAMETERS]
+        told[:3] += (turning**2).sum(0) / gyro**2
+        told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
+        growth = np.diff(samples.part(part).rate_rad_s, axis=0)
+        parts.append((system.steps, growth - system.steps, system.measured[own, 3:] - times(pushing, theta), times(pushing, commanded)))
+    share = (told / np.maximum(told.sum(0), 1e-300)).T
+    steps, left, felt, pushed = (np.concatenate(one) for one in zip(*parts, strict=True))
     steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)
-    felt = system.measured[:, 3:] - times(regressors[1], theta)
     if vehicle.imu.accel_bias_sigma_m_s2 > 0:
         felt = felt - felt.mean(0)
     residual = left, felt
-    explained = np.concatenate([(steps**2).mean(0), (times(regressors[1], commanded) ** 2).mean(0)])
+    explained = np.concatenate([(steps**2).mean(0), (pushed**2).mean(0)])
     variance = np.concatenate([(e**2).mean(0) for e in residual])
     lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])

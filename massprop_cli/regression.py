@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprop_cli.arrays import Array, BoolArray, triangle_of
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.kalman import State
 from massprop_cli.lift import MOMENT, Lift
 from massprop_cli.linearise import RATE, Layout
@@ -139,16 +139,17 @@ class Posed:
 class Regression:
     """Of one phase."""
 
-    def __init__(self, samples: Samples, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
         self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
         self.lift = Lift(plant_of(vehicle))
+        self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
         self.prior = prior(samples, vehicle)
         self.free = int((self.prior > 0).sum())
         """m, the states whose beginning is unknown."""
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        assumed = len(self.consider.variants) + self.consider.thrust * len(self.samples.executed.channels.wrench)
+        assumed = len(self.consider.variants) + self.consider.thrust * len(self.samples.wrench)
         size = self.free + self.lift.size + 1 + assumed
         known = known_rows(self.prior, size)
         triangle = np.vstack([known, np.zeros((size - len(known), size))])
@@ -282,7 +283,7 @@ class Regression:
     def stands(self, run: Run, most: float = STALE) -> bool:
         """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
         lift, reference = self.lift, run.reference
-        elapsed = self.samples.executed.end_s[run.at - 1] - self.samples.executed.start_s[self.cycles.start]
+        elapsed = self.samples.part(slice(run.at - 1, run.at)).executed.end_s[0] - self.begun_s
         if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * (self.vehicle.imu.gyro_noise_rad_s or 0.0)):
             return False
         theta = lift.theta(run.estimate)
@@ -347,7 +348,7 @@ class Regression:
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
         spread = _root_beside_unit(ahead)
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
-        duration = self.samples.executed.duration_s[before.at : before.at + len(each)]
+        duration = self.samples.part(slice(before.at, before.at + len(each))).executed.duration_s
         unit = np.zeros((len(each), 6, 6))
         unit[:, :3, :3] = reference.inertia / duration[:, None, None]
         unit[:, 3:, 3:] = np.eye(3) / reference.mu

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.errors import InputError
 from massprop_cli.lift import Lift
 from massprop_cli.linearise import Lifted, lifted
 from massprop_cli.plant import Reference, plant_of
+from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
@@ -30,7 +31,7 @@ STEP = 0.02
 class Side:
     """The log as it would have been read under another assumption."""
 
-    samples: Samples
+    samples: Source
     vehicle: Vehicle | None = None
     """None: the filter's own, so that only the samples differ."""
 
@@ -54,10 +55,10 @@ class Consider:
     """Whether each command channel's own thrust follows, per unit of its relative change; it adds nothing to the covariance."""
 
 
-def fed(here: Lifted, samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
+def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
     """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each assumption, at the reference and the measured rates."""
     state = np.zeros((len(here.measured), here.transition.shape[1]))
-    state[:, :3] = samples.rate_rad_s[cycles] - reference.gyro_bias
+    state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
     driven, measured = [], []
     read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
     for variant in consider.variants:
@@ -77,21 +78,22 @@ def fed(here: Lifted, samples: Samples, cycles: slice, reference: Reference, veh
 
 
 def thrust_columns(
-    samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted | None = None
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted | None = None
 ) -> tuple[Array, Array]:
     """What each channel's own part of the thrust does, per unit of its relative change.
 
     (K − 1, 3, C) growth of the rate and (K, 3, C) specific force. ``here`` is the response of ``cycles`` where it is at hand.
     """
     to_rate = (here or lifted(samples, cycles, reference, vehicle)).moment_to_rate
-    channels, plant = samples.executed.channels, plant_of(vehicle)
-    rising, whole = channels.rising[cycles], channels.whole[cycles]
+    executed, plant = samples.part(cycles).executed, plant_of(vehicle)
+    channels = executed.channels
+    rising, whole = channels.rising, channels.whole
     moment = plant.jet_moment(reference) @ channels.wrench.T
     growth = (to_rate @ moment) * (rising[:-1] + (whole - rising)[1:])[:, None, :]
     arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
     turning = np.linalg.solve(reference.inertia, moment)
     push = reference.mu * channels.wrench[:, 3:].T + np.cross(turning.T, arm).T
-    return growth, push * whole[:, None, :] / samples.executed.duration_s[cycles, None, None]
+    return growth, push * whole[:, None, :] / executed.duration_s[:, None, None]
 
 
 def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
@@ -107,7 +109,7 @@ def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | Non
     """Delay or lag (``name``) changed, per control cycle; None where the log is too short for it."""
     low, high = timing.moved([name], [-STEP]), timing.moved([name], [STEP])
     try:
-        sides = [Side(side.of(log, vehicle)) for side in (low, high)]
+        sides = [Side(Stream.of(log, vehicle, side)) for side in (low, high)]
     except InputError:
         return None
     return Variant(sides[0], sides[1], sum(high) - sum(low))

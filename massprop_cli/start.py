@@ -13,31 +13,34 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.compensate import Samples, Source, acceleration
 from massprop_cli.dynamics import lever_arm
 from massprop_cli.plant import BearingBody, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
 
 SIGNIFICANT = 6.0
 """An axis' response to its command must exceed its own sigma this many times before anything is said."""
+FIRST = 4096
+"""Cycles in which most vehicles have moved."""
 _SPREAD = 30.0
 """Largest ratio of a reference's principal moments to the common scale."""
 
 
-def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | None:
+def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
     """A reference from ``cycles``, or None while neither the rates answer to torques nor the accelerations to forces."""
-    rate, duration = samples.rate_rad_s[cycles], samples.executed.duration_s[cycles]
+    here = samples.part(cycles)
+    rate, duration = here.rate_rad_s, here.executed.duration_s
     growth = np.diff(rate, axis=0)
-    impulse = samples.executed.rising[cycles][:-1] + samples.executed.falling[cycles][1:]
+    impulse = here.executed.rising[:-1] + here.executed.falling[1:]
     plant = plant_of(vehicle)
     torque: Array = impulse[:, :3]
     load: Array = impulse[:, 3:]
     products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
     if isinstance(plant, BearingBody):
         torque = torque - np.cross(plant.bearing, load)
-        load = _mean_step(_force_at(plant.bearing, samples, cycles, vehicle), duration)
+        load = _mean_step(_force_at(plant.bearing, here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
-    mu = _mu(samples, cycles, vehicle)
+    mu = _mu(here, vehicle)
     if scale is None:
         return None if mu is None else _unturned(mu, vehicle)
     mu = mu or _fallback_mu(vehicle, scale)
@@ -54,6 +57,17 @@ def first_reference(samples: Samples, cycles: slice, vehicle: Vehicle) -> Refere
     couple = inertia @ fit[3:6].T
     cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
     return Reference(inertia, cg + centre, mu)
+
+
+def beginning(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """A reference from no more of ``cycles`` than it takes: the first :data:`FIRST`, or four times as many, and so on."""
+    length = FIRST
+    while length < cycles.stop - cycles.start:
+        found = first_reference(samples, slice(cycles.start, cycles.start + length), vehicle)
+        if found is not None:
+            return found
+        length *= 4
+    return first_reference(samples, cycles, vehicle)
 
 
 def _response(motion: Array, cause: Array, others: Array | None = None) -> float | None:
@@ -79,12 +93,12 @@ def _response(motion: Array, cause: Array, others: Array | None = None) -> float
     return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
 
 
-def _mu(samples: Samples, cycles: slice, vehicle: Vehicle) -> float | None:
+def _mu(samples: Samples, vehicle: Vehicle) -> float | None:
     """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing."""
-    force = samples.executed.impulse[cycles][:, 3:] / samples.executed.duration_s[cycles][:, None]
-    felt = acceleration(samples, vehicle)[cycles]
+    force = samples.executed.impulse[:, 3:] / samples.executed.duration_s[:, None]
+    felt = acceleration(samples, vehicle)
     if vehicle.on_air_bearing:
-        up = samples.up_b[:-1][cycles]
+        up = samples.up_b[:-1]
         force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
     return _response(felt, force)
 
@@ -112,12 +126,10 @@ def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
     return 1 / known.value if known else _reach(vehicle) ** 2 * scale / 3
 
 
-def _force_at(point: Array, samples: Samples, cycles: slice, vehicle: Vehicle) -> Array:
+def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:
     """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
-    rate_dot = samples.rate_step_rad_s[cycles] / samples.executed.duration_s[cycles][:, None]
-    moved: Array = samples.specific_force_m_s2[cycles] - lever_arm(
-        samples.rate_rad_s[cycles], rate_dot, np.array(vehicle.imu.position_m) - point
-    )
+    rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
+    moved: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
     return moved
 
 

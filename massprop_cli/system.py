@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from massprop_cli.align import Aligned
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples
+from massprop_cli.compensate import Source
 from massprop_cli.lift import Lift
 from massprop_cli.linearise import MU, RATE, Layout, Lifted, lifted
 from massprop_cli.plant import Reference, plant_of
@@ -55,15 +56,15 @@ class System:
         )
 
 
-def system_of(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> System:
+def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> System:
     """The system of ``cycles`` about ``reference``. Noise levels must be set in ``vehicle``."""
-    free = lifted(samples, cycles, reference, vehicle)
+    free, executed = lifted(samples, cycles, reference, vehicle), samples.part(cycles).executed
     drive, measured = free.drive, free.measured
     if consider.variants or consider.thrust:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation
-    roots, noise = _noise(samples, cycles, reference, vehicle, free)
+    roots, noise = _noise(executed, Layout.of(samples, vehicle), reference, vehicle, free)
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
@@ -82,12 +83,12 @@ def system_of(samples: Samples, cycles: slice, reference: Reference, vehicle: Ve
         drive = np.concatenate([drive, np.zeros((len(drive), 10, drive.shape[2]))], 1)
         roots = [np.concatenate([root, np.zeros((len(root), 10, root.shape[2]))], 1) for root in roots]
         step = np.zeros((len(drive), states + 10, 10))
-        step[:, states:] = np.diag(walk) * np.sqrt(samples.executed.duration_s[cycles][1:])[:, None, None]
+        step[:, states:] = np.diag(walk) * np.sqrt(executed.duration_s[1:])[:, None, None]
         roots.append(step)
     return System(transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise)
 
 
-def prior(samples: Samples, vehicle: Vehicle) -> Array:
+def prior(samples: Source, vehicle: Vehicle) -> Array:
     """(n,) one sigma of each state in the first cycle about zero; wide for the rate, which that cycle measures."""
     layout = Layout.of(samples, vehicle)
     jets = np.linalg.norm(vehicle.jet_wrench[:, :3], axis=1) if vehicle.jets else np.zeros(1)
@@ -105,11 +106,11 @@ def drift(vehicle: Vehicle) -> Array:
     return np.array([getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields])
 
 
-def _noise(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehicle, free: Lifted) -> tuple[list[Array], Array]:
+def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Vehicle, free: Lifted) -> tuple[list[Array], Array]:
     """Roots of process noise, (K − 1, n, 3) each, and that of the measurements' (K, 6, 6)."""
-    duration = samples.executed.duration_s[cycles]
+    duration = executed.duration_s
     states = free.transition.shape[1]
-    torque = Layout.of(samples, vehicle).torque
+    torque = layout.torque
     roots = []
     if vehicle.environment.disturbance_torque_n_m > 0:
         impulse = vehicle.environment.disturbance_torque_n_m * duration[1:, None, None]
@@ -122,8 +123,8 @@ def _noise(samples: Samples, cycles: slice, reference: Reference, vehicle: Vehic
     scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
     stated = np.concatenate([[vehicle.imu.gyro_noise_rad_s] * 3, scale * (vehicle.imu.accel_noise_m_s2 or 0.0)])
     measurement[:] = np.diag(stated.astype(float))
-    if samples.executed.pulse_covariance is not None:
-        rate, force = _pulse_noise(samples.executed.pulse_covariance[cycles], reference, vehicle, free, duration)
+    if executed.pulse_covariance is not None:
+        rate, force = _pulse_noise(executed.pulse_covariance, reference, vehicle, free, duration)
         roots.append(_in_rate(rate, states))
         measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + force)
     return roots, measurement

@@ -65,6 +65,11 @@ class Log:
         """How many control cycles."""
         return len(self.command)
 
+    @property
+    def cycle_end_s(self) -> Array:
+        """(K,) end of each control cycle."""
+        return self.time_s[self.records_per_cycle - 1 :: self.records_per_cycle]
+
 
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Check a table against the vehicle and the contract.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.compensate import Source, acceleration
 from massprop_cli.dynamics import elements, tensor, torque_regressor
 from massprop_cli.history import History
 from massprop_cli.kalman import Innovation, State, predict, update
@@ -45,11 +45,12 @@ def step(state: State, measured: Array, regressor: Array, q_root: Array, r: floa
     return State(state.mean + gain @ innovation.value, root), innovation, float(np.linalg.eigvalsh(spread @ spread.T / r)[-1])
 
 
-def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, before: Filters | None = None) -> tuple[History, Filters]:
+def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before: Filters | None = None) -> tuple[History, Filters]:
     """Run both filters through ``cycles``; estimates go on from ``before``, covariances start afresh."""
     settings = vehicle.estimator.thesis
     filters = _start(settings, before)
     q_roots = np.diag(np.sqrt(settings.q1)), np.sqrt([[settings.q2]])
+    samples = source.part(slice(0, cycles.stop))
     rate, duration = samples.rate_rad_s, samples.executed.duration_s
     rate_dot = samples.rate_step_rad_s / duration[:, None]
     wrench = samples.executed.impulse / duration[:, None]
@@ -86,7 +87,7 @@ def replay(samples: Samples, cycles: slice, phase: Phase, vehicle: Vehicle, befo
         natural_sizes=_natural(values[-1]),
         information_share=np.full((10, 6), 1 / 6),
         drowned=np.zeros(6, dtype=bool),
-        observable=observable(samples.executed.capability, _body(values[-1]), vehicle),
+        observable=observable(source.capability, _body(values[-1]), vehicle),
         bare=(values[-1], _joint(filters)),
         notices=_notices(phase, worst),
     )

@@ -62,16 +62,16 @@ class Within(NamedTuple):
     """(K, 3) the vertical there."""
 
 
-def motion_within(samples: Samples, cycles: slice, reference: Reference, lift: Lift) -> Within:
+def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
     executed = samples.executed
-    mean = samples.rate_rad_s[cycles] - reference.gyro_bias
-    impulse, skew = executed.impulse_bins[cycles], executed.skew_bins[cycles]
-    bin_s = (executed.duration_s[cycles] / impulse.shape[1])[:, None, None]
+    mean = samples.rate_rad_s - reference.gyro_bias
+    impulse, skew = executed.impulse_bins, executed.skew_bins
+    bin_s = (executed.duration_s / impulse.shape[1])[:, None, None]
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
     shape = (*impulse.shape[:2], 3)
-    up_start = samples.up_b[:-1][cycles]
+    up_start = samples.up_b[:-1]
     on_bearing = isinstance(lift.plant, BearingBody)
     motion = Motion(impulse / bin_s, np.broadcast_to(mean[:, None], shape), np.zeros(shape), np.broadcast_to(up_start[:, None], shape))
     ups = up_start, up_start

@@ -12,6 +12,7 @@ from massprop_cli.assumptions import Assumption, examined
 from massprop_cli.history import History
 from massprop_cli.sensitivity import Consider, late
 from massprop_cli.settings import effective_settings
+from massprop_cli.stream import Stream
 from massprop_cli.timing import Timing
 from tests import faulty
 
@@ -142,7 +143,7 @@ def test_the_sigma_of_a_delay_that_was_found_is_among_the_settings_and_gives_the
 def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float) -> None:
     log, used = faulty.sample("free-flyer")
     said = faulty.stated(used, f"cycle.command_delay_cycles={2.0 - later}")
-    samples = Timing(2.0 - later, 0.0).of(log, said)
+    samples = Stream.of(log, said, Timing(2.0 - later, 0.0))
     about = faulty.examined(log, used).settled
     told = examined(log, said, Timing(2.0 - later, 0.0), samples, about).delay()
     assert told is not None

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from massprop_cli import QUANTITIES, __version__, arrow, assumptions
 from massprop_cli.analysis import Analysis, MendedAnswer
 from massprop_cli.arrays import Array, median
-from massprop_cli.compensate import acceleration
+from massprop_cli.compensate import Samples, acceleration, duration_s, gathered
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
@@ -257,7 +257,8 @@ class Result(Item):
 
 def result(analysis: Analysis) -> Result:
     """The result of an analysis."""
-    log, aligned = analysis.log, analysis.samples.executed
+    log, samples = analysis.log, analysis.samples
+    first, last = (samples.part(slice(k, k + 1)).executed for k in (0, len(samples) - 1))
     return Result(
         schema="massprop/result/1",
         provenance=Provenance(
@@ -273,8 +274,8 @@ def result(analysis: Analysis) -> Result:
             path=log.path.name,
             rows=log.rows,
             cycles=log.cycles,
-            duration_s=float(aligned.end_s[-1] - aligned.start_s[0]),
-            cycle_s=median(aligned.duration_s),
+            duration_s=float(last.end_s[0] - first.start_s[0]),
+            cycle_s=median(gathered(samples, slice(0, len(samples)), duration_s)),
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),
@@ -461,9 +462,13 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     channels = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
     signals = [f"{kind}_{axis}_{unit}" for kind, unit in SIGNALS.items() for axis in AXES]
     names = (*names, *channels, *(f"{name}_sigma" for name in channels), *signals)
-    wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
-    felt = np.hstack([wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)])
-    blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma, felt[h.cycles]]) for h in histories]
+
+    def signals_of(samples: Samples) -> Array:
+        wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
+        return np.hstack([wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)])
+
+    felt = [gathered(samples, h.cycles, signals_of) for h in histories]
+    blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma, f]) for h, f in zip(histories, felt, strict=True)]
     for name, values in zip(names, np.concatenate(blocks).T, strict=True):
         columns[name] = arrow.numbers(values)
     pq.write_table(pa.table(columns), path, compression="zstd")
