@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from massprop_cli import QUANTITIES, __version__, arrow, assumptions
 from massprop_cli.analysis import Analysis, MendedAnswer
 from massprop_cli.arrays import Array, median
-from massprop_cli.compensate import Samples, acceleration, duration_s, gathered
+from massprop_cli.compensate import acceleration, duration_s, gathered
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
@@ -440,6 +440,8 @@ def to_json(found: Result) -> str:
     return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
+ROWS = 8192
+"""Rows of history.parquet that are written at once."""
 SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2"}
 """What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
 
@@ -453,25 +455,21 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    histories, samples = analysis.histories, analysis.samples
-    columns: dict[str, Any] = {
-        "phase": arrow.text([h.phase.name for h in histories for _ in h.time_s]),
-        "time_s": arrow.numbers(np.concatenate([h.time_s for h in histories])),
-    }
-    names = (*QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES))
-    channels = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
+    innovations = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
     signals = [f"{kind}_{axis}_{unit}" for kind, unit in SIGNALS.items() for axis in AXES]
-    names = (*names, *channels, *(f"{name}_sigma" for name in channels), *signals)
-
-    def signals_of(samples: Samples) -> Array:
-        wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
-        return np.hstack([wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)])
-
-    felt = [gathered(samples, h.cycles, signals_of) for h in histories]
-    blocks = [np.hstack([h.values, h.sigmas, h.innovation, h.innovation_sigma, f]) for h, f in zip(histories, felt, strict=True)]
-    for name, values in zip(names, np.concatenate(blocks).T, strict=True):
-        columns[name] = arrow.numbers(values)
-    pq.write_table(pa.table(columns), path, compression="zstd")
+    names = ("time_s", *QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES), *innovations, *(f"{name}_sigma" for name in innovations))
+    schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in (*names, *signals))])
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        for history in analysis.histories:
+            for first in range(0, len(history.time_s), ROWS):
+                part = slice(first, min(first + ROWS, len(history.time_s)))
+                samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
+                wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
+                felt = wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)
+                told = history.values, history.sigmas, history.innovation, history.innovation_sigma
+                rows = np.hstack([history.time_s[part, None], *(values[part] for values in told), *felt])
+                columns = [arrow.text([history.phase.name] * len(rows)), *(arrow.numbers(column) for column in rows.T)]
+                writer.write_table(pa.Table.from_arrays(columns, schema=schema))
 
 
 def schema() -> dict[str, Any]:
