@@ -113,7 +113,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
     """
     of = slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
-    usable_s = _first_usable_s(log, vehicle, delay_s)
+    usable_s = first_usable_s(log, vehicle, delay_s)
     start, duration = cycle_edges(log, of)
     # and those whose commands may still act; the one that comes next may go on with a pulse
     before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
@@ -152,7 +152,7 @@ def cycle_edges(log: Log, cycles: slice) -> tuple[Array, Array]:
     return log.cycle_end_s[cycles] - duration, duration
 
 
-def _first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
+def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
     memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli import columns, noise, timing, vehicle
+from massprop_cli.align import cycle_edges
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
-from massprop_cli.compensate import end_s, gathered, usable
 from massprop_cli.conclude import Conclusion, conclude, contradicted
 from massprop_cli.contradict import SATURATED, Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
 from massprop_cli.cures import Cure
@@ -266,7 +266,7 @@ def _explained(against: Contradiction | None, unknown: str) -> Contradiction | N
 def _assumptions(found: Analysis) -> tuple[Assumption, ...]:
     if found.examination is None:
         return ()
-    return assumptions(found.examination, found.log, found.vehicle, found.samples, found.settled, found.conclusions)
+    return assumptions(found.examination, found.log, found.vehicle, found.settled, found.conclusions)
 
 
 def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
@@ -339,12 +339,11 @@ def _checked_timing(settled: Sequence[History], at: Timing, examination: Examine
 
 
 def _phases(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, slice]]:
-    every = slice(0, len(samples))
-    ends, can_be_used = gathered(samples, every, end_s), gathered(samples, every, usable)
-    start, end = round(float(samples.part(slice(0, 1)).executed.start_s[0]), 9) + 0.0, round(float(ends[-1]), 9)  # + 0.0: no minus zero
+    begun, length = cycle_edges(log, slice(0, log.cycles))
+    start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
     found = []
     for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
-        cycles = phase_cycles(phase, ends, can_be_used)
+        cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
         if cycles.stop - cycles.start < 2:
             raise InputError(
                 f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "

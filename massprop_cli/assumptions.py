@@ -16,7 +16,6 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
-from massprop_cli.compensate import Samples, gathered
 from massprop_cli.conclude import Conclusion
 from massprop_cli.estimate import respond
 from massprop_cli.history import History
@@ -113,7 +112,7 @@ def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, settle
 
 
 def assumptions(
-    found: Examined, log: Log, vehicle: Vehicle, samples: Stream, settled: Sequence[History], conclusions: Sequence[Conclusion]
+    found: Examined, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
     """All of a log. Without a reference in any phase only what needs none."""
     listed = _thrust_scale(vehicle, conclusions)
@@ -124,15 +123,9 @@ def assumptions(
         for i, (of_one, t) in enumerate(zip(effects, found.taken, strict=True)):
             step = t.size * (np.arange(response.shift.shape[1]) == i)
             of_one.append(_effect(history, conclusion, vehicle, response, step))
-        fired = np.asarray(gathered(samples, history.cycles, _fired).any(0))
-        listed += _mass_thrust(log, vehicle, history, conclusion, response, fired)
+        listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.taken))
     told = zip(found.taken, effects, strict=True)
     return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
-
-
-def _fired(samples: Samples) -> BoolArray:
-    found: BoolArray = samples.executed.channels.whole != 0
-    return found
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
@@ -153,11 +146,9 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
     return [Assumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
 
 
-def _mass_thrust(
-    log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, fired: BoolArray
-) -> list[Assumption]:
-    """The command channels on which the mass rests alone, with what one percent of their thrust does."""
-    first = response.shift.shape[1] - len(fired)
+def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int) -> list[Assumption]:
+    """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
+    fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
     chosen = np.zeros(len(fired), dtype=bool)
     chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
     if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():

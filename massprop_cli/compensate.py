@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.align import Aligned
-from massprop_cli.arrays import Array, BoolArray, frozen
+from massprop_cli.arrays import Array, frozen
 from massprop_cli.dynamics import cross, lever_arm, times
 from massprop_cli.errors import InputError
 from massprop_cli.vehicle import Vehicle
@@ -30,6 +30,10 @@ class Source(Protocol):
     @property
     def attitude_logged(self) -> bool:
         """Whether the log itself holds the attitude."""
+
+    @property
+    def end_s(self) -> Array:
+        """(K,) end of each cycle."""
 
     def __len__(self) -> int: ...
 
@@ -69,6 +73,11 @@ class Samples:
         """Whether the log itself holds the attitude."""
         return self.executed.attitude_wxyz is not None
 
+    @property
+    def end_s(self) -> Array:
+        """(K,) end of each cycle."""
+        return self.executed.end_s
+
     def part(self, cycles: slice) -> Samples:
         """Of these cycles alone, a slice with both ends given."""
         return Samples(
@@ -95,16 +104,6 @@ def gathered(samples: Source, cycles: slice, found: Callable[[Samples], NDArray[
     """What is found of each cycle, one part of the log after the other."""
     parts = [slice(first, min(first + BLOCK, cycles.stop)) for first in range(cycles.start, cycles.stop, BLOCK)]
     return np.concatenate([found(samples.part(part)) for part in parts])
-
-
-def end_s(samples: Samples) -> Array:
-    """(K,) end of each cycle."""
-    return samples.executed.end_s
-
-
-def usable(samples: Samples) -> BoolArray:
-    """(K,) false where the executing command was issued before the log began."""
-    return samples.executed.usable
 
 
 def duration_s(samples: Samples) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Source, end_s, gathered
+from massprop_cli.compensate import Source
 from massprop_cli.history import History
 from massprop_cli.linearise import MU, natural_sizes
 from massprop_cli.nuisance import Taken
@@ -145,23 +145,47 @@ def settle(
     Repeated about its own last estimate until that stands still, or so many ``passes``: Gauss–Newton on the likelihood of all data.
     """
     regression = Regression(samples, cycles, vehicle, consider)
-    bound = False
-    short = cycles.stop - cycles.start <= HELD
+    last = _last_pass(regression, reference, passes)
+    told = _Told(cycles, vehicle)
+    for before, taken, after in last.held or _blocks(regression, last.begun):
+        about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
+        rows = regression.rows(about, taken, regression.posed(about, taken), told=vehicle.estimator.refine)
+        told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
+    return Settled(_history(samples, phase, told, last.run.estimate), last.stands)
+
+
+def led(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, passes: int) -> Reference:
+    """The body that so many passes find in ``cycles``."""
+    return _last_pass(Regression(samples, cycles, vehicle, Consider()), reference, passes).run.estimate
+
+
+class _Pass(NamedTuple):
+    """One pass of an off-line fit."""
+
+    begun: Run
+    run: Run
+    """With the estimate that it found."""
+    stands: bool
+    """Whether another pass would change nothing."""
+    held: list[_Block]
+    """What it took in, of a short phase."""
+
+
+def _last_pass(regression: Regression, reference: Reference, passes: int) -> _Pass:
+    cycles = regression.cycles
+    short, bound = cycles.stop - cycles.start <= HELD, False
     for _ in range(passes):
-        begun = replace(regression.begin(reference), bound=bound)
-        blocks = list(_blocks(regression, begun)) if short else _blocks(regression, begun)
-        for block in blocks:
+        begun = run = replace(regression.begin(reference), bound=bound)
+        held = []
+        for block in _blocks(regression, begun):
             run = block.after
+            held += [block] if short else []
         run = regression.improved(run)
         stands = run.bound == bound and regression.stands(run, SETTLED)
         if stands:
             break
         reference, bound = run.estimate, run.bound
-    told = _Told(cycles, vehicle)
-    for before, taken, _ in blocks if short else _blocks(regression, begun):
-        about = replace(before, estimate=run.estimate, bound=run.bound)
-        told.add(regression.rows(about, taken, regression.posed(about, taken)))
-    return Settled(_history(samples, phase, told, run.estimate), stands)
+    return _Pass(begun, run, stands, held)
 
 
 class _Block(NamedTuple):
@@ -204,7 +228,7 @@ def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | 
     return History(
         phase=phase,
         cycles=cycles,
-        time_s=gathered(samples, cycles, end_s),
+        time_s=samples.end_s[cycles].copy(),
         values=told.values,
         sigmas=told.sigmas,
         covariance=full[0],

@@ -125,7 +125,7 @@ def _sized(
 
 def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
     """What each phase is fitted about first."""
-    return [_led_up(samples, cycles, phase, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
+    return [_led_up(samples, cycles, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
 
 
 def _fits(
@@ -142,11 +142,11 @@ def _fits(
     ]
 
 
-def _led_up(samples: Source, cycles: slice, phase: Phase, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
+def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
     """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
     length = BEGINNING
     while reference is not None and length * LONGER <= cycles.stop - cycles.start:
         begun = slice(cycles.start, cycles.start + length)
-        reference = estimate.settle(samples, begun, phase, reference, vehicle, passes=SIZING).history.reference
+        reference = estimate.led(samples, begun, reference, vehicle, SIZING)
         length *= LONGER
     return reference

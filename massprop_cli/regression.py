@@ -46,6 +46,8 @@ PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
 on a bearing is balanced."""
 GROWN = 100.0
 """Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
+MUCH = 1e6
+"""Growth of information within a block, as part of what was there, up to which products hold it to ten digits."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STILL = 0.1
@@ -325,11 +327,7 @@ class Regression:
         white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
         each = self._reduced(white, theta, scale, before.bound)
         count = self._nuisances(before.bound) + 10
-        triangles = np.empty((len(each) + 1, count, each.shape[2]))
-        triangles[0] = self._posed(before, theta, scale)[:count]
-        for k, rows in enumerate(each):
-            triangles[k + 1] = triangle_of(np.vstack([triangles[k], rows]))[:count]
-        return Posed(theta, scale, each, triangles)
+        return Posed(theta, scale, each, grown(self._posed(before, theta, scale)[:count], each))
 
     def astray(self, before: Run, posed: Posed) -> int | None:
         """The first cycle of a block whose estimate is too far from the reference about which the block was taken in."""
@@ -339,11 +337,13 @@ class Regression:
         far = np.flatnonzero(self._stale(sensible, sigma, before.reference, ASTRAY))
         return int(far[0]) if far.size else None
 
-    def rows(self, before: Run, taken: Taken, posed: Posed) -> Rows:
-        """Estimates after each cycle of a block, about the one before it."""
+    def rows(self, before: Run, taken: Taken, posed: Posed, told: bool = True) -> Rows:
+        """Estimates after each cycle of a block, about the one before it; of what is not ``told``, innovations alone."""
         reference, count = before.estimate, self._nuisances(before.bound)
         each, triangles = posed.rows, posed.triangles
-        mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
+        mean, covariance = np.full((len(each), 10), np.nan), np.full((len(each), 10, 10), np.nan)
+        if told:
+            mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
         spread = _root_beside_unit(ahead)
@@ -413,6 +413,28 @@ def _root_beside_unit(ahead: Array) -> Array:
     beside = np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(6), (len(ahead), 6, 6))], 1)
     upper = triangle_of(beside)
     found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
+    return found
+
+
+def grown(triangle: Array, rows: Array) -> Array:
+    """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
+
+    In unknowns of which the triangle makes a unit matrix, a block that tells little beside what is known already is added by products;
+    one that tells far more, by an orthogonal factorisation for each, since products would lose the rest in their rounding.
+    """
+    count = len(triangle)
+    found = np.empty((len(rows) + 1, *triangle.shape))
+    found[0] = triangle
+    by_unit = rows[..., :count] @ np.linalg.inv(triangle[:, :count])
+    if not np.vdot(by_unit, by_unit) < MUCH:
+        for k, row in enumerate(rows):
+            found[k + 1] = triangle_of(np.vstack([found[k], row]))[:count]
+        return found
+    left = rows[..., count:] - by_unit @ triangle[:, count:]
+    transposed = by_unit.transpose(0, 2, 1)
+    root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
+    found[1:] = root.transpose(0, 2, 1) @ triangle
+    found[1:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
     return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.align import Aligned, align, capability, channel_wrench, cycle_edges
+from massprop_cli.align import Aligned, align, capability, channel_wrench, cycle_edges, first_usable_s
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
 from massprop_cli.dynamics import times
@@ -26,6 +26,7 @@ class Alignment:
     def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
         self.log, self.delay = log, timing.delay
         self.vehicle = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
+        self.usable_s = first_usable_s(log, self.vehicle, self.delay * self.vehicle.cycle.period_s)
         self._held = slice(0, min(LEAST, log.cycles))
         self._aligned = align(self.log, self.vehicle, self.delay, self._held)
 
@@ -44,6 +45,7 @@ class Stream:
         self.alignment, self.vehicle, self.gyro, self.accelerometer = alignment, vehicle, gyro, accelerometer
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
+        self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
         self.attitude_logged = self.log.attitude_wxyz is not None
         self._attitudes = [np.array(vehicle.environment.initial_attitude_wxyz)]
         self._held = slice(0, 0)

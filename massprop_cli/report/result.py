@@ -12,9 +12,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli import QUANTITIES, __version__, arrow, assumptions
+from massprop_cli.align import cycle_edges
 from massprop_cli.analysis import Analysis, MendedAnswer
 from massprop_cli.arrays import Array, median
-from massprop_cli.compensate import acceleration, duration_s, gathered
+from massprop_cli.compensate import acceleration
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
 from massprop_cli.docking import Docked
 from massprop_cli.history import History
@@ -257,8 +258,8 @@ class Result(Item):
 
 def result(analysis: Analysis) -> Result:
     """The result of an analysis."""
-    log, samples = analysis.log, analysis.samples
-    first, last = (samples.part(slice(k, k + 1)).executed for k in (0, len(samples) - 1))
+    log = analysis.log
+    start, length = cycle_edges(log, slice(0, log.cycles))
     return Result(
         schema="massprop/result/1",
         provenance=Provenance(
@@ -274,8 +275,8 @@ def result(analysis: Analysis) -> Result:
             path=log.path.name,
             rows=log.rows,
             cycles=log.cycles,
-            duration_s=float(last.end_s[0] - first.start_s[0]),
-            cycle_s=median(gathered(samples, slice(0, len(samples)), duration_s)),
+            duration_s=float(start[-1] + length[-1] - start[0]),
+            cycle_s=median(length),
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),
