@@ -139,13 +139,16 @@ def settle(
     vehicle: Vehicle,
     consider: Consider = Consider(),  # noqa: B008
     passes: int = SETTLINGS,
+    bound: bool = False,
 ) -> Settled:
     """The off-line fit: the whole phase at hand, from ``reference`` on.
+
+    ``bound``: each axis is known to be told without the gyroscopic coupling.
 
     Repeated about its own last estimate until that stands still, or so many ``passes``: Gauss–Newton on the likelihood of all data.
     """
     regression = Regression(samples, cycles, vehicle, consider)
-    last = _last_pass(regression, reference, passes)
+    last = _last_pass(regression, reference, passes, bound)
     told = _Told(cycles, vehicle)
     for before, taken, after in last.held or _blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
@@ -154,9 +157,18 @@ def settle(
     return Settled(_history(samples, phase, told, last.run.estimate), last.stands)
 
 
-def led(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, passes: int) -> Reference:
+class Led(NamedTuple):
+    """What a fit may begin about."""
+
+    reference: Reference
+    bound: bool = False
+    """Whether each axis is known to be told without the gyroscopic coupling."""
+
+
+def led(samples: Source, cycles: slice, start: Led, vehicle: Vehicle, passes: int) -> Led:
     """The body that so many passes find in ``cycles``."""
-    return _last_pass(Regression(samples, cycles, vehicle, Consider()), reference, passes).run.estimate
+    run = _last_pass(Regression(samples, cycles, vehicle, Consider()), start.reference, passes, start.bound).run
+    return Led(run.estimate, run.bound)
 
 
 class _Pass(NamedTuple):
@@ -171,9 +183,9 @@ class _Pass(NamedTuple):
     """What it took in, of a short phase."""
 
 
-def _last_pass(regression: Regression, reference: Reference, passes: int) -> _Pass:
+def _last_pass(regression: Regression, reference: Reference, passes: int, bound: bool) -> _Pass:
     cycles = regression.cycles
-    short, bound = cycles.stop - cycles.start <= HELD, False
+    short = cycles.stop - cycles.start <= HELD
     for _ in range(passes):
         begun = run = replace(regression.begin(reference), bound=bound)
         held = []
@@ -181,7 +193,7 @@ def _last_pass(regression: Regression, reference: Reference, passes: int) -> _Pa
             run = block.after
             held += [block] if short else []
         run = regression.improved(run)
-        stands = run.bound == bound and regression.stands(run, SETTLED)
+        stands = run.bound == bound and regression.still(run, SETTLED)
         if stands:
             break
         reference, bound = run.estimate, run.bound

@@ -11,6 +11,7 @@ import numpy as np
 from massprop_cli import estimate, noise, thesis
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Source
+from massprop_cli.estimate import Led
 from massprop_cli.history import History
 from massprop_cli.plant import Reference
 from massprop_cli.sensitivity import Consider
@@ -108,14 +109,14 @@ def _sized(
     used, fits, excess = plain.used, plain.fits, plain.excess
     if size and plain.misfit:
         used = noise.with_disturbances(samples, pieces, np.fmax(plain.gross, excess), used)
-        references = _first(samples, phases, used)
+        starts = _first(samples, phases, used)
         for _ in range(ROUNDS):
-            fits = _fits(samples, phases, references, used, consider, SIZING)
+            fits = _fits(samples, phases, starts, used, consider, SIZING)
             excess = noise.misfit([fit.history for fit in fits if fit is not None], used)
             sized = noise.with_disturbances(samples, pieces, excess, used)
             if sized == used:
                 break
-            used, references = sized, [None if fit is None else fit.history.reference for fit in fits]
+            used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
     if used != plain.used or not all(fit is None or fit.stands for fit in fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
         fits = _fits(samples, phases, _first(samples, phases, used), used, consider, estimate.SETTLINGS)
@@ -123,7 +124,7 @@ def _sized(
     return used, fits, excess
 
 
-def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Reference | None]:
+def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Led | None]:
     """What each phase is fitted about first."""
     return [_led_up(samples, cycles, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
 
@@ -131,22 +132,26 @@ def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehi
 def _fits(
     samples: Source,
     phases: Sequence[tuple[Phase, slice]],
-    references: Sequence[Reference | None],
+    starts: Sequence[Led | None],
     vehicle: Vehicle,
     consider: Consider,
     passes: int,
 ) -> list[estimate.Settled | None]:
     return [
-        None if reference is None else estimate.settle(samples, cycles, phase, reference, vehicle.in_phase(phase), consider, passes)
-        for (phase, cycles), reference in zip(phases, references, strict=True)
+        None
+        if start is None
+        else estimate.settle(samples, cycles, phase, start.reference, vehicle.in_phase(phase), consider, passes, start.bound)
+        for (phase, cycles), start in zip(phases, starts, strict=True)
     ]
 
 
-def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Vehicle) -> Reference | None:
+def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Vehicle) -> Led | None:
     """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
-    length = BEGINNING
-    while reference is not None and length * LONGER <= cycles.stop - cycles.start:
+    if reference is None:
+        return None
+    start, length = Led(reference), BEGINNING
+    while length * LONGER <= cycles.stop - cycles.start:
         begun = slice(cycles.start, cycles.start + length)
-        reference = estimate.led(samples, begun, reference, vehicle, SIZING)
+        start = estimate.led(samples, begun, start, vehicle, SIZING)
         length *= LONGER
-    return reference
+    return start

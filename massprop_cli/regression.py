@@ -291,6 +291,12 @@ class Regression:
         theta = lift.theta(run.estimate)
         return not self._stale(theta[None], self._sigmas(run, theta)[None], reference, most).any()
 
+    def still(self, run: Run, most: float) -> bool:
+        """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
+        if not self.vehicle.on_air_bearing:
+            run = replace(run, reference=replace(run.reference, mu=run.estimate.mu))
+        return self.stands(run, most)
+
     def _stale(self, theta: Array, sigma: Array, reference: Reference, most: float) -> BoolArray:
         """(K,) whether θ (K, 10) ± ``sigma`` is so far from a reference, where it is known, that what is of second order shows."""
         lift = self.lift
