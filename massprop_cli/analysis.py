@@ -82,9 +82,14 @@ def analyse(
     """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
     if progress is not None:
         progress("reading", 0.0)
+    log, source = _read(log_path, vehicle_path, assignments)
+    return examine(log, source, assignments, progress)
+
+
+def _read(log_path: Path, vehicle_path: Path | None, assignments: Sequence[str]) -> tuple[Log, VehicleSource]:
     table = read_table(log_path)
     source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
-    return examine(read(table, source.vehicle), source, assignments, progress)
+    return read(table, source.vehicle), source
 
 
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:

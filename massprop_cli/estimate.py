@@ -105,22 +105,25 @@ def replay(
 
 
 class _Told:
-    """What every cycle's estimate comes to, block by block."""
+    """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
 
-    def __init__(self, cycles: slice, vehicle: Vehicle) -> None:
-        self.cycles, self.vehicle = cycles, vehicle
-        shape = (cycles.stop - cycles.start, 10)
-        self.values, self.sigmas = np.empty(shape), np.empty(shape)
-        self.innovation, self.innovation_sigma, self.normalised = (np.empty((len(self.values), 6)) for _ in range(3))
+    def __init__(self, cycles: slice, vehicle: Vehicle, every: bool = True) -> None:
+        self.cycles, self.vehicle, self.every = cycles, vehicle, every
+        count = cycles.stop - cycles.start
+        self.normalised = np.empty((count, 6))
+        self.values, self.sigmas = np.empty((count if every else 1, 10)), np.empty((count if every else 1, 10))
+        self.innovation, self.innovation_sigma = (np.empty((len(self.values), 6)) for _ in range(2))
         self.count = 0
 
     def add(self, rows: Rows) -> None:
         """The next cycles."""
         part = slice(self.count, self.count + len(rows.mean))
-        self.values[part], full = quantities(rows.mean, rows.covariance, self.vehicle)
-        self.sigmas[part] = np.sqrt(np.einsum("kii->ki", full))
-        self.innovation[part], self.innovation_sigma[part], self.normalised[part] = rows.innovation, rows.sigma, rows.normalised
+        self.normalised[part] = rows.normalised
         self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])
+        here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
+        self.values[here], full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
+        self.sigmas[here] = np.sqrt(np.einsum("kii->ki", full))
+        self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
 
 
 class Settled(NamedTuple):
@@ -149,10 +152,10 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
-    told = _Told(cycles, vehicle)
+    told = _Told(cycles, vehicle, every=vehicle.estimator.refine)
     for before, taken, after in last.held or _blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
-        rows = regression.rows(about, taken, regression.posed(about, taken), told=vehicle.estimator.refine)
+        rows = regression.rows(about, taken, regression.posed(about, taken), told.every)
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
     return Settled(_history(samples, phase, told, last.run.estimate), last.stands)
 
@@ -240,7 +243,7 @@ def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | 
     return History(
         phase=phase,
         cycles=cycles,
-        time_s=samples.end_s[cycles].copy(),
+        time_s=samples.end_s[cycles][-len(told.values) :].copy(),
         values=told.values,
         sigmas=told.sigmas,
         covariance=full[0],

@@ -14,7 +14,10 @@ from massprop_cli.vehicle import Phase
 
 @dataclass(frozen=True)
 class History:
-    """The estimate after each cycle. NaN where nothing can be said yet."""
+    """The estimate after each cycle. NaN where nothing can be said yet.
+
+    An off-line fit that is no result itself has the last row of values and of what goes with them alone, and all normalised innovations.
+    """
 
     phase: Phase
     cycles: slice
@@ -51,7 +54,7 @@ class History:
 
     def __post_init__(self) -> None:
         rows = len(self.time_s)
-        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma, self.normalised)):
+        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma)):
             raise ValueError("history arrays differ in length")
 
 

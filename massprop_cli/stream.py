@@ -16,8 +16,8 @@ from massprop_cli.vehicle import Vehicle
 
 GRID = 1024
 """Parts begin at multiples of so many cycles, ..."""
-LEAST = 3 * GRID
-"""... and are so long at least: a causal pass looks back by less than one of the three."""
+LEAST = 6 * GRID
+"""... and are so long at least: a causal pass looks back by less than two of the six."""
 
 
 class Alignment:
