@@ -10,9 +10,9 @@ from markdown_it import MarkdownIt
 
 from massprop_cli import QUANTITIES
 from massprop_cli.expect import Expectations, Wanted
+from massprop_cli.foreign import line
 from massprop_cli.judge import judge
 from massprop_cli.report import markdown, words
-from massprop_cli.report.foreign import line
 from massprop_cli.report.result import Result
 from massprop_cli.tolerance import FOUR_SIGMA, Tolerance
 from tests import recorded

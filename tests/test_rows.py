@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from massprop_cli import QUANTITIES
 from massprop_cli.expect import Expectations, Wanted
+from massprop_cli.foreign import line
 from massprop_cli.judge import judge
 from massprop_cli.report import rows
-from massprop_cli.report.foreign import line
 from massprop_cli.tolerance import Tolerance
 from tests import recorded
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from massprop_cli.campaign.summary import Summary
+from massprop_cli.foreign import line
 from massprop_cli.report import campaign_markdown
-from massprop_cli.report.foreign import line
 
 SUMMARY = 1024 * 1024
 """Bytes of UTF-8 of a step's summary."""

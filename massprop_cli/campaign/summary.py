@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, overload
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
-from massprop_cli import QUANTITIES, UNITS, __version__, exits
+from massprop_cli import QUANTITIES, UNITS, __version__, exits, foreign
 from massprop_cli.arrays import Array
 from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, contradicted, packed, unpacked
@@ -270,7 +270,7 @@ def to_json(found: Summary) -> Iterator[str]:
 
 
 def _text(item: Item) -> str:
-    return json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)
+    return foreign.json(json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False))
 
 
 def parse(content: bytes, place: str) -> Summary:

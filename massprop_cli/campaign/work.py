@@ -16,7 +16,7 @@ from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
-from massprop_cli.report.foreign import line
+from massprop_cli.foreign import line
 
 if TYPE_CHECKING:
     from massprop_cli.analysis import Analysis

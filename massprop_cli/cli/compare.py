@@ -11,7 +11,7 @@ import typer
 
 from massprop_cli import exits
 from massprop_cli.cli.guard import fail, guarded
-from massprop_cli.cli.terminal import console
+from massprop_cli.cli.terminal import console, say
 from massprop_cli.errors import UsageError
 
 
@@ -47,6 +47,6 @@ def compare(
         difference_table.show(found, console(no_color))
     failure = comparison.failure(found)
     for warning in [] if quiet or not found.compared else found.warnings:
-        typer.echo(f"massprop: warning: {warning}", err=True)
+        say(f"warning: {warning}")
     if failure:
         fail(failure, exits.NOT_EXPECTED)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from massprop_cli.cli.guard import folder_of_its_own, guarded
-from massprop_cli.cli.terminal import progress, warn
+from massprop_cli.cli.terminal import progress, put, say, warn
 from massprop_cli.errors import UsageError
 
 
@@ -41,7 +41,7 @@ def simulate(
 
     if list_:
         for name in scenarios.packaged():
-            typer.echo(f"{name:14s}{scenarios.load(name).scenario.description}")
+            put(f"{name:14s}{scenarios.load(name).scenario.description}")
         return
     if scenario is None:
         raise UsageError("name a scenario file or a packaged scenario; massprop simulate --list names those")
@@ -56,4 +56,4 @@ def simulate(
     with progress(quiet) as told, np.errstate(all="ignore"):
         written = output.simulate(source, folder, first, seeds, "csv" if csv else "parquet", told)
     if not quiet:
-        typer.echo(f"massprop: {written} written to {folder}", err=True)
+        say(f"{written} written to {folder}")

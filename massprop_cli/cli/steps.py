@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import typer
+from massprop_cli.cli.terminal import say
 
 if TYPE_CHECKING:
     from massprop_cli.campaign.flow import Step, Told
@@ -69,4 +69,4 @@ class _Lines:
         doubts = f" ({', '.join(dict.fromkeys(found.warnings))})" if found.warnings else ""
         what = f"exit {found.exit_code}: {found.message}" if found.exit_code else f"{state(found)}{doubts}"
         kept = ", unchanged" if step.kept else ""
-        typer.echo(f"massprop: [{step.index + 1}/{len(self._jobs)}] {job.name}{kept}: {what}", err=True)
+        say(f"[{step.index + 1}/{len(self._jobs)}] {job.name}{kept}: {what}")

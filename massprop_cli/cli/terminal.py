@@ -10,12 +10,24 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from massprop_cli import foreign
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from massprop_cli.report.result import Result
     from massprop_cli.store import Stored
     from massprop_cli.telemetry import Notice
+
+
+def say(message: str) -> None:
+    """One line on stderr. With :func:`put` the only way of foreign text to the terminal beside rich's tables."""
+    typer.echo(f"massprop: {foreign.message(message)}", err=True)
+
+
+def put(text: str) -> None:
+    """A path, or a line for another program, on stdout."""
+    typer.echo(foreign.name(text))
 
 
 @contextmanager
@@ -49,7 +61,7 @@ def show(found: Result, no_color: bool) -> None:
 def warn(notices: Iterable[Notice], quiet: bool) -> None:
     """Warnings on stderr, one a line."""
     for notice in [] if quiet else notices:
-        typer.echo(f"massprop: warning: {notice.message} [{notice.code}]", err=True)
+        say(f"warning: {notice.message} [{notice.code}]")
 
 
 def told_of(stored: Stored, expected: Path | None, quiet: bool) -> None:
@@ -61,4 +73,4 @@ def told_of(stored: Stored, expected: Path | None, quiet: bool) -> None:
     if pages.left:
         said.append(f"warning: {', '.join(pages.left)} in {stored.folder} may tell of another result than result.json beside it")
     for line in [] if quiet else said:
-        typer.echo(f"massprop: {line}", err=True)
+        say(line)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from massprop_cli.campaign.outcome import contradicted, state
 from massprop_cli.campaign.summary import Pool, Row, Summary
+from massprop_cli.foreign import markdown as shown
 from massprop_cli.report import campaign_page, words
-from massprop_cli.report.foreign import markdown as shown
 
 _ROOM = 400
 """Bytes kept for saying what was left out."""

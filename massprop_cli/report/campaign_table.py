@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
+from massprop_cli import foreign
 from massprop_cli.campaign.summary import Pool, Summary
 from massprop_cli.report import campaign_page
 from massprop_cli.report.table import fitted
@@ -24,7 +24,7 @@ def show(found: Summary, console: Console) -> None:
     for pool in found.pooled:
         fitted(_table(pool), console)
         for doubt in campaign_page.doubts(pool):
-            console.print(escape(f"⚠ {doubt}."), style="yellow")
+            console.print(foreign.rich(f"⚠ {doubt}."), style="yellow")
     if found.pooled:
         console.print(
             "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities) does not average out."
@@ -33,15 +33,15 @@ def show(found: Summary, console: Console) -> None:
             "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
         )
     style = "bold red" if found.contradicted else ""
-    console.print(escape(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {campaign_page.counts(found)}"), style=style)
+    console.print(foreign.rich(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {campaign_page.counts(found)}"), style=style)
 
 
 def _table(pool: Pool) -> Table:
-    table = Table(title=escape(f"{pool.vehicle}, {campaign_page.title(pool)}"), title_justify="left", title_style="bold")
+    table = Table(title=foreign.rich(f"{pool.vehicle}, {campaign_page.title(pool)}"), title_justify="left", title_style="bold")
     for key, name in _COLUMNS.items():
         table.add_column(name, justify="left" if key in _TEXT else "right", no_wrap=key != "outliers")
     for (name, item), row in zip(pool.estimates.items(), campaign_page.pooled(pool), strict=True):
         more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
         stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"
-        table.add_row(name, *(escape(row[key]) for key in _COLUMNS if key not in ("symbol", "outliers")), escape(stray))
+        table.add_row(name, *(foreign.rich(row[key]) for key in _COLUMNS if key not in ("symbol", "outliers")), foreign.rich(stray))
     return table

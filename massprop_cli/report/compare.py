@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from massprop_cli import QUANTITIES
+from massprop_cli import QUANTITIES, foreign
 from massprop_cli.conclude import Verdict
 from massprop_cli.errors import InputError
 from massprop_cli.gate import Gate
@@ -240,7 +240,7 @@ def _why(d: Difference) -> str:
 
 def to_json(found: Comparison) -> str:
     """Canonical text: same results, same bytes."""
-    return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 def schema() -> dict[str, Any]:

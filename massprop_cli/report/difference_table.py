@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
+from massprop_cli import foreign
 from massprop_cli.judge import INFORMED
 from massprop_cli.report import digits, words
 from massprop_cli.report.compare import Comparison, Difference, Part
@@ -16,11 +16,11 @@ _NUMBERS = ("result", "baseline", "difference", "± sigma", "sigmas", "allowed")
 
 def show(found: Comparison, console: Console) -> None:
     """Print one table per phase and docked object, with what the numbers mean below."""
-    console.print(escape(f"{found.result.path} against the baseline {found.baseline.path}"))
+    console.print(foreign.rich(f"{found.result.path} against the baseline {found.baseline.path}"))
     for part in found.parts:
         fitted(_table(part), console)
     for line in _legend(found):
-        console.print(escape(line))
+        console.print(foreign.rich(line))
 
 
 def _legend(found: Comparison) -> list[str]:
@@ -33,12 +33,12 @@ def _legend(found: Comparison) -> list[str]:
 
 def _table(part: Part) -> Table:
     title = f"phase {part.name}" if part.part == "phase" else part.name
-    table = Table(title=escape(title), title_justify="left", title_style="bold")
+    table = Table(title=foreign.rich(title), title_justify="left", title_style="bold")
     for name in ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within"):
         table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=name != "within")
     for name, d in part.differences.items():
         sign = "[green]✓[/]" if d.within else "[red]✗[/]"
-        table.add_row(name, *_cells(d), words.unit(d.unit), words.unit(d.stated), f"{sign} {escape(d.note)}".rstrip())
+        table.add_row(name, *_cells(d), words.unit(d.unit), words.unit(d.stated), f"{sign} {foreign.rich(d.note)}".rstrip())
     return table
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.errors import InputError
+from massprop_cli.foreign import visible
 from massprop_cli.report import assumptions, body, checks, digits, figures, mended, view, words
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
-from massprop_cli.report.foreign import visible
 from massprop_cli.report.inline import gathered, inline
 from massprop_cli.report.read import Recorded
 from massprop_cli.report.result import PhaseItem, Result

@@ -5,8 +5,8 @@ from __future__ import annotations
 import html
 import re
 
+from massprop_cli.foreign import line
 from massprop_cli.report.figures import palette
-from massprop_cli.report.foreign import line
 
 _UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
 _COLOUR = re.compile("|".join(palette.NAMES))

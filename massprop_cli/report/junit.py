@@ -12,9 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from massprop_cli.foreign import line
 from massprop_cli.judge import INFORMED, contradiction, parts, why
 from massprop_cli.report import digits, words
-from massprop_cli.report.foreign import line
 from massprop_cli.report.gaps import gap
 from massprop_cli.report.labels import labels
 from massprop_cli.report.read import Recorded

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from massprop_cli.conclude import Verdict
+from massprop_cli.foreign import markdown as shown
 from massprop_cli.judge import contradiction, missed, parts
 from massprop_cli.report import assumptions, digits, mended, words
-from massprop_cli.report.foreign import markdown as shown
 from massprop_cli.report.gaps import gaps
 from massprop_cli.report.labels import labels
 from massprop_cli.report.read import Recorded

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 
 from massprop_cli.conclude import Verdict
+from massprop_cli.foreign import line
 from massprop_cli.report import digits, words
-from massprop_cli.report.foreign import line
 from massprop_cli.report.result import Mended, MendedPhase
 
 TITLE = "If it is mended"

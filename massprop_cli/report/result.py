@@ -11,7 +11,7 @@ from typing import Annotated, Any, BinaryIO, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from massprop_cli import QUANTITIES, __version__, arrow, assumptions
+from massprop_cli import QUANTITIES, __version__, arrow, assumptions, foreign
 from massprop_cli.align import cycle_edges
 from massprop_cli.analysis import Analysis, MendedAnswer
 from massprop_cli.arrays import Array, median
@@ -438,7 +438,7 @@ def _matrix(values: Array) -> Matrix:
 
 def to_json(found: Result) -> str:
     """Canonical text: same result, same bytes. NaN and infinity can't appear."""
-    return json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 ROWS = 8192

@@ -11,8 +11,8 @@ import io
 from collections.abc import Sequence
 
 from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.foreign import cell
 from massprop_cli.judge import contradiction, parts
-from massprop_cli.report.foreign import cell
 from massprop_cli.report.gaps import gap
 from massprop_cli.report.labels import labels
 from massprop_cli.report.read import Recorded

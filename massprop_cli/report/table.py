@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
+from massprop_cli import foreign
 from massprop_cli.judge import INFORMED, contradiction
 from massprop_cli.report import assumptions, digits, mended, words
-from massprop_cli.report.foreign import line
 from massprop_cli.report.result import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
@@ -27,7 +26,7 @@ def show(found: Result, console: Console) -> None:
         docked = found.docked_object
         _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, found, console)
     for told in _legend(found):
-        console.print(escape(told))
+        console.print(foreign.rich(told))
     for one in found.mended:
         _mended(one, console)
     _assumptions(found, console)
@@ -42,10 +41,10 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
     fitted(table, console)
     implied = assumptions.implied_thrust(body)
     if implied:
-        console.print(escape(f"{implied[0].upper()}{implied[1:]}."))
+        console.print(foreign.rich(f"{implied[0].upper()}{implied[1:]}."))
     cause = contradiction(body)
     if cause:
-        console.print(escape(f"contradicted: {line(cause)}"), style=_STYLE["contradicted"])
+        console.print(foreign.rich(f"contradicted: {cause}"), style=_STYLE["contradicted"])
 
 
 def fitted(table: Table, console: Console) -> None:
@@ -64,18 +63,18 @@ def _width(table: Table, console: Console) -> int:
 
 def _mended(one: Mended, console: Console) -> None:
     console.print()
-    console.print(escape(f"{mended.TITLE} (not the result): {line(one.message)} [{line(one.code)}]"), style="bold")
+    console.print(foreign.rich(f"{mended.TITLE} (not the result): {one.message} [{one.code}]"), style="bold")
     for phase in one.phases:
-        table = Table(title=escape(f"mended, phase {phase.name}"), title_justify="left", title_style="dim")
+        table = Table(title=foreign.rich(f"mended, phase {phase.name}"), title_justify="left", title_style="dim")
         for name in ("quantity", "value", "± sigma", "unit", "verdict"):
             table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
         for name, value, sigma, unit, verdict in mended.rows(phase):
-            table.add_row(escape(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
+            table.add_row(foreign.rich(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
         fitted(table, console)
         if phase.contradiction:
-            console.print(escape(line(mended.still(phase))), style=_STYLE["contradicted"])
+            console.print(foreign.rich(mended.still(phase)), style=_STYLE["contradicted"])
     for option in mended.options(one):
-        console.print(escape(f"  {option}"), soft_wrap=True)
+        console.print(f"  {foreign.rich(option)}", soft_wrap=True)
 
 
 def _assumptions(found: Result, console: Console) -> None:
@@ -85,14 +84,14 @@ def _assumptions(found: Result, console: Console) -> None:
     console.print("Assumptions: what the values rest on", style="bold")
     shown = assumptions.open_ones(found)
     for assumption in shown:
-        console.print(escape(f"- {line(assumptions.said(assumption))}"))
+        console.print(foreign.rich(f"- {assumptions.said(assumption)}"))
     if len(shown) < len(found.assumptions):
         console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states: in result.json and in the report")
     for one in assumptions.sensitivities(shown):
-        table = Table(title=escape(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
+        table = Table(title=foreign.rich(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
         table.add_column("quantity", no_wrap=True)
         for code, step in one.steps:
-            table.add_column(escape(f"{line(code)}\n{line(step)}"), justify="right", no_wrap=True)
+            table.add_column(f"{foreign.rich(code)}\n{foreign.rich(step)}", justify="right", no_wrap=True)
         table.add_column("unit", no_wrap=True)
         for name, unit, changes in one.rows:
             table.add_row(name, *changes, unit)
@@ -118,7 +117,7 @@ def _legend(found: Result) -> list[str]:
 
 
 def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Table:
-    table = Table(title=escape(title), title_justify="left", title_style="bold")
+    table = Table(title=foreign.rich(title), title_justify="left", title_style="bold")
     nominal = any(item.nominal is not None for item in estimates.values())
     expected = any(item.expected is not None for item in estimates.values())
     names = ["quantity", "value", heading, "unit", "verdict", "final at"]

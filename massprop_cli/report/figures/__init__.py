@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from massprop_cli import CG, INERTIA
 from massprop_cli.errors import UsageError
+from massprop_cli.foreign import line
 from massprop_cli.report.figures import canvas, correlation, ellipsoid, estimates, excitation, innovations, signals
 from massprop_cli.report.figures.canvas import Kind
 from massprop_cli.report.figures.panel import Picture
 from massprop_cli.report.figures.recording import only
-from massprop_cli.report.foreign import line
 from massprop_cli.report.read import Recorded
 
 _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from massprop_cli.foreign import line
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import LEFT
 from massprop_cli.report.figures.series import Limits
-from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,9 +12,9 @@ import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from massprop_cli.foreign import line
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import BOTTOM, LEFT, RIGHT, TOP, Panel
-from massprop_cli.report.foreign import line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import Matrix, PhaseItem
-from massprop_cli.report.foreign import line
+from massprop_cli.foreign import line
 
 CAPTION = (
     "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import PhaseItem
-from massprop_cli.report.foreign import line
+from massprop_cli.foreign import line
 
 SIDE = 2.5
 """Inches."""

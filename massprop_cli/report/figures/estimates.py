@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.read import Recorded
     from massprop_cli.report.result import EstimateItem, PhaseItem
-from massprop_cli.report.foreign import line
+from massprop_cli.foreign import line
 
 FAR = 3.0
 """An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""

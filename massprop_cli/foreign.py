@@ -1,0 +1,74 @@
+"""Text from outside (names of files, vehicles, phases; messages that quote them) on its way out, made safe for each format.
+
+The one place for it: every terminal, page, table and file name gets foreign text through a function of this room.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import unicodedata
+
+LONGEST = 2000
+"""Characters of a text that are shown."""
+_MESSAGE, _END = 8000, 1000
+"""Characters of a message, and of them those at its end, where the remedy stands."""
+_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+"""Unicode categories that are not shown as they are: control, format (direction overrides), surrogates, unassigned, line ends."""
+_FORMULA = ("=", "+", "-", "@")
+_MARKDOWN = re.compile(r"([\\`*\[\]#|~$@]|(?<![^\W_])_|_(?![^\W_])|:(?=//)|(?<=www)\.|^[-+=])")
+"""What means something anywhere, or at the beginning of a line, or makes a link."""
+_NUMBERED = re.compile(r"^(\d+)([.)])(?=\s|$)")
+"""What makes an item of a numbered list."""
+_ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
+
+
+def visible(text: str) -> str:
+    """The text with the replacement character for what can't be shown; no format of XML, JSON or UTF-8 objects to it."""
+    return "".join("\ufffd" if not c.isprintable() and unicodedata.category(c) in _HIDDEN and c not in "\t\n" else c for c in text)
+
+
+def line(text: str, longest: int = LONGEST) -> str:
+    """The same on one line."""
+    shown = visible(" ".join(text.split()))
+    return shown if len(shown) <= longest else f"{shown[: longest - 1]}…"
+
+
+def name(text: str) -> str:
+    """A path or a name as it is spelt, blanks included, on one line."""
+    return visible(text).replace("\t", "\ufffd").replace("\n", "\ufffd")
+
+
+def message(text: str) -> str:
+    """What is told on one line of a terminal; of a longer text the middle is left out, since the remedy stands at the end."""
+    shown = line(text, sys.maxsize)
+    return shown if len(shown) <= _MESSAGE else f"{shown[: _MESSAGE - _END]} … {shown[-_END:]}"
+
+
+def rich(text: str, longest: int = LONGEST) -> str:
+    """One line for a table or line that rich prints, whose own marks it must not hold."""
+    from rich.markup import escape
+
+    return escape(line(text, longest))
+
+
+def json(text: str) -> str:
+    r"""JSON text with what can't be shown as its escape (``\u202e``): it reads back the same, and may stand on a terminal."""
+    return "".join(_escaped(c) if not c.isprintable() and unicodedata.category(c) in _HIDDEN and c != "\n" else c for c in text)
+
+
+def _escaped(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{units[i]:02x}{units[i + 1]:02x}" for i in range(0, len(units), 2))
+
+
+def markdown(text: str) -> str:
+    """The text as it stands, in a Markdown paragraph, heading or table cell."""
+    return _NUMBERED.sub(r"\1\\\2", _MARKDOWN.sub(r"\\\1", line(text).translate(_ENTITIES)))
+
+
+def cell(text: str) -> str:
+    """The text for a spreadsheet: an apostrophe goes before what it would take for a formula."""
+    shown = line(text)
+    # a spreadsheet takes full-width signs for signs too
+    return f"'{shown}" if unicodedata.normalize("NFKC", shown[:1]).startswith(_FORMULA) else shown
