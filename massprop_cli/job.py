@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import analysis, exits, files, judge, telemetry
+from massprop_cli import analysis, exits, extremes, files, judge, tablefile, telemetry
+from massprop_cli import vehicle as vehicles
 from massprop_cli.analysis import Analysis, Progress
 from massprop_cli.expect import Expectations
 from massprop_cli.report import result
@@ -64,15 +65,23 @@ def of_file(
 ) -> Judged:
     """A log read from its file, with the vehicle that is named or belongs to it; :class:`InputError` where either can't be used."""
     files.check_name(str(log))
-    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
-    with np.errstate(all="ignore"):
-        return _judged(analysis.analyse(log, vehicle, assignments, progress), demands or Demands())
+    if progress is not None:
+        progress("reading", 0.0)
+    table = tablefile.read_table(log)
+    return of_table(table, vehicles.find(log, vehicle, table.embedded_vehicle, assignments), assignments, demands, progress)
 
 
-def of_table(table: Table, source: VehicleSource, assignments: Sequence[str] = (), demands: Demands | None = None) -> Judged:
+def of_table(
+    table: Table,
+    source: VehicleSource,
+    assignments: Sequence[str] = (),
+    demands: Demands | None = None,
+    progress: Progress | None = None,
+) -> Judged:
     """The same of a log and a vehicle at hand."""
-    with np.errstate(all="ignore"):
-        return _judged(analysis.examine(telemetry.read(table, source.vehicle), source, assignments), demands or Demands())
+    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
+    with np.errstate(all="ignore"), extremes.refused(table.path, source):
+        return _judged(analysis.examine(telemetry.read(table, source.vehicle), source, assignments, progress), demands or Demands())
 
 
 def _judged(found: Analysis, demands: Demands) -> Judged:

@@ -18,7 +18,7 @@ from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATE
 from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
 from massprop_cli.tablefile import Table
-from massprop_cli.vehicle import Column, Vehicle
+from massprop_cli.vehicle import LEAST, Column, Vehicle
 
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
@@ -146,7 +146,9 @@ class _Source:
                 f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
             )
         numbers: Array = self.table.columns[name].numbers()
-        return numbers * (self.columns[column].scale if column in self.columns else 1.0)
+        scaled = numbers * (self.columns[column].scale if column in self.columns else 1.0)
+        # what underflows when it is squared is a zero that was calculated
+        return np.where(np.abs(scaled) < LEAST, 0.0, scaled)
 
     def required(self, column: str) -> Array:
         """The column, scaled; every cell must be a finite number."""

@@ -21,9 +21,20 @@ from massprop_cli import columns, configfile
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 
-Positive = Annotated[FiniteFloat, Field(gt=1e-30, lt=1e30)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0, lt=1e30)]
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+LEAST, MOST = 1e-30, 1e30
+Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
+
+
+def _within_range(value: float) -> float:
+    """Squares of numbers, and their products with others, stay numbers."""
+    if value != 0 and not LEAST < abs(value) < MOST:
+        raise ValueError(f"must be 0, or from {LEAST:g} to {MOST:g} in size")
+    return value
+
+
+Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
+NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
+Vector = tuple[Real, Real, Real]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -119,14 +130,14 @@ class Nominal(Section):
 
     poi_convention: Literal["tensor", "positive_integral"] | None = None
     ixx: Positive | None = None
-    ixy: FiniteFloat | None = None
-    ixz: FiniteFloat | None = None
+    ixy: Real | None = None
+    ixz: Real | None = None
     iyy: Positive | None = None
-    iyz: FiniteFloat | None = None
+    iyz: Real | None = None
     izz: Positive | None = None
-    cg_x: FiniteFloat | None = None
-    cg_y: FiniteFloat | None = None
-    cg_z: FiniteFloat | None = None
+    cg_x: Real | None = None
+    cg_y: Real | None = None
+    cg_z: Real | None = None
     mass: Positive | None = None
 
     def value(self, name: str) -> float | None:
@@ -145,7 +156,7 @@ class Nominal(Section):
 class Known(Section):
     """A quantity measured elsewhere, which enters the estimate."""
 
-    value: FiniteFloat
+    value: Real
     sigma: Positive
 
 
@@ -187,7 +198,7 @@ class Column(Section):
     """Where a contract column is found in this log: ``value = scale * column``."""
 
     from_: str = Field(alias="from")
-    scale: FiniteFloat = 1.0
+    scale: Real = 1.0
 
     @model_validator(mode="after")
     def _scales(self) -> Column:
@@ -207,7 +218,7 @@ class ThesisSettings(Section):
     r2: Positive = 5e-2
     p1_again: tuple[Positive, ...] | None = Field(None, description="p1 of every phase but the first; absent: p1")
     p2_again: Positive | None = Field(None, description="p2 of every phase but the first; absent: p2")
-    initial: tuple[FiniteFloat, ...] = Field((0.0,) * 10, description="the ten quantities at the start")
+    initial: tuple[Real, ...] = Field((0.0,) * 10, description="the ten quantities at the start")
 
     @model_validator(mode="after")
     def _has_sizes(self) -> ThesisSettings:
@@ -267,10 +278,10 @@ class Vehicle(Section):
     imu: Imu = Imu()
     environment: Environment = Environment()
     thrust: Thrust = Thrust()
-    jets: tuple[Jet, ...] = ()
+    jets: tuple[Jet, ...] = Field((), max_length=256)
     nominal: Nominal = Nominal()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
-    phases: tuple[Phase, ...] = ()
+    phases: tuple[Phase, ...] = Field((), max_length=64)
     docking: Docking | None = None
     drift: Drift = Drift()
     columns: dict[str, Column] = Field({}, description="this log's own name and scale of a contract column")
@@ -280,9 +291,9 @@ class Vehicle(Section):
     @model_validator(mode="after")
     def _is_coherent(self) -> Vehicle:
         for kind, names in (("jet", [j.name for j in self.jets]), ("phase", [p.name for p in self.phases])):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            if twice:
-                raise ValueError(f"{kind} name {twice[0]!r} is used twice; give each its own")
+            twice = configfile.repeated(names)
+            if twice is not None:
+                raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
         if self.known and len(self.phases) > 1:
             raise ValueError(
                 f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "

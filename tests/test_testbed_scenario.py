@@ -86,7 +86,7 @@ def refusal(text: str, assignments: tuple[str, ...] = ()) -> str:
         (BASE + JETS, 'vehicle.phases=[{name="p", start_s=-5.0, end_s=0.04}]', ["phase 'p'", "fewer than two cycles"]),
         (BASE + JETS + '[[events]]\nkind="reset"\ncycle=9\nphase="phase-1"', "", ["phase name 'phase-1' is used twice"]),
         (BASE + JETS, "vehicle.thrust.lag_s=1e8", ["more than 1000 cycles"]),
-        (BASE + JETS, "sensors.accel_bias_m_s2=[1e200, 0.0, 0.0]", ["accelerometer would log more than"]),
+        (BASE + JETS, "sensors.accel_bias_m_s2=[1e20, 0.0, 0.0]", ["accelerometer would log more than"]),
         (BASE + JETS + '[[actuators.failures]]\njet="divert_xp"\nstart_s=2.0\nend_s=1.0', "", ["never happens"]),
     ],
 )
