@@ -6,12 +6,14 @@ import difflib
 import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from massprop_cli import limits
 from massprop_cli.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -20,31 +22,59 @@ _INTERNAL = ("function-", "literal[", "constrained-", "[key]")
 """Parts of an error's place that pydantic adds to the keys of the file."""
 KEY = "key"
 """A validator that raises PydanticCustomError names the key at fault under this name of its context."""
+_SHOWN = 40
+"""Characters of what is too long to be shown."""
+_QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
+"""Quoted keys, texts and comments of TOML."""
+_DOTTED = re.compile(r"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
 _KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """Parse TOML; :class:`InputError` names the file and the line of a syntax error."""
+    limits.CONFIG.check(source, len(text))
+    # tomllib keeps every beginning of a dotted key: of 100,000 parts these are gigabytes
+    parts = max((key.count(".") + 1 for key in _DOTTED.findall(_QUOTED.sub(_unquoted, text))), default=0)
+    limits.DEPTH.check(source, parts)
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: not valid TOML: {error}") from None
 
 
+def _unquoted(found: re.Match[str]) -> str:
+    """A quoted key or text as one plain word; nothing of a comment, and of a text over several lines, which is no key."""
+    return "" if found[0].startswith(("#", '"""', "'''")) else "q"
+
+
+def bounded(data: object, source: str) -> None:
+    """:class:`InputError` where keys and texts are too long, or tables nested too deep, for anything that comes after."""
+    level: list[object] = [data]
+    depth = 0
+    while level:
+        limits.DEPTH.check(source, depth)
+        depth += 1
+        for text in (item for item in level if isinstance(item, str)):
+            limits.TEXT.check(f"{source}: {text[:_SHOWN]!r}", len(text))
+        for key in (key for item in level if isinstance(item, dict) for key in item):
+            limits.NAME.check(f"{source}: key {key[:_SHOWN]!r}", len(key))
+        level = [child for item in level for child in _children(item)]
+
+
+def _children(item: object) -> Iterable[object]:
+    return item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+
+
 def read_text(path: Path, what: str) -> str:
-    """The file's text; :class:`InputError` if it is missing, a folder, or not UTF-8."""
+    """The file's text; :class:`InputError` if it is missing, no file, too large, or not UTF-8."""
     try:
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder; name the {what} itself")
-        return path.read_text(encoding="utf-8-sig")
+        text = limits.content(path, what).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}; check the path") from None
     except UnicodeDecodeError as error:
         kind = "JSON" if what.endswith(".json") else "TOML"
         raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 {kind}") from None
-    except (OSError, ValueError) as error:
-        shown = str(path) if len(str(path)) <= 200 else f"{str(path)[:200]}..."
-        raise InputError(f"{shown!r}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
@@ -63,8 +93,8 @@ def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]
 def literal(text: str) -> object:
     """A TOML literal's value, or the text itself where it is none."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
+        return parse_toml(f"value = {text}", "value")["value"]
+    except InputError:
         return text
 
 
@@ -92,6 +122,7 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str
     Raises :class:`InputError` with ``source`` and the line in ``text`` (or the ``--set`` assignment at fault), the dotted key, the
     value, and for an unknown key the nearest known one.
     """
+    bounded(data, source)
     try:
         # as JSON, because only there does pydantic take lists for tuples while refusing true, "10" and the like for numbers
         return model.model_validate_json(json.dumps(data, default=str), strict=True)
@@ -130,9 +161,15 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     return f"{key} = {shown}: {message}" if key else message
 
 
+def repeated(names: Iterable[str]) -> str | None:
+    """The first name, by the alphabet, that stands there more than once."""
+    return min((name for name, times in Counter(names).items() if times > 1), default=None)
+
+
 def nearest(name: str, known: Iterable[str], words: str) -> str:
     """``; the nearest … is 'x'`` for a message, empty where nothing is known."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+    # what is longer is no slip of the pen, and takes a time that grows as its square
+    near = difflib.get_close_matches(name[: limits.NAME.default], list(known), n=1, cutoff=0.0)
     return f"; {words} {near[0]!r}" if near else ""
 
 

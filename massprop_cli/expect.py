@@ -94,9 +94,9 @@ class ExpectFile(Section):
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
         names = [phase.name for phase in self.phases]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"phase name {twice[0]!r} is used twice; write its expectations in one table")
+        twice = configfile.repeated(names)
+        if twice is not None:
+            raise ValueError(f"phase name {twice!r} is used twice; write its expectations in one table")
         if self.tolerance and self.tolerance.kind == "absolute":
             raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
         return self
@@ -184,8 +184,8 @@ def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            names = [name for name, _ in pairs]
-            raise InputError(f"{source}: key {next(n for n in names if names.count(n) > 1)!r} stands twice in one table; keep one")
+            twice = configfile.repeated(name for name, _ in pairs)
+            raise InputError(f"{source}: key {twice!r} stands twice in one table; keep one")
         return found
 
     try:

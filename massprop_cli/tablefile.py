@@ -6,6 +6,7 @@ import hashlib
 import io
 import re
 from collections.abc import Mapping, Sequence
+from csv import Error as CsvError
 from csv import reader as csv_lines
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from massprop_cli import limits, parquetheader
 from massprop_cli.arrays import Array
+from massprop_cli.configfile import repeated
 from massprop_cli.errors import InputError
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
 _URL = re.compile(r"\w\w+:/")
+_LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
 
 
@@ -47,16 +51,14 @@ class Table:
 
 def read_table(path: Path) -> Table:
     """Read a CSV or Parquet file whole. :class:`InputError` for anything that is not a readable, non-empty table."""
-    if path.is_dir():
+    if limits.is_folder(path):
         raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
     try:
-        data = path.read_bytes()
+        data = limits.content(path, "log")
     except FileNotFoundError:
         # a path takes the second slash of a URL away
         url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
         raise InputError(f"{path}: no such file; check the path{url}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     return parse(path, data)
 
 
@@ -71,10 +73,10 @@ def parse(path: Path, data: bytes) -> Table:
     if table.num_rows == 0:
         raise InputError(f"{path}: has a header but no rows; record the log again")
     names = table.column_names
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    twice = repeated(names)
+    if twice is not None:
         header = "" if places.lines is None else ", line 1"
-        raise InputError(f"{path}{header}: column {twice[0]!r} stands twice; rename one or drop it")
+        raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
     columns = {name: Cells(path, name, table.column(index), places) for index, name in enumerate(names)}
     return Table(path, hashlib.sha256(data).hexdigest(), columns, table.num_rows, places, embedded)
 
@@ -85,12 +87,15 @@ def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
 
     try:
         # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
-        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+        texts = parquetheader.checked(str(path), data)
+        # text stays in its dictionary: one long text on a million rows would be as many texts
+        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, read_dictionary=texts).read(use_threads=False)
+    except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
     metadata = table.schema.metadata or {}
     embedded = metadata[VEHICLE_KEY].decode("utf-8", "replace") if VEHICLE_KEY in metadata else None
+    limits.CONFIG.check(f"{path} (embedded vehicle)", len(embedded or ""))
     return table, Places(None), embedded
 
 
@@ -99,10 +104,12 @@ def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
     from pyarrow import csv
 
     try:
-        header, _, rest = data.decode("utf-8-sig").partition("\n")
+        header, _, rest = _LINE_END.sub("\n", data.decode("utf-8-sig")).partition("\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
-    names = [name.strip() for name in next(csv_lines([header]), [])]
+    limits.COLUMNS.check(f"{path}, line 1", header.count(",") + 1)
+    limits.NUMBERS.check(str(path), (header.count(",") + 1) * rest.count("\n"))
+    names = _names(path, header)
     if not any(names):
         raise InputError(f"{path}, line 1: no header; the first line names the columns")
     if len(names) == 1:
@@ -114,15 +121,23 @@ def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
     try:
         table = csv.read_csv(io.BytesIO(data), read_options=options, convert_options=convert)
     except pa.ArrowException as error:
-        for number, line in enumerate(rest.splitlines(), 2):
+        for number, line in enumerate(rest.split("\n"), 2):
             found = line.count(",") + 1
             if line.strip() and found != len(names) and '"' not in line:
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
     lines: Sequence[int] = range(2, table.num_rows + 2)
     if _BLANK_LINE.search(rest):
-        lines = [number for number, line in enumerate(rest.splitlines(), 2) if line.strip()]
+        lines = [number for number, line in enumerate(rest.split("\n"), 2) if line.strip()]
     return table, Places(lines), None
+
+
+def _names(path: Path, header: str) -> list[str]:
+    """The columns that a CSV file's first line names."""
+    try:
+        return [name.strip() for name in next(csv_lines([header]), [])]
+    except CsvError as error:
+        raise InputError(f"{path}, line 1: not a readable header ({error}); the first line names the columns") from None
 
 
 @dataclass(frozen=True)
@@ -141,7 +156,10 @@ class Cells:
         data = self.data.combine_chunks()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
-        converted = data if pa.types.is_float64(data.type) else self._converted(data)
+        if pa.types.is_dictionary(data.type):
+            converted = self._converted(data.dictionary, data).take(data.indices)
+        else:
+            converted = data if pa.types.is_float64(data.type) else self._converted(data, data)
         # from buffers: to_numpy() and fill_null() would import pandas where it is installed
         valid, held = converted.buffers()
         part = slice(converted.offset, converted.offset + len(converted))
@@ -150,7 +168,7 @@ class Cells:
             return values
         return np.where(np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[part] == 1, values, np.nan)
 
-    def _converted(self, data: Any) -> Any:
+    def _converted(self, data: Any, whole: Any) -> Any:
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -159,10 +177,10 @@ class Cells:
         try:
             return data.cast(pa.float64())
         except (pa.ArrowException, NotImplementedError):  # the latter from pyarrow, of a type that has no cast
-            raise self._no_number(data) from None
+            raise self._no_number(whole) from None
 
     def _no_number(self, data: Any) -> InputError:
-        for row, cell in enumerate(data.to_pylist()):
+        for row, cell in enumerate(value.as_py() for value in data):
             try:
                 is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):

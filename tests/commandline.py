@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -15,27 +17,39 @@ _FORKS = get_context("forkserver")
 _FORKS.set_forkserver_preload(["massprop_cli.analysis", "massprop_cli.store", "massprop_cli.report.result", "tests.commandline"])
 
 
-def massprop(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests."""
+class Done(subprocess.CompletedProcess[str]):
+    """A process that has ended."""
+
+    def __init__(self, arguments: Sequence[str | Path], code: int, stdout: str, stderr: str, peak_bytes: int) -> None:
+        super().__init__(arguments, code, stdout, stderr)
+        self.peak_bytes = peak_bytes
+        """Most memory that it held."""
+
+
+def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
+    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these."""
     with tempfile.TemporaryDirectory() as kept:
-        said = [Path(kept) / name for name in ("stdout", "stderr")]
-        process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said))
+        said = [Path(kept) / name for name in ("stdout", "stderr", "peak")]
+        process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said, settings))
         process.start()
         process.join(50)
         if process.exitcode is None:
             process.kill()
             raise subprocess.TimeoutExpired(list(map(str, arguments)), 50)
-        stdout, stderr = (path.read_text(encoding="utf-8") for path in said)
-    return subprocess.CompletedProcess(arguments, process.exitcode, stdout, stderr)
+        stdout, stderr, peak = (path.read_text(encoding="utf-8") for path in said)
+    return Done(arguments, process.exitcode, stdout, stderr, int(peak))
 
 
-def _run(folder: Path, arguments: tuple[str, ...], said: list[Path]) -> None:
+def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str]) -> None:
     for key in [key for key in os.environ if key.startswith("MASSPROP_")]:
         del os.environ[key]
-    os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"}
+    os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
     os.chdir(folder)
-    for descriptor, path in zip((1, 2), said, strict=True):
+    for descriptor, path in zip((1, 2), said[:2], strict=True):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)
     sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115
     sys.argv = ["massprop", *arguments]
-    main()
+    try:
+        main()
+    finally:
+        said[2].write_text(str(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss), encoding="utf-8")

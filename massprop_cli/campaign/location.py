@@ -6,6 +6,7 @@ import os
 import posixpath
 from pathlib import Path, PurePosixPath
 
+from massprop_cli import limits
 from massprop_cli.errors import InputError
 
 
@@ -27,14 +28,10 @@ def read(location: str, what: str) -> bytes:
 
         return remote.read(location, what)
     path = Path(location)
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name the {what} itself")
     try:
-        return path.read_bytes()
+        return limits.content(path, what)
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}; check the path") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def text(content: bytes, location: str, what: str) -> str:

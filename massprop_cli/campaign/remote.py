@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
+from massprop_cli import limits
 from massprop_cli.errors import InputError
 
 Answer = TypeVar("Answer")
@@ -63,7 +64,15 @@ def asked(url: str, what: str, question: Callable[[Any, str], Answer]) -> Answer
 
 def read(url: str, what: str) -> bytes:
     """The bytes of a file."""
-    return bytes(asked(url, what, lambda files, path: files.cat_file(path)))
+    return bytes(asked(url, what, lambda files, path: _within(limits.of(what), url, files, path)))
+
+
+def _within(limit: limits.Limit, url: str, files: Any, path: str) -> bytes:
+    """The bytes of a file, once the store has said that they are not too many."""
+    limit.check(url, int(files.info(path).get("size") or 0))
+    found: bytes = files.cat_file(path, start=0, end=limit.most + 1)
+    limit.check(url, len(found))
+    return found
 
 
 def content(url: str) -> bytes | None:

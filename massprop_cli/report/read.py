@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from massprop_cli import QUANTITIES, configfile
+from massprop_cli import QUANTITIES, configfile, limits, parquetheader
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 from massprop_cli.report.result import DockedObject, PhaseItem, Result
@@ -80,7 +80,9 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
     if not file.exists():
         return {}
     try:
-        table = pq.read_table(file)
+        data = limits.content(file, "history.parquet")
+        texts = parquetheader.checked(str(file), data)
+        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, read_dictionary=texts).read(use_threads=False)
         phase = np.array(table.column("phase").to_pylist())
         columns = {name: np.array(table.column(name).to_pylist(), dtype=float) for name in table.column_names if name != "phase"}
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:

@@ -1,0 +1,179 @@
+"""Inputs that would hurt: by the name under which docs/limits.md has each, what makes it and the command line that is given it."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+SAMPLE = Path(__file__).parent.parent / "sample_logs" / "free-flyer"
+ESCAPES = "\x1b[31m\x9b1m\u202egnp.exe"
+"""Colours, by seven and by eight bits, and letters that run from right to left."""
+Hostile = Callable[[Path], list[str]]
+
+
+def flight(rows: int = 60) -> Any:
+    return pq.read_table(SAMPLE / "log.parquet").slice(0, rows).replace_schema_metadata()
+
+
+def vehicle(folder: Path, text: str = "", old: str = "", new: str = "") -> Path:
+    """The sample's vehicle file, with a change, and text before its first table."""
+    whole = (SAMPLE / "vehicle.toml").read_text(encoding="utf-8")
+    file = folder / "vehicle.toml"
+    file.write_text(text + (whole.replace(old, new, 1) if old else whole), encoding="utf-8")
+    return file
+
+
+def estimate(folder: Path, log: str = "log.parquet") -> list[str]:
+    return ["estimate", str(folder / log), "--out", str(folder / "out")]
+
+
+def toml(text: str) -> Hostile:
+    def make(folder: Path) -> list[str]:
+        pq.write_table(flight(), folder / "log.parquet")
+        vehicle(folder, text + "\n")
+        return estimate(folder)
+
+    return make
+
+
+def replaced(old: str, new: str) -> Hostile:
+    def make(folder: Path) -> list[str]:
+        pq.write_table(flight(), folder / "log.parquet")
+        vehicle(folder, old=old, new=new)
+        return estimate(folder)
+
+    return make
+
+
+def table(made: Callable[[], Any], **options: Any) -> Hostile:
+    def make(folder: Path) -> list[str]:
+        vehicle(folder)
+        pq.write_table(made(), folder / "log.parquet", **options)
+        return estimate(folder)
+
+    return make
+
+
+def _with(values: Any) -> Any:
+    return flight(len(values)).append_column("event", values)
+
+
+def with_column(values: Callable[[], Any], **options: Any) -> Hostile:
+    return table(lambda: _with(values()), **options)
+
+
+def csv(text: Callable[[str], str]) -> Hostile:
+    """A good log as CSV, changed."""
+
+    def make(folder: Path) -> list[str]:
+        vehicle(folder)
+        good = flight()
+        rows = zip(*(column.to_pylist() for column in good.columns), strict=True)
+        lines = [",".join(good.column_names), *(",".join("" if cell is None else repr(cell) for cell in row) for row in rows)]
+        (folder / "log.csv").write_bytes(text("\n".join(lines) + "\n").encode())
+        return estimate(folder, "log.csv")
+
+    return make
+
+
+def zeros(rows: int) -> Any:
+    return pa.table({name: pa.repeat(0.0, rows) for name in flight().column_names})
+
+
+def of_file(name: str, make: Callable[[Path], object]) -> Hostile:
+    def made(folder: Path) -> list[str]:
+        vehicle(folder)
+        make(folder / name)
+        return estimate(folder, name)
+
+    return made
+
+
+def _socket(path: Path) -> None:
+    here = Path.cwd()
+    os.chdir(path.parent)
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(path.name)
+    os.chdir(here)
+
+
+def _sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(3 * 2**30)
+
+
+def _fifo_in_campaign(folder: Path) -> list[str]:
+    (folder / "logs").mkdir()
+    os.mkfifo(folder / "logs" / "log.csv")
+    return ["batch", str(folder / "logs"), "--out", str(folder / "out"), "--jobs", "1"]
+
+
+def _result(text: str) -> Hostile:
+    def make(folder: Path) -> list[str]:
+        (folder / "result").mkdir()
+        (folder / "result" / "result.json").write_text(text, encoding="utf-8")
+        return ["compare", str(folder / "result"), str(folder / "result")]
+
+    return make
+
+
+def _footer() -> bytes:
+    """A footer of 2 MB that says 700,000 times that there is a column chunk, in three bytes each (Thrift's compact protocol)."""
+
+    def many(number: int) -> bytes:
+        return bytes([0xFC, number & 127 | 128, number >> 7 & 127 | 128, number >> 14])
+
+    schema = b"\x2c\x48\x04root\x15\x02\x00\x15\x0a\x25\x00\x18\x01a\x00"
+    group = b"\x19" + many(2**14) + 2**14 * b"\x26\x00\x00" + b"\x16\x00\x16\x00\x00"
+    footer = b"\x15\x02\x19" + schema + b"\x16\x00\x19" + many(42) + 42 * group + b"\x00"
+    return b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1"
+
+
+KEYS = ".".join(["a"] * 100_000)
+LONG = 10_000_000 * "x"
+INPUTS: dict[str, Hostile] = {
+    "a pipe": of_file("log.csv", os.mkfifo),
+    "a device": of_file("log.csv", lambda path: path.symlink_to("/dev/zero")),
+    "a socket": of_file("log.csv", _socket),
+    "a pipe in a campaign folder": _fifo_in_campaign,
+    "a file of 3 GB": of_file("log.csv", _sparse),
+    "a vehicle file of 2 MB": toml("#" * 2**21),
+    "Parquet: 100 million truth values": table(lambda: pa.table({"time_s": pa.repeat(False, 100_000_000)})),
+    "Parquet: 5,000 columns": table(lambda: pa.table({f"c{n}": [0.0] for n in range(5_000)})),
+    "Parquet: 4,000 row groups": table(lambda: zeros(4_000), row_group_size=1),
+    "Parquet: 700,000 empty column chunks": of_file("log.parquet", lambda path: path.write_bytes(_footer())),
+    "Parquet: 60 texts of 10 MB, one page": with_column(
+        lambda: pa.repeat(LONG, 60), use_dictionary=False, compression="zstd", compression_level=1
+    ),
+    "Parquet: texts told by their beginnings": with_column(
+        lambda: pa.array(["x"] * 100), use_dictionary=False, column_encoding={"event": "DELTA_BYTE_ARRAY"}
+    ),
+    "Parquet: lists of 700,000": with_column(
+        lambda: pa.ListArray.from_arrays(700_000 * np.arange(101, dtype=np.int32), np.zeros(70_000_000, np.int8))
+    ),
+    "Parquet: values of 10 MB": with_column(lambda: pa.array([bytes(10_000_000)] * 100, pa.binary(10_000_000))),
+    "Parquet: metadata of 3 MB": table(lambda: flight().replace_schema_metadata({"massprop.vehicle": "#" * 3_000_000})),
+    "CSV: 100,000 columns": csv(lambda _: "\n".join([",".join(f"c{n}" for n in range(100_000)), ",".join(["0"] * 100_000)])),
+    "CSV: 70 million cells": csv(lambda _: ",".join(f"c{n}" for n in range(1000)) + "\n" + "\n" * 70_000 + "0"),
+    "CSV: a header that is no header": csv(lambda text: '"' + 200_000 * "x" + "," + text),
+    "CSV: a cell of 1 MB": csv(lambda text: text.replace("0.05", 1_000_000 * "x", 1)),
+    "TOML: a key of 100,000 parts": toml(f"{KEYS} = 1"),
+    "TOML: a table of 100,000 parts": toml(f"[{KEYS}]"),
+    "TOML: a quoted key of 100,000 parts": toml(KEYS.replace("a", '"a"') + " = 1"),
+    "TOML: tables nested 100 deep": toml("a = " + "{a = " * 100 + "1" + "}" * 100),
+    "TOML: lists nested 100,000 deep": toml("a = " + "[" * 100_000 + "]" * 100_000),
+    "TOML: a key of 1 MB": toml("k" * 1_000_000 + " = 1"),
+    "TOML: a text of 100 kB": replaced('name = "free-flyer"', 'name = "' + 100_000 * "x" + '"'),
+    "TOML: 1,000 phases": toml("phases = [" + 1000 * '{name = "p", start_s = 0.0, end_s = 1.0},' + "]\n"),
+    "JSON: lists nested 100,000 deep": _result("[" * 100_000),
+    "a noise of 1e-320": replaced("gyro_noise_rad_s = 0.0001", "gyro_noise_rad_s = 1e-320"),
+    "an IMU at 1e20 m": replaced("position_m = [0.1", "position_m = [1e20"),
+}
+"""By the name in docs/limits.md."""
