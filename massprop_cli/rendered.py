@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from massprop_cli import files
+from massprop_cli import files, foreign, limits
+from massprop_cli.errors import InputError
 
 TEXTS = {"html": "report.html", "md": "report.md", "csv": "report.csv", "junit": "report.junit.xml"}
 """Formats of text and the files that they are written to."""
@@ -29,8 +30,8 @@ class Cleared:
 def run(folder: Path) -> dict[str, Any]:
     """What run.json says; nothing where it is missing or not massprop's."""
     try:
-        said = json.loads((folder / RUN).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        said = json.loads(limits.content(folder / RUN, RUN))
+    except (OSError, ValueError, RecursionError, InputError):
         return {}
     return said if isinstance(said, dict) else {}
 
@@ -52,9 +53,14 @@ def record(folder: Path, contents: Mapping[str, bytes]) -> None:
 
 def write_run(folder: Path, said: Mapping[str, Any], digests: Mapping[str, str]) -> None:
     """Write run.json."""
+    files.text(folder / RUN, run_text(said, digests))
+
+
+def run_text(said: Mapping[str, Any], digests: Mapping[str, str]) -> str:
+    """The text of run.json."""
     more = {_KEY: dict(sorted(digests.items()))} if digests else {}
-    text = json.dumps({key: value for key, value in said.items() if key != _KEY} | more, indent=1, ensure_ascii=False)
-    files.text(folder / RUN, text + "\n")
+    text = foreign.json(json.dumps({key: value for key, value in said.items() if key != _KEY} | more, indent=1, ensure_ascii=False))
+    return text + "\n"
 
 
 def clear(folder: Path) -> Cleared:

@@ -38,19 +38,28 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
     log = analysis.log.path
     try:
         folder = _claimed(log) if out is None else out
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in ("history.parquet", RUN, "result.json"):
-            if (folder / name).is_dir():
-                raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-        file = folder / "result.json"
-        unchanged = file.exists() and file.read_bytes() == result_json.encode()
-        pages = Cleared() if unchanged else rendered.clear(folder)
-        rendered.write_run(folder, _run(log, analysis.source.source), rendered.listed(folder) if unchanged else {})
-        files.whole(folder / "history.parquet", lambda path: result.write_history(analysis, path))
-        files.text(file, result_json)
+        with files.held(folder), files.staged(folder) as stage:
+            pages = _placed(stage, analysis, result_json)
     except OSError as error:
         raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
     return Stored(folder, pages)
+
+
+def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleared:
+    """Write all aside, so that nothing is lost where it can't be written, then remove the earlier result's pages and put it in place."""
+    folder = stage.folder
+    for name in ("history.parquet", RUN, "result.json"):
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+    file = folder / "result.json"
+    unchanged = file.exists() and file.read_bytes() == result_json.encode()
+    said = rendered.run_text(_run(analysis.log.path, analysis.source.source), rendered.listed(folder) if unchanged else {})
+    stage.save("history.parquet", lambda path: result.write_history(analysis, path))
+    stage.save(RUN, lambda path: files.save_text(path, said))
+    stage.save("result.json", lambda path: files.save_text(path, result_json))
+    pages = Cleared() if unchanged else rendered.clear(folder)
+    stage.place()
+    return pages
 
 
 def plain(log: Path) -> Path:
@@ -67,15 +76,20 @@ def _claimed(log: Path) -> Path:
     own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
     if own:
         return own[0]
-    for folder in _candidates(log):
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        # named at once, so that a process that comes next finds whose it is
-        rendered.write_run(folder, _run(log, ""), {})
-        return folder
+    with files.held(BASE):
+        for folder in _candidates(log):
+            if not _is_free(folder):
+                continue
+            folder.mkdir(exist_ok=True)
+            # named at once, so that a process that comes next finds whose it is
+            rendered.write_run(folder, _run(log, ""), {})
+            return folder
     raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder with --out")
+
+
+def _is_free(folder: Path) -> bool:
+    """Whether nothing is there but what a process left that was killed before it could say whose the folder is."""
+    return not folder.exists() or (folder.is_dir() and all(map(files.is_left_over, folder.iterdir())))
 
 
 def _candidates(log: Path) -> Iterator[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
@@ -13,6 +12,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 import tomli_w
+from filelock import FileLock
 from jsonschema import Draft202012Validator
 from junitparser import JUnitXml
 
@@ -177,13 +177,15 @@ def test_fail_fast_stops_at_the_first_that_fails(here: Path) -> None:
 def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
     out = here / "massprop-out"
     out.mkdir()
-    with (out / ".lock").open("w") as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
+    with FileLock(out / ".lock"):
         before = contents(out)
         done = batch(here, "logs")
         assert done.returncode == 3
-        assert done.stderr == ("massprop: massprop-out: another batch is at work there; wait for it, or choose another folder with --out\n")
+        assert done.stderr == (
+            "massprop: massprop-out: another massprop is at work there; wait for it, or choose another folder with --out\n"
+        )
         assert contents(out) == before
+    (out / ".lock").touch()
     assert batch(here, "logs", "-q").returncode == 0, "a lock file that nobody holds is no lock"
     assert not (out / ".lock").exists()
 

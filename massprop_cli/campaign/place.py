@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Protocol
 
+from massprop_cli import files
 from massprop_cli.errors import InputError
 
 RESULTS = "results"
@@ -51,16 +51,16 @@ class LocalPlace:
             (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written ({error.strerror}); choose another folder with --out") from None
-        handle = _locked(self.folder / _LOCK, self.folder)
         try:
-            shutil.rmtree(self._aside, ignore_errors=True)
-            self._aside.mkdir()
-            yield
-        finally:
-            shutil.rmtree(self._aside, ignore_errors=True)
-            with suppress(FileNotFoundError):
-                (self.folder / _LOCK).unlink()
-            os.close(handle)
+            with files.lock(self.folder / _LOCK, self.folder, 0.0):
+                try:
+                    shutil.rmtree(self._aside, ignore_errors=True)
+                    self._aside.mkdir()
+                    yield
+                finally:
+                    shutil.rmtree(self._aside, ignore_errors=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
 
     def folders(self) -> dict[str, frozenset[str]]:
         """See :class:`Place`."""
@@ -95,25 +95,6 @@ class LocalPlace:
         _sync((self.folder / path).parent)
 
 
-def _locked(file: Path, folder: Path) -> int:
-    """A handle that holds the lock. The file may be removed by its holder while we wait for nothing: then we take the new one."""
-    while True:
-        try:
-            handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be written ({error.strerror}); choose another folder with --out") from None
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.path.samestat(os.fstat(handle), file.stat()):
-                return handle
-        except BlockingIOError:
-            os.close(handle)
-            raise InputError(f"{folder}: another batch is at work there; wait for it, or choose another folder with --out") from None
-        except FileNotFoundError:
-            pass
-        os.close(handle)
-
-
 def _save(path: Path, content: Iterable[bytes]) -> None:
     with path.open("wb") as file:
         file.writelines(content)
@@ -122,7 +103,9 @@ def _save(path: Path, content: Iterable[bytes]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Make renames in a folder last through a power cut."""
+    """Make renames in a folder last through a power cut, where a folder can be opened at all (on Windows none can)."""
+    if os.name == "nt":
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -14,7 +14,7 @@ from massprop_cli import exits
 from massprop_cli import require as requirements
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import console
+from massprop_cli.cli.terminal import console, put, say
 from massprop_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from massprop_cli.campaign.plan import Job
     from massprop_cli.campaign.summary import Summary
-
-INTERRUPTED = 130
 
 
 @guarded
@@ -122,7 +120,7 @@ def batch(
             with steps(planned, quiet) as told:
                 found = flow.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
         except KeyboardInterrupt:
-            fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", INTERRUPTED)
+            fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
         if junit is not None:
             _write(junit, suites.text(folder, found))
     _tell_github(found)
@@ -132,7 +130,7 @@ def batch(
         from massprop_cli.report import campaign_table
 
         campaign_table.show(found, console(no_color))
-        typer.echo(location.join(out, "campaign.html"))
+        put(location.join(out, "campaign.html"))
     _leave(found)
 
 
@@ -158,7 +156,8 @@ def _write(file: Path, text: str) -> None:
     from massprop_cli import files
 
     try:
-        files.text(file, text)
+        with files.held(file.parent):
+            files.text(file, text)
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None
 
@@ -174,7 +173,7 @@ def _tell_github(found: Summary) -> None:
         try:
             github.append_summary(Path(file), found)
         except OSError as error:
-            typer.echo(f"massprop: warning: the job summary {file} cannot be written ({error.strerror or error})", err=True)
+            say(f"warning: the job summary {file} cannot be written ({error.strerror or error})")
     if actions == "true":
         for line in github.commands(found):
             typer.echo(line, err=True)

@@ -11,6 +11,7 @@ import typer
 
 from massprop_cli import exits
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
+from massprop_cli.cli.terminal import put
 from massprop_cli.errors import InputError, UsageError
 from massprop_cli.rendered import TEXTS
 
@@ -64,7 +65,7 @@ def report(
     own = len(recorded) == 1 and folder.resolve() == recorded[0].path.parent.resolve()
     for path in _write(folder, files, own):
         if not quiet:
-            typer.echo(str(path))
+            put(str(path))
     names = labels(recorded)
     missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
     if missed:
@@ -143,14 +144,14 @@ def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
     from massprop_cli import files, rendered
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in contents:
-            if (folder / name).is_dir():
-                raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-        for name, content in contents.items():
-            files.whole(folder / name, partial(_save, content))
-        if own:
-            rendered.record(folder, contents)
+        with files.held(folder), files.staged(folder) as stage:
+            for name, content in contents.items():
+                if (folder / name).is_dir():
+                    raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+                stage.save(name, partial(_save, content))
+            stage.place()
+            if own:
+                rendered.record(folder, contents)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
     return [folder / name for name in contents]

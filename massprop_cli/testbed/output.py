@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 
-from massprop_cli import QUANTITIES, arrow, columns, files
+from massprop_cli import QUANTITIES, arrow, columns, files, foldername, foreign
 from massprop_cli.errors import InputError
 from massprop_cli.telemetry import Notice
 from massprop_cli.testbed import mission
@@ -42,7 +42,8 @@ def simulate(
     try:
         if seeds is None:
             flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0))
-            write(flight, 0, source.scenario, folder, kind)
+            with files.held(folder):
+                write(flight, 0, source.scenario, folder, kind)
             return f"log.{kind}, vehicle.toml and truth.json"
         return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress)
     except OSError as error:
@@ -56,21 +57,42 @@ def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, pr
     if strangers:
         raise InputError(f"{folder}: already holds {strangers[0]!r}, which is no part of this campaign; choose another folder with --out")
     batch = max(1, min(200, MEMORY // (source.scenario.cycles * (6 * source.scenario.sensors.records_per_cycle + 20))))
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as aside:
+    with _aside(folder) as aside:
         for start in range(0, len(seeds), batch):
             chosen = seeds[start : start + batch]
             share = len(chosen) / len(seeds)
             before = start / len(seeds)
             flight = fly(source, chosen, progress=partial(_tell, progress, before, share))
             for member in range(len(chosen)):
-                write(flight, member, source.scenario, Path(aside) / names[start + member], kind)
-        folder.mkdir(exist_ok=True)
-        for name in names:
-            if (folder / name).exists():
-                shutil.rmtree(folder / name)
-            (Path(aside) / name).replace(folder / name)
+                write(flight, member, source.scenario, aside / names[start + member], kind)
+        _move(aside, folder, names)
     return f"{len(names)} folders, {names[0]} to {names[-1]},"
+
+
+@contextmanager
+def _aside(folder: Path) -> Iterator[Path]:
+    """A hidden folder beside ``folder`` that is the same for every process, so that the next clears what a killed one left."""
+    mark = f".massprop-{foldername.digest(folder.name)}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with files.lock(folder.parent / f"{mark}.lock", folder, 0.0):
+        aside = folder.parent / f"{mark}.partial"
+        shutil.rmtree(aside, ignore_errors=True)
+        try:
+            aside.mkdir()
+            yield aside
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def _move(aside: Path, folder: Path, names: Sequence[str]) -> None:
+    """Put the seeds in place, each whole; all at once where the folder is new."""
+    if not folder.exists():
+        aside.replace(folder)
+        return
+    for name in names:
+        if (folder / name).exists():
+            (folder / name).replace(aside / f"old-{name}")
+        (aside / name).replace(folder / name)
 
 
 def _tell(progress: Callable[[str, float], None] | None, before: float, share: float, done: float) -> None:
@@ -118,23 +140,29 @@ def warnings(source: ScenarioSource) -> list[Notice]:
 
 def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: Kind = "parquet") -> None:
     """Write one member's files; truth.json comes last."""
-    import pyarrow.csv
-    import pyarrow.parquet as pq
-
     other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
     if other.exists():
         raise InputError(f"{other}: another log is in the way; move it, or choose another folder with --out")
     folder.mkdir(parents=True, exist_ok=True)
+    with files.staged(folder) as stage:
+        _save(stage, flight, member, scenario, kind)
+        stage.place()
+
+
+def _save(stage: files.Staged, flight: Flight, member: int, scenario: Scenario, kind: Kind) -> None:
+    import pyarrow.csv
+    import pyarrow.parquet as pq
+
     vehicle = vehicle_toml(flight.vehicle)
     table = log_table(flight, member, scenario)
     if kind == "parquet":
         table = table.replace_schema_metadata({"massprop.vehicle": vehicle})
-        files.whole(folder / "log.parquet", lambda path: pq.write_table(table, path, compression="zstd"))
+        stage.save("log.parquet", lambda path: pq.write_table(table, path, compression="zstd"))
     else:
-        files.whole(folder / "log.csv", lambda path: pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed")))
-    files.text(folder / "vehicle.toml", vehicle)
-    truth = json.dumps(truth_of(flight, member, scenario), indent=1, allow_nan=False, ensure_ascii=False)
-    files.text(folder / "truth.json", truth + "\n")
+        stage.save("log.csv", lambda path: pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed")))
+    stage.save("vehicle.toml", lambda path: files.save_text(path, vehicle))
+    truth = foreign.json(json.dumps(truth_of(flight, member, scenario), indent=1, allow_nan=False, ensure_ascii=False))
+    stage.save("truth.json", lambda path: files.save_text(path, truth + "\n"))
 
 
 def vehicle_toml(vehicle: Vehicle) -> str:
