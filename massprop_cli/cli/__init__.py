@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import sys
-from typing import Annotated
+from contextlib import suppress
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from massprop_cli import __version__, onethread
+from massprop_cli import __version__, exits, onethread
 from massprop_cli.cli.batch import batch
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
 from massprop_cli.cli.simulate import simulate
+from massprop_cli.cli.terminal import say
 
 onethread.prefer()
+_Misread: Any = typer.BadParameter.__mro__[1]
+"""What typer raises of a command line; older ones have it from click, newer ones of their own."""
 
 app = typer.Typer(
     name="massprop",
@@ -42,7 +48,68 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 
 def main() -> None:
     """Entry point."""
+    _open_streams()
+    # ended by exceptions, commands remove what they have not written whole
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        code = _run()
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:
+        code = exits.PIPE
+    except OSError as error:
+        code = _told(f"the output cannot be written ({error.strerror or error}); is the disk full?", exits.INPUT)
+    _leave(code)
+
+
+def _run() -> int:
+    """The exit code of the command; what can't be understood of a command line is told on one line, as everything else."""
+    try:
+        code: Any = app(standalone_mode=False)
+        return int(code or 0)
+    except KeyboardInterrupt:
+        return _told("interrupted", exits.INTERRUPTED)
+    except SystemExit as left:
+        # typer and rich leave with 1 over a closed pipe; massprop itself leaves by typer.Exit
+        return exits.PIPE if left.code == exits.BUG else int(left.code or 0)
+    except _Misread as error:
+        command = error.ctx.command_path if error.ctx is not None else app.info.name
+        said = error.format_message()
+        # without any argument the help has been shown already
+        return _told(f"{said} See {command} --help", exits.USAGE) if said else exits.USAGE
+
+
+def _terminated(*_: object) -> NoReturn:
+    sys.exit(exits.TERMINATED)
+
+
+def _told(message: str, code: int) -> int:
+    with suppress(OSError):
+        say(message)
+    return code
+
+
+def _open_streams() -> None:
+    """A stream that was closed by whoever started us goes nowhere; else the next file that is opened would take its place."""
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(descriptor, "w" if descriptor else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks ² or ± still gets its table
-    app()
+
+
+def _leave(code: int) -> None:
+    """End with this code; what is left in a stream that nobody reads is dropped, as Python would end with 120 over it."""
+    for descriptor, stream in ((1, sys.stdout), (2, sys.stderr)):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, descriptor)
+            os.close(nowhere)
+    sys.exit(code)

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import typer
 
 from massprop_cli import exits
+from massprop_cli.cli.terminal import say
 from massprop_cli.errors import InputError, UsageError
 
 
@@ -27,6 +28,12 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
             fail(str(error), exits.USAGE)
         except (typer.Exit, typer.Abort):
             raise
+        except KeyboardInterrupt:
+            fail("interrupted", exits.INTERRUPTED)
+        except MemoryError:
+            fail("there is not enough memory for this input; is it the right file, is it in the right units?", exits.INPUT)
+        except BrokenPipeError:
+            raise typer.Exit(exits.PIPE) from None
         except OSError as error:
             fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", exits.INPUT)
         except Exception as error:
@@ -39,7 +46,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
 
 def fail(message: str, code: int) -> NoReturn:
     """Say it on stderr and leave."""
-    typer.echo(f"massprop: {' '.join(message.split())}", err=True)
+    say(message)
     raise typer.Exit(code)
 
 
