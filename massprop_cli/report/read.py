@@ -82,7 +82,7 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
     try:
         data = limits.content(file, "history.parquet")
         texts = parquetheader.checked(str(file), data)
-        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, read_dictionary=texts).read(use_threads=False)
+        table = pq.ParquetFile(pa.BufferReader(data), **parquetheader.OPTIONS, read_dictionary=texts).read(use_threads=False)
         phase = np.array(table.column("phase").to_pylist())
         columns = {name: np.array(table.column(name).to_pylist(), dtype=float) for name in table.column_names if name != "phase"}
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
