@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from multiprocessing import get_context
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 from massprop_cli.cli import main
@@ -30,14 +31,20 @@ def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
     """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these."""
     with tempfile.TemporaryDirectory() as kept:
         said = [Path(kept) / name for name in ("stdout", "stderr", "peak")]
-        process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said, settings))
-        process.start()
+        process = begun(folder, arguments, said, settings)
         process.join(50)
         if process.exitcode is None:
             process.kill()
             raise subprocess.TimeoutExpired(list(map(str, arguments)), 50)
         stdout, stderr, peak = (path.read_text(encoding="utf-8") for path in said)
     return Done(arguments, process.exitcode, stdout, stderr, int(peak))
+
+
+def begun(folder: Path, arguments: Sequence[str | Path], said: list[Path], settings: dict[str, str]) -> ForkServerProcess:
+    """The same as it begins; what it says, and its peak of memory, go into the files ``said``."""
+    process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said, settings))
+    process.start()
+    return process
 
 
 def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str]) -> None:

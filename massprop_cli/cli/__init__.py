@@ -49,6 +49,7 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 def main() -> None:
     """Entry point."""
     _open_streams()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # ended by exceptions, commands remove what they have not written whole
     signal.signal(signal.SIGTERM, _terminated)
     try:
