@@ -13,8 +13,6 @@ from typing import Any
 from massprop_cli import limits, thrift
 from massprop_cli.errors import InputError
 
-OPTIONS: Mapping[str, Any] = {"pre_buffer": False, "thrift_container_size_limit": thrift.LISTED}
-"""How Arrow is to open a file."""
 _MARK = b"PAR1"
 _TAIL = 8
 """Bytes at the end: the footer's length and the file's mark."""
@@ -49,6 +47,21 @@ class _Page:
     encoding: int
 
 
+def table(place: str, data: bytes) -> Any:
+    """The file's Arrow table, once it is checked. What Arrow raises, and ValueError, say that it is damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # text stays in its dictionary: one long text on a million rows would be as many texts
+    texts = checked(place, data)
+    try:
+        # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
+        file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts)
+    except KeyError as error:
+        raise ValueError(f"column {error} can't be found") from None
+    return file.read(use_threads=False)
+
+
 def checked(place: str, data: bytes) -> list[str]:
     """Paths of the file's columns of text, which are to be read as dictionaries.
 
@@ -73,7 +86,7 @@ def _columns(schema: Sequence[_Fields]) -> Iterator[_Column]:
     left: list[int] = []
     for element in schema[1:]:
         name = element.get(4)
-        path.append(name.decode("utf-8", "replace") if isinstance(name, bytes) else "")
+        path.append(name.decode() if isinstance(name, bytes) else "")
         if _count(element, 5):
             left.append(_count(element, 5))
             continue

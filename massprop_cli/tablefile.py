@@ -83,13 +83,9 @@ def parse(path: Path, data: bytes) -> Table:
 
 def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, str | None]:
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
-        # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
-        texts = parquetheader.checked(str(path), data)
-        # text stays in its dictionary: one long text on a million rows would be as many texts
-        table = pq.ParquetFile(pa.BufferReader(data), **parquetheader.OPTIONS, read_dictionary=texts).read(use_threads=False)
+        table = parquetheader.table(str(path), data)
     except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None

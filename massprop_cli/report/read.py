@@ -75,14 +75,11 @@ def _below(folder: Path) -> str:
 
 def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     if not file.exists():
         return {}
     try:
-        data = limits.content(file, "history.parquet")
-        texts = parquetheader.checked(str(file), data)
-        table = pq.ParquetFile(pa.BufferReader(data), **parquetheader.OPTIONS, read_dictionary=texts).read(use_threads=False)
+        table = parquetheader.table(str(file), limits.content(file, "history.parquet"))
         phase = np.array(table.column("phase").to_pylist())
         columns = {name: np.array(table.column(name).to_pylist(), dtype=float) for name in table.column_names if name != "phase"}
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
