@@ -8,6 +8,8 @@ import unicodedata
 
 _UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
 """What a folder's name should not hold, or not begin or end with."""
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(?=\.|$)", re.IGNORECASE)
+"""Names that Windows takes for a device, whatever comes after a dot."""
 _LONGEST = 120
 """Bytes of a name; longer ones end with a digest."""
 
@@ -15,6 +17,9 @@ _LONGEST = 120
 def safe(text: str) -> str:
     """The text as a folder's name: what a file system may refuse, or take for another folder, becomes "_"."""
     whole = _UNSAFE.sub("_", text) or "log"
+    device = _DEVICE.match(whole)
+    if device:
+        whole = f"{whole[: device.end()]}_{whole[device.end() :]}"
     if len(whole.encode()) <= _LONGEST:
         return whole
     return f"{whole.encode()[:_LONGEST].decode(errors='ignore')}-{digest(whole)}"

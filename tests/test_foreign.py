@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import massprop_cli
-from massprop_cli import foreign
+from massprop_cli import foldername, foreign
 from tests.commandline import massprop
 from tests.hostile import ESCAPES, SAMPLE, flight, vehicle
 from tests.test_bad_input import save
@@ -103,6 +103,17 @@ def test_what_was_asked_reaches_no_terminal_as_it_was(argument: str, tmp_path: P
     assert done.returncode in (2, 3)
     assert not obeyed(done.stderr)
     assert done.stderr.count("\n") == 1
+
+
+FOLDERS = {
+    "con": "con_", "NUL.flight": "NUL_.flight", "com1": "com1_", "console": "console", "lpt": "lpt", "a:b": "a_b", "a\\b": "a_b",
+    "a<b>|?*": "a_b____", "ends.": "ends_", "ends ": "ends_", "..": "__", "": "log", "-rf": "_rf", "é": "é", "a\nb": "a_b",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("log", "folder"), FOLDERS.items())
+def test_a_folder_has_a_name_that_windows_macos_and_linux_take(log: str, folder: str) -> None:
+    assert foldername.safe(log) == folder
 
 
 NAMES = [
