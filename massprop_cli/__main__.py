@@ -2,7 +2,7 @@
 
 import signal
 
-# until there is anything to end in good order, an interrupt ends the process, without a traceback out of the middle of an import
+# an interrupt ends the process, without a traceback out of the middle of an import
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from massprop_cli.cli import main  # noqa: E402

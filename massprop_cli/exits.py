@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 BUG, USAGE, INPUT, NOT_CONVERGED, NOT_EXPECTED = 1, 2, 3, 4, 5
-INTERRUPTED, PIPE, TERMINATED = 130, 141, 143
-"""128 and the number of the signal that ended it, as a shell has it: SIGINT, SIGPIPE, SIGTERM."""
+INTERRUPTED, PIPE = 130, 141
+"""128 and the number of the signal that ended it, as a shell has it: SIGINT, SIGPIPE."""
 GRAVITY = (BUG, INPUT, NOT_CONVERGED, NOT_EXPECTED)
 """Codes that one log may end with, from the worst on."""

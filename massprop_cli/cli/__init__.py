@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
@@ -49,9 +49,8 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 def main() -> None:
     """Entry point."""
     _open_streams()
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    # ended by exceptions, commands remove what they have not written whole
-    signal.signal(signal.SIGTERM, _terminated)
+    # an exception in the middle of a library's callback may be swallowed; ended at once, a command leaves what the next run clears
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         code = _run()
         sys.stdout.flush()
@@ -78,10 +77,6 @@ def _run() -> int:
         said = error.format_message()
         # without any argument the help has been shown already
         return _told(f"{said} See {command} --help", exits.USAGE) if said else exits.USAGE
-
-
-def _terminated(*_: object) -> NoReturn:
-    sys.exit(exits.TERMINATED)
 
 
 def _told(message: str, code: int) -> int:

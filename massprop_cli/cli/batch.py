@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -115,6 +116,8 @@ def batch(
         allowed.check(baselines.phases(earlier))
     against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
+    # its workers are stopped, and the lock of a store is given back
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
