@@ -80,11 +80,10 @@ def survives(command: str, tmp_path: Path, kills: int) -> None:
             assert massprop(wanted, *arguments).returncode == 0
         number = SIGNALS[kill % 3]
         code = _kill(wanted, arguments, number, moments.uniform(0.0, lasts), tmp_path)
-        assert code in (0, -number, 130 if number == signal.SIGINT else 0), (
-            f"{number} ended it with {code}: {(tmp_path / 'stderr').read_text(encoding='utf-8')}"
-        )
+        said = (tmp_path / "stderr").read_text(encoding="utf-8")
+        assert code in (0, -number, 130 if number == signal.SIGINT else 0), f"{number} ended it with {code}: {said}"
         ended += code != 0
-        assert "Traceback" not in (tmp_path / "stderr").read_text(encoding="utf-8")
+        assert "Traceback" not in said
         left = {file: content for file, content in _raw(wanted).items() if not any(part.startswith(".") for part in Path(file).parts)}
         for file, content in left.items():
             assert file in whole, f"{file} was left in plain sight"
