@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -52,6 +53,7 @@ def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: d
         del os.environ[key]
     os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
     os.chdir(folder)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # as massprop_cli.__main__ has it before anything else
     for descriptor, path in zip((1, 2), said[:2], strict=True):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)
     sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115
