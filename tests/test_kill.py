@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -102,7 +103,8 @@ def _kill(folder: Path, arguments: tuple[str, ...], number: int, after_s: float,
         time.sleep(0.001)
     process.join(0.01 + after_s)  # after the first moments, in which Python's own handlers are replaced
     if process.is_alive() and process.pid is not None:
-        os.kill(process.pid, number)
+        with suppress(ProcessLookupError):  # it may end just now
+            os.kill(process.pid, number)
     process.join(30)
     assert process.exitcode is not None, "it goes on after the signal"
     return process.exitcode
