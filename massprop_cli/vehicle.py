@@ -35,6 +35,8 @@ def _within_range(value: float) -> float:
 Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
 NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
 Vector = tuple[Real, Real, Real]
+Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
+Place = tuple[Metres, Metres, Metres]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -61,7 +63,7 @@ class Cycle(Section):
 class Imu(Section):
     """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean."""
 
-    position_m: Vector = Field(ZERO, description="from O, body axes")
+    position_m: Place = Field(ZERO, description="from O, body axes")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
@@ -84,7 +86,7 @@ class Environment(Section):
 
     kind: Literal["free", "air_bearing"] = "free"
     gravity_m_s2: NonNegative = 9.80665
-    bearing_position_m: Vector = Field(ZERO, description="centre of rotation, from O")
+    bearing_position_m: Place = Field(ZERO, description="centre of rotation, from O")
     bearing_mass_kg: NonNegative = Field(0.0, description="translates with the vehicle, does not rotate")
     initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
@@ -119,7 +121,7 @@ class Jet(Section):
     """One on/off jet: where it acts and the force on the vehicle at full thrust."""
 
     name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")
-    position_m: Vector
+    position_m: Place
     force_n: Vector
     rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")
     fall_s: NonNegative = Field(0.0, description="linear fall from full thrust")
