@@ -28,8 +28,8 @@ from massprop_cli.vehicle import Vehicle
 
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
-LEVELS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0)
-"""Of a disturbance, each tried: the likeliest is taken."""
+LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
+"""Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
 SLOW = 12
 """Half-waves over a stretch in which the specific force may wander where gyro noise is integrated to an attitude."""
 SLOWER = 0.02
@@ -263,12 +263,13 @@ def _whitened(design: Design, use: BoolArray, stated: float) -> Told:
     best, least = _turning(design, at, use)
     if best.left.mean() <= EXPLAINED * stated * best.spare:
         return best
-    for key in ("walk", "white", "walk"):
-        for level in LEVELS:
-            tried = at._replace(**{key: level})
-            told, cost = _turning(design, tried, use)
-            if cost < least:
-                best, least, at = told, cost, tried
+    for key in ("walk", "white"):
+        for levels in (LEVELS, None):
+            for level in levels or (getattr(at, key) / FINER, getattr(at, key) * FINER):
+                tried = at._replace(**{key: level})
+                told, cost = _turning(design, tried, use)
+                if cost < least:
+                    best, least, at = told, cost, tried
     return best
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli import causes, change
+from massprop_cli.align import LAGS_FORGOTTEN
 from massprop_cli.arrays import Array
 from massprop_cli.channelwise import Free, free_response, verticals
 from massprop_cli.columns import WRENCH
@@ -28,8 +29,10 @@ from massprop_cli.timing import Found, Timing, near, search
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.wording import NEAR, alone, words_of
 
-LONGEST = 3000
+LONGEST = 1200
 """Cycles that suppositions are tried on."""
+MEMORY = 64
+"""Cycles before them that commands may come from, under any delay that is tried."""
 FITS = (2.0, 6.0)
 """The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
@@ -41,7 +44,7 @@ FINALISTS = (5, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
 FIRST = 3
 """How many of them are tried with a second one."""
-AGAIN = 12
+AGAIN = 8
 """How often one is applied anew from where it led."""
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
@@ -100,7 +103,7 @@ class Diagnosis:
 def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
     """Why the piece that fits worst doesn't fit. Noise levels must be set in ``vehicle``, and no disturbance beyond what it states."""
     case = Case(log, vehicle, timing)
-    looks = [look for piece in pieces if (look := _looked(case, _busiest(log, piece))) is not None]
+    looks = [look for piece in pieces if (look := _looked(*_busiest(case, piece))) is not None]
     if not looks:
         return Diagnosis()
     look = max(looks, key=lambda one: one.misfit)
@@ -109,14 +112,22 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
     return look.single() or look.much_later() or look.changed() or look.pair() or Diagnosis(unknown=look.in_vain())
 
 
-def _busiest(log: Log, piece: slice) -> slice:
-    """The ``LONGEST`` cycles of a piece in which most is commanded."""
-    effort = np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
-    total = np.concatenate([[0.0], np.cumsum(effort.sum(1))])
-    if len(total) <= LONGEST:
-        return piece
-    first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
-    return slice(first, first + LONGEST)
+def _busiest(case: Case, piece: slice) -> tuple[Case, slice]:
+    """The ``LONGEST`` cycles of a piece in which most is commanded, in a log that holds no more than it takes to read them.
+
+    Where the attitude is integrated from the log's beginning on, the first ones.
+    """
+    log, vehicle, timing = case
+    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
+    first, stop = piece.start, min(piece.start + LONGEST, piece.stop)
+    if stop < piece.stop and not integrated:
+        effort = (np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)).sum(1)
+        total = np.concatenate([[0.0], np.cumsum(effort)])
+        first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
+        stop = first + LONGEST
+    begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
+    end = min(stop + 1, log.cycles)
+    return case._replace(log=log.part(begin, end)), slice(first - begin, stop - begin)
 
 
 def _looked(case: Case, piece: slice) -> _Look | None:

@@ -7,7 +7,7 @@ later stages trust the arrays.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,6 +64,19 @@ class Log:
     def cycles(self) -> int:
         """How many control cycles."""
         return len(self.command)
+
+    def part(self, first: int, stop: int) -> Log:
+        """Of control cycles from ``first`` to before ``stop`` alone."""
+        rows = slice(first * self.records_per_cycle, stop * self.records_per_cycle)
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            interval_s=self.interval_s[rows],
+            delta_theta_imu_rad=self.delta_theta_imu_rad[rows],
+            delta_v_imu_m_s=self.delta_v_imu_m_s[rows],
+            command=self.command[first:stop],
+            attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
+        )
 
     @property
     def cycle_end_s(self) -> Array:
