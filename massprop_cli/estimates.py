@@ -108,7 +108,8 @@ def _sized(
     pieces = [cycles for _, cycles in phases]
     used, fits, excess = plain.used, plain.fits, plain.excess
     if size and plain.misfit:
-        used = noise.with_disturbances(samples, pieces, np.fmax(plain.gross, excess), used)
+        # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
+        used = noise.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used)
         starts = _first(samples, phases, used)
         for _ in range(ROUNDS):
             fits = _fits(samples, phases, starts, used, consider, SIZING)
