@@ -111,7 +111,7 @@ def test_a_table_of_any_content_is_a_log_of_numbers_or_refused(table: Any) -> No
     takes(table)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @quick
 @given(vehicles())
 def test_a_vehicle_of_any_content_ends_in_a_result_or_is_refused(data: dict[str, Any]) -> None:

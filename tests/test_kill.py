@@ -110,7 +110,7 @@ def _kill(folder: Path, arguments: tuple[str, ...], number: int, after_s: float,
     return process.exitcode
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_that_is_ended_at_six_moments_leaves_nothing(command: str, tmp_path: Path) -> None:
     survives(command, tmp_path, 6)
