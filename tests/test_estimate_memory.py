@@ -10,8 +10,8 @@ import pytest
 
 from massprop_cli.testbed import output, scenario, simulate
 
-PER_CYCLE = 1500
-"""Bytes of resident memory that another control cycle may take: the log's own row and that of its history are some 600.
+PER_CYCLE = 2500
+"""Bytes of resident memory that another control cycle may take: the log's own row and that of its history are some 1,500.
 
 What is worked on at once is the same for both lengths.
 """
