@@ -212,11 +212,11 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
             settled = estimates(samples, phases, plain, False, Consider(), lambda *_: None).settled
         except np.linalg.LinAlgError:
             return True  # so far from any vehicle that nothing can be fitted
-    left, clean_left = (_innovations(histories, used.cycle.period_s) for histories in (settled, twin.settled))
+    left, clean_left = (_innovations(histories) for histories in (settled, twin.settled))
     trace = sum(float(np.nansum((left[k] - clean_left[k]) ** 2)) for k in left.keys() & clean_left.keys())
     return not trace < TELLS
 
 
-def _innovations(histories: Sequence[History], period_s: float) -> dict[int, Array]:
+def _innovations(histories: Sequence[History]) -> dict[int, Array]:
     """Whitened ones (6,) of each cycle, counted from the log's start."""
-    return {round(time_s / period_s): row for history in histories for time_s, row in zip(history.time_s, history.normalised, strict=True)}
+    return {cycle: row for h in histories for cycle, row in zip(range(h.cycles.start, h.cycles.stop), h.normalised, strict=True)}
