@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.align import Aligned, align
-from massprop_cli.arrays import Array, BoolArray, IntArray, triangle_of
+from massprop_cli.arrays import Array, IntArray, triangle_of
 from massprop_cli.compensate import Samples
 from massprop_cli.dynamics import rotation
 from massprop_cli.errors import InputError
@@ -92,6 +92,8 @@ class Design:
     """(K, 3) measured specific force, m/s²."""
     cycle_s: float
     """Mean length of a cycle."""
+    level: Array
+    """(3, 3) mean projector on the level plane, body axes."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,8 @@ class Free:
 
     places: Mapping[str, slice]
     fired: IntArray
+    level: Array
+    """(3, 3) mean projector on the level plane, body axes."""
     gyro: Told
     accelerometer: Told
 
@@ -108,26 +112,23 @@ class Free:
         """p, the number of columns."""
         return int(self.gyro.triangle.shape[1])
 
-    def variance(self, stated: Array) -> Array:
-        """(6,) pure error of each channel, not below ``stated`` (6,)."""
+    @property
+    def variance(self) -> Array:
+        """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)²."""
         found: Array = np.concatenate([told.left / told.spare for told in (self.gyro, self.accelerometer)])
-        return np.maximum(found, stated)
+        return found
 
 
-def free_response(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, trusted: BoolArray | None = None) -> Free:
-    """What cycles ``piece`` say; :class:`InputError` if they are too few.
-
-    ``trusted`` (K, 2) leaves out rates or specific forces of single cycles.
-    """
+def free_response(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Free:
+    """What cycles ``piece`` say; :class:`InputError` if they are too few."""
     design = design_of(log, vehicle, timing, piece)
-    size = design.growth.shape[1]
-    if len(design.rate) < 2 * size:
-        raise InputError(f"{log.path}: {len(design.rate)} cycles are too few for {size} free columns")
-    use = np.ones((len(design.rate), 2), dtype=bool) if trusted is None else trusted[piece]
-    turning = _whitened(design, use[:, 0], (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2)
-    slow = _waves(len(design.rate), SLOW if "east" in design.places else 0)
-    felt = _reduced(np.hstack([slow, design.mean])[use[:, 1]], design.force[use[:, 1]], slow.shape[1])
-    return Free(design.places, design.fired, turning, felt)
+    count, size = design.mean.shape
+    if count < 2 * size:
+        raise InputError(f"{log.path}: {count} cycles are too few for {size} free columns")
+    turning = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2)
+    slow = _waves(count, SLOW if "east" in design.places else 0)
+    felt = _reduced(np.hstack([slow, design.mean]), design.force, slow.shape[1])
+    return Free(design.places, design.fired, design.level, turning, felt)
 
 
 def _waves(count: int, most: int) -> Array:
@@ -150,8 +151,17 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Desig
         at += growth.shape[1]
     fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
     growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
-    cycle_s = float(samples.executed.duration_s[cycles].mean())
-    return Design(places, fired, growth, mean, samples.rate_rad_s[cycles], samples.specific_force_m_s2[cycles], cycle_s)
+    cycle_s, up = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
+    return Design(
+        places,
+        fired,
+        growth,
+        mean,
+        samples.rate_rad_s[cycles],
+        samples.specific_force_m_s2[cycles],
+        cycle_s,
+        np.eye(3) - up.T @ up / len(up),
+    )
 
 
 def _slower(vehicle: Vehicle) -> Vehicle:
@@ -168,6 +178,7 @@ class _Part(NamedTuple):
 
 
 def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, vehicle: Vehicle, cycles: slice) -> list[_Part]:
+    """Each kind: (K − 1, n) growth of the rate, (K, n) means. ``sides``: commands earlier, later; ``risen``: slower thrust."""
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
     lasting = (duration[:-1] + duration[1:]) / 2
@@ -208,12 +219,13 @@ def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, 
 
 
 def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Array) -> list[_Part]:
+    """The vertical, and what moves it; each (K − 1, 3) under the triangular window, (K, 3) means."""
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
     mean = (samples.up_b[:-1] + samples.up_b[1:]) / 2
-    vertical, falling = executed.rising[:, 3:], executed.falling[:, 3:]
-    onto = [-mean * (mean * part).sum(1, keepdims=True) for part in (vertical, falling)]
-    level = _Part("level", onto[0][cycles][:-1] + onto[1][cycles][1:], (onto[0] + onto[1])[cycles] / duration)
+    # what of the force acts along the vertical, under both halves of the window
+    rising, falling = ((-mean * (mean * part).sum(1, keepdims=True))[cycles] for part in (executed.rising[:, 3:], executed.falling[:, 3:]))
+    level = _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)
 
     def by(vector: Array, name: str) -> _Part:
         edges = vector[cycles.start : cycles.stop + 1]
@@ -257,60 +269,47 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     return found
 
 
-def _whitened(design: Design, use: BoolArray, stated: float) -> Told:
-    """What the rates say: the likeliest disturbance beside it, if the noise ``stated`` [(rad/s)²] doesn't explain them."""
+def _whitened(design: Design, stated: float) -> Told:
+    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them."""
     at = Disturbance(COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2, 0.0)
-    best, least = _turning(design, at, use)
+    best, least = _turning(design, at)
     if best.left.mean() <= EXPLAINED * stated * best.spare:
         return best
     for key in ("walk", "white"):
         for levels in (LEVELS, None):
             for level in levels or (getattr(at, key) / FINER, getattr(at, key) * FINER):
                 tried = at._replace(**{key: level})
-                told, cost = _turning(design, tried, use)
+                told, cost = _turning(design, tried)
                 if cost < least:
                     best, least, at = told, cost, tried
     return best
 
 
-def _turning(design: Design, beside: Disturbance, use: BoolArray) -> tuple[Told, float]:
+def _turning(design: Design, beside: Disturbance) -> tuple[Told, float]:
     """What the rates say beside a disturbance, and its cost: −2 log likelihood of free noise levels.
 
-    A small Kalman filter on rate and torque runs for all columns at once, the two beginnings among them; its innovations are white.
+    A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
+    A torque that does not walk begins as nothing: a steady one is a column of its own.
     """
-    count, size = design.growth.shape
-    columns = np.zeros((count + 1, 2 + size + 3))
-    columns[1:, 2:-3] = design.growth
-    rows, spread = np.empty_like(columns), np.ones(count + 1)
-    if not any(beside):
-        rows[:, 0], rows[:, 1] = 1.0, np.arange(count + 1)
-        rows[:, 2:-3] = np.cumsum(columns[:, 2:-3], axis=0)
-        rows[:, -3:] = design.rate
-        began = 1
-    else:
-        now, began = np.zeros((2, columns.shape[1])), 2
-        now[0, 0] = now[1, 1] = 1.0
-        kept, step = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]])
-        added = np.diag([beside.white, beside.walk])
-        measured = np.zeros_like(columns)
-        measured[:, -3:] = design.rate
-        for k in range(count + 1):
-            innovation = measured[k] - now[0]
-            rows[k] = innovation
-            spread[k] = kept[0, 0] + 1.0
-            if use[k]:
-                gain = kept[:, 0] / spread[k]
-                now += gain[:, None] * innovation
-                kept = kept - gain[:, None] * kept[0]
-            if k < count:
-                now = step @ now
-                now[0] += columns[k + 1]
-                kept = step @ kept @ step.T + added
-        rows[:, :-3] *= -1
-    rows = np.delete(rows, 1, 1) if began == 1 else rows
-    root = np.sqrt(spread)[:, None]
-    told = _reduced((rows[:, :-3] / root)[use], (rows[:, -3:] / root)[use], began)
-    told = told._replace(volume=3 * float(np.log(spread).sum()))
+    count, size = design.mean.shape
+    began = 2 if beside.walk > 0 else 1
+    now = np.zeros((2, began + size + 3))
+    now[:began, :began] = np.eye(began)
+    driven, measured = np.zeros((2, count, now.shape[1]))
+    driven[1:, began:-3], measured[:, -3:] = design.growth, design.rate
+    rows, spread = np.empty_like(measured), np.empty(count)
+    kept, step, added = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]]), np.diag(beside)
+    for k in range(count):
+        if k > 0:
+            now = step @ now
+            now[0] += driven[k]
+            kept = step @ kept @ step.T + added
+        rows[k], spread[k] = measured[k] - now[0], kept[0, 0] + 1.0
+        gain = kept[:, 0] / spread[k]
+        now += gain[:, None] * rows[k]
+        kept = kept - gain[:, None] * kept[0]
+    rows /= np.sqrt(spread)[:, None]
+    told = _reduced(-rows[:, :-3], rows[:, -3:], began)._replace(volume=3 * float(np.log(spread).sum()))
     return told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)
 
 

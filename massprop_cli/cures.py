@@ -193,8 +193,8 @@ def _vector(values: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-def cure_of(case: Case, mended: Case, found: Fitted) -> Cure:
-    """The keys that mend it, and factors on columns."""
+def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
+    """The keys that mend it, and factors on columns; None where neither does."""
     settings = [f"jets.{i}.{key}={_literal(value)}" for i, key, value in _jet_keys(case.vehicle, mended.vehicle)]
     for section, keys in (("imu", ("position_m", "body_from_imu")), ("environment", ("bearing_position_m", "initial_attitude_wxyz"))):
         for key in keys:
@@ -215,7 +215,8 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure:
         settings.append(f"environment.disturbance_walk_n_m={PART * float(np.abs(get('torque')).max()):.3g}")
     if get("mass_rate").any() or get("inertia_rate").any():
         settings += _drifts(case, found)
-    return replace(_on_columns(found), settings=tuple(settings), command=_command(case, found))
+    cure = replace(_on_columns(found), settings=tuple(settings), command=_command(case, found))
+    return None if cure == Cure() else cure
 
 
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ FITS = (2.0, 6.0)
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
 NEARLY, PART = 6.0, 1e-3
 """Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
+FLOOR = 1e-6
+"""Of the stated noise's variance, what pure error is not below: a log without noise has none."""
 LOUD = 4.0
 """Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
 FINALISTS = (5, 12)
@@ -46,10 +49,10 @@ FIRST = 3
 """How many of them are tried with a second one."""
 AGAIN = 8
 """How often one is applied anew from where it led."""
-FURTHER = 1.5
-"""Before it is applied a large change looks worse than it is, by up to so much."""
 STILL = 0.01
 """A change of −2 log likelihood that ends that."""
+FURTHER = 1.5
+"""Before it is applied a large change looks worse than it is, by up to so much."""
 CLEAR = 14.0
 """−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 TRIED = (
@@ -79,7 +82,8 @@ class Explanation:
 
     code: str
     message: str
-    cure: Cure
+    cure: Cure | None
+    """None where neither the vehicle file's keys nor factors on the log's columns mend it."""
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
 
@@ -136,13 +140,11 @@ def _looked(case: Case, piece: slice) -> _Look | None:
         free = free_response(case.log, case.vehicle, case.timing, piece)
     except (InputError, np.linalg.LinAlgError):
         return None
-    by_jets = case.log.command_kind == "jets"
-    samples = case.timing.of(case.log, case.vehicle)
-    model = Model.of(free, case.vehicle, by_jets, samples.up_b[piece])
-    floor = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
-    variance = free.variance(floor * 1e-6)
+    model = Model.of(free, case.vehicle, case.log.command_kind == "jets")
+    noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
+    variance = np.maximum(free.variance, FLOOR * noise)
     (stated,) = fitted(model, free, variance, [Supposition("", (), np.zeros((len(model.stated), 0)))])
-    return _Look(case, piece, free, model, variance, stated)
+    return _Look(case, piece, free, model, noise, variance, stated)
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,10 @@ class _Look:
     piece: slice
     free: Free
     model: Model
+    noise: Array
+    """(6,) variance of the IMU's noise, as stated."""
     variance: Array
+    """(6,) pure error."""
     stated: Fitted
 
     @property
@@ -167,7 +172,7 @@ class _Look:
         """What is left over what is to be expected."""
         return float(self.stated.chi_square.sum() / self._freedom)
 
-    @property
+    @cached_property
     def _freedom(self) -> int:
         ranks = [int(np.linalg.matrix_rank(told.triangle)) for told in (self.free.gyro, self.free.accelerometer)]
         return max(3 * sum(ranks) - 10, 1)
@@ -194,15 +199,14 @@ class _Look:
     @property
     def loud(self) -> bool:
         """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
-        imu = self.case.vehicle.imu
-        stated = np.repeat([imu.gyro_noise_rad_s or 0.0, imu.accel_noise_m_s2 or 0.0], 3) ** 2
-        return bool((self.variance > LOUD * stated).any())
+        return bool((self.variance > LOUD * self.noise).any())
 
     def _cost(self, left: Array) -> float:
         """−2 log likelihood of free noise levels, of chi-square (6,)."""
         counts = np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3)
         return float((counts * np.log1p(left / counts)).sum())
 
+    @cached_property
     def ranked(self) -> list[tuple[float, Fitted]]:
         """Every supposition that leaves less than what is stated, the likeliest first."""
         supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
@@ -239,10 +243,9 @@ class _Look:
 
     def single(self) -> Diagnosis | None:
         """One cause that makes the log fit, with what comes near it."""
-        ranked = self.ranked()
         best: list[Trial] = []
         most = FINALISTS[self.model.bearing is not None]
-        for rough, found in ranked:
+        for rough, found in self.ranked:
             if len(best) >= most or (any(t.fits for t in best) and rough > FURTHER * min(t.score for t in best if t.fits) + CLEAR):
                 break
             trial = self.applied(found)
@@ -353,12 +356,12 @@ class _Look:
     def pair(self) -> Diagnosis | None:
         """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
         found: list[tuple[float, Trial, _Look, Trial]] = []
-        for _, first in self.ranked()[:FIRST]:
+        for _, first in self.ranked[:FIRST]:
             trial = self.applied(first)
             look = None if trial is None or trial.case is self.case else _looked(trial.case, self.piece)
             if trial is None or look is None:
                 continue
-            for _, second in look.ranked()[:2]:
+            for _, second in look.ranked[:2]:
                 other = look.applied(second)
                 if other is not None and other.fits:
                     price = first.unknowns * np.log(self.free.gyro.spare)
@@ -368,7 +371,7 @@ class _Look:
             return self.two_channels()
         _, trial, look, other = min(found, key=lambda one: one[0])
         one, two = self.explained(trial), look.explained(other)
-        both = one.cure.followed_by(two.cure)
+        both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
         message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
         return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)))
 
@@ -394,7 +397,7 @@ class _Look:
     def in_vain(self) -> str:
         """What was tried, and what came nearest."""
         nearest = []
-        for _, found in self.ranked()[:2]:
+        for _, found in self.ranked[:2]:
             code, _ = words_of(found, self.names, self.case, self.case)
             nearest.append(f"{code} leaves {100 * found.chi_square.sum() / self.stated.chi_square.sum():.2g} %")
         near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""

@@ -84,8 +84,8 @@ class Model:
     """(3, 3) mean projector on the level plane, body axes."""
 
     @staticmethod
-    def of(free: Free, vehicle: Vehicle, by_jets: bool, up: Array) -> Model:
-        """For a log's triangles; ``up`` (K, 3) the vertical in body axes."""
+    def of(free: Free, vehicle: Vehicle, by_jets: bool) -> Model:
+        """For a log's triangles."""
         if by_jets:
             position = np.array([vehicle.jets[i].position_m for i in free.fired]).reshape(-1, 3)
             force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
@@ -93,10 +93,9 @@ class Model:
             wrench = np.eye(6)[free.fired]
             position, couple, force = np.zeros((len(wrench), 3)), wrench[:, :3], wrench[:, 3:]
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
-        level = np.eye(3) - up.T @ up / len(up)
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
-        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, level)
+        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
