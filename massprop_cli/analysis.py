@@ -148,7 +148,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         settled=tuple(settled) or histories,
         conclusions=tuple(conclude(history, used) for history in histories),
         docked=None,
-        notices=(*log.notices, *_unexplained(diagnosis), *answer.notices, *(n for h in histories for n in h.notices)),
+        notices=(*log.notices, *_unexplained(diagnosis, answer.notices), *answer.notices, *(n for h in histories for n in h.notices)),
         assignments=tuple(assignments),
         examination=examination,
         faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in diagnosis.explanations)),
@@ -156,8 +156,10 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     )
 
 
-def _unexplained(diagnosis: Diagnosis) -> list[Notice]:
-    return [Notice("cause-unknown", diagnosis.unknown)] if diagnosis.unknown else []
+def _unexplained(diagnosis: Diagnosis, others: Sequence[Notice]) -> list[Notice]:
+    """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
+    known = all(notice.code != "noise-floor" for notice in others)
+    return [Notice("cause-unknown", diagnosis.unknown)] if diagnosis.unknown and known else []
 
 
 def _saturated(log: Log) -> list[Notice]:

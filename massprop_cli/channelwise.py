@@ -41,6 +41,8 @@ ANGLE = 1e-4
 COUPLING = 0.5
 """Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
 inertia's differences over one of them, squared, as it is of a slab."""
+RESOLUTION = 1e-4
+"""Part of its signal below which a misfit is none: the motion within a cycle is taken as linear."""
 TINY = 1e-300
 EXPLAINED = 1.3
 """Mean square over the stated noise up to which none is looked for."""
@@ -104,6 +106,8 @@ class Free:
     fired: IntArray
     level: Array
     """(3, 3) mean projector on the level plane, body axes."""
+    signal: Array
+    """(6,) root mean square of what was measured, each sensor's axes alike: rad/s, m/s²."""
     gyro: Told
     accelerometer: Told
 
@@ -114,9 +118,10 @@ class Free:
 
     @property
     def variance(self) -> Array:
-        """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)²."""
+        """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)², not below what is lost within a cycle."""
         found: Array = np.concatenate([told.left / told.spare for told in (self.gyro, self.accelerometer)])
-        return found
+        least: Array = np.maximum(found, (RESOLUTION * self.signal) ** 2)
+        return least
 
 
 def free_response(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Free:
@@ -128,7 +133,8 @@ def free_response(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> F
     turning = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2)
     slow = _waves(count, SLOW if "east" in design.places else 0)
     felt = _reduced(np.hstack([slow, design.mean]), design.force, slow.shape[1])
-    return Free(design.places, design.fired, design.level, turning, felt)
+    signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
+    return Free(design.places, design.fired, design.level, signal, turning, felt)
 
 
 def _waves(count: int, most: int) -> Array:

@@ -129,12 +129,12 @@ class _Descent:
         tried = self.x[which] + np.einsum("hxi,hi->hx", self.moves[which], step)
         wrong = ~is_body(tried[:, :10])
         tried[wrong] = self.x[which][wrong]
-        rows = self.rows.of(which)
-        left = rows.left(tried)
-        cost = (left**2).sum((-2, -1)) + ((self.pulled * (offset + step)) ** 2).sum(-1)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step so long that it can't be computed is none
+            left = self.rows.of(which).left(tried)
+            cost = (left**2).sum((-2, -1)) + ((self.pulled * (offset + step)) ** 2).sum(-1)
         before = self.cost[which]
         better = (cost < before) & ~wrong
-        gained = np.where(better, before - cost, np.where(wrong | (cost > before * (1 + 1e-9)), np.inf, 0.0))
+        gained = np.where(better, before - cost, np.where(wrong | ~(cost <= before * (1 + 1e-9)), np.inf, 0.0))
         moved = which[better]
         self.x[moved], self.left[moved], self.cost[moved] = tried[better], left[better], cost[better]
         self.offset[moved] += step[better]

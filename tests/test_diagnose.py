@@ -175,3 +175,11 @@ def test_a_cause_that_no_key_mends_has_no_mended_answer_and_leaves_nothing_stand
     assert "rate-torque" in {notice.code for notice in found.notices}
     assert found.mended == ()
     assert {e.verdict for e in found.conclusions[0].estimates.values()} == {"contradicted"}
+
+
+def test_a_log_without_noise_raises_no_cause() -> None:
+    """A floor stands in for its noise, and against that no model fits."""
+    flown = simulate.fly(scenario.load("preliminary"), [1])
+    with np.errstate(all="ignore"):  # as the command does
+        notices = analysis.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices
+    assert {notice.code for notice in notices} == {"noise-floor", "disturbance-torque"}
