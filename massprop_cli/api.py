@@ -35,7 +35,7 @@ from massprop_cli.campaign.runner import LocalExecutor
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.gate import Gate
 from massprop_cli.job import Demands, Judged, of_file
-from massprop_cli.report import result
+from massprop_cli.report import historyfile
 from massprop_cli.require import quantities
 
 Where = str | Path
@@ -62,7 +62,7 @@ class LogEstimate(Judged):
     def history(self) -> pd.DataFrame:
         """A row per cycle and phase: the columns of history.parquet, NaN where nothing can be said."""
         out = io.BytesIO()
-        result.write_history(self.analysis, out)
+        historyfile.write_history(self.analysis, out)
         return pd.read_parquet(out)
 
 

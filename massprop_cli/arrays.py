@@ -1,4 +1,4 @@
-"""The array type, freezing arrays that a stage hands on, and the factorisation that all square-root forms share."""
+"""The array type, freezing arrays that a stage hands on, and the factorisations that all square-root forms share."""
 
 from __future__ import annotations
 
@@ -19,10 +19,44 @@ def frozen(array: Array) -> Array:
     return view
 
 
+MUCH = 1e6
+"""Growth of information within a block, as part of what was there, up to which products hold it to ten digits."""
+
+
 def triangle_of(rows: Array) -> Array:
     """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
     upper = np.linalg.qr(rows, mode="r")
     return np.asarray(upper)
+
+
+def root_beside_unit(ahead: Array) -> Array:
+    """(K, n, n) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
+    count, rows, _ = ahead.shape
+    upper = triangle_of(np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(rows), (count, rows, rows))], 1))
+    found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
+    return found
+
+
+def grown(triangle: Array, rows: Array) -> Array:
+    """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
+
+    In unknowns of which the triangle makes a unit matrix, a block that tells little beside what is known already is added by products;
+    one that tells far more, by an orthogonal factorisation for each, since products would lose the rest in their rounding.
+    """
+    count = len(triangle)
+    found = np.empty((len(rows) + 1, *triangle.shape))
+    found[0] = triangle
+    by_unit = rows[..., :count] @ np.linalg.inv(triangle[:, :count])
+    if not np.vdot(by_unit, by_unit) < MUCH:
+        for k, row in enumerate(rows):
+            found[k + 1] = triangle_of(np.vstack([found[k], row]))[:count]
+        return found
+    left = rows[..., count:] - by_unit @ triangle[:, count:]
+    transposed = by_unit.transpose(0, 2, 1)
+    root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
+    found[1:] = root.transpose(0, 2, 1) @ triangle
+    found[1:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
+    return found
 
 
 def median(values: Array) -> float:

@@ -20,7 +20,7 @@ from massprop_cli.conclude import Conclusion
 from massprop_cli.estimate import respond
 from massprop_cli.history import History
 from massprop_cli.linearise import MU
-from massprop_cli.regression import Response
+from massprop_cli.rows import Response
 from massprop_cli.sensitivity import Consider, Side, Variant, late
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log

@@ -22,7 +22,8 @@ from massprop_cli.nuisance import Taken
 from massprop_cli.observability import excitation, observable
 from massprop_cli.plant import Reference
 from massprop_cli.posterior import alone, discrepancies, quantities
-from massprop_cli.regression import Regression, Response, Rows, Run
+from massprop_cli.regression import Regression, Run
+from massprop_cli.rows import Response, Rows
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback, first_reference
 from massprop_cli.telemetry import Notice

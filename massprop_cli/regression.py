@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.arrays import Array, BoolArray, triangle_of
+from massprop_cli.arrays import Array, BoolArray, grown, root_beside_unit, triangle_of
 from massprop_cli.compensate import Source
 from massprop_cli.kalman import State
 from massprop_cli.lift import MOMENT, Lift
 from massprop_cli.linearise import RATE, Layout
 from massprop_cli.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.plant import Reference, plant_of
+from massprop_cli.rows import Posed, Response, Rows
 from massprop_cli.sensitivity import Consider
 from massprop_cli.system import System, drift, prior, system_of
 from massprop_cli.vehicle import Vehicle
@@ -46,8 +47,6 @@ PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
 on a bearing is balanced."""
 GROWN = 100.0
 """Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
-MUCH = 1e6
-"""Growth of information within a block, as part of what was there, up to which products hold it to ten digits."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STILL = 0.1
@@ -76,66 +75,6 @@ class Run:
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
     """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
-
-
-@dataclass(frozen=True)
-class Response:
-    """What one unit of each of e assumptions would have changed."""
-
-    shift: Array
-    """(10, e) of the state parameters at the end."""
-    gram: Array
-    """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
-
-    @property
-    def misfit(self) -> Array:
-        """(e, e) of the assumptions among themselves: the diagonal is chi-square for one unit."""
-        return self.gram[1:, 1:]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Estimates after each of K cycles; NaN where nothing can be said."""
-
-    mean: Array
-    """(K, 10) state parameters."""
-    covariance: Array
-    """(K, 10, 10)"""
-    innovation: Array
-    """(K, 6) torque [N m] and force [N]."""
-    sigma: Array
-    """(K, 6)"""
-    normalised: Array
-    """(K, 6)"""
-
-    @staticmethod
-    def untold(count: int) -> Rows:
-        """Of so many cycles of which nothing is said."""
-        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
-
-    def ending(self, value: Array, spread: Array) -> Rows:
-        """With another estimate in the last row."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[-1], covariance[-1] = value, spread
-        return replace(self, mean=mean, covariance=covariance)
-
-
-@dataclass(frozen=True)
-class Posed:
-    """What K cycles say about θ, linear about one."""
-
-    theta: Array
-    """(10,)"""
-    scale: Array
-    """(10,) prior sigmas, in which its departure is counted."""
-    rows: Array
-    """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
-    triangles: Array
-    """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
-
-    def first(self, count: int) -> Posed:
-        """Of so many cycles."""
-        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1])
 
 
 class Regression:
@@ -352,7 +291,7 @@ class Regression:
             mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
-        spread = _root_beside_unit(ahead)
+        spread = root_beside_unit(ahead)
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
         duration = self.samples.part(slice(before.at, before.at + len(each))).executed.duration_s
         unit = np.zeros((len(each), 6, 6))
@@ -412,36 +351,6 @@ class Regression:
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
         return found
-
-
-def _root_beside_unit(ahead: Array) -> Array:
-    """(K, 6, 6) lower-triangular root of ``1 + ahead aheadᵀ``, never squared: a prediction from hardly anything is huge."""
-    beside = np.concatenate([ahead.transpose(0, 2, 1), np.broadcast_to(np.eye(6), (len(ahead), 6, 6))], 1)
-    upper = triangle_of(beside)
-    found: Array = (upper * np.sign(np.einsum("kii->ki", upper))[..., None]).transpose(0, 2, 1)
-    return found
-
-
-def grown(triangle: Array, rows: Array) -> Array:
-    """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
-
-    In unknowns of which the triangle makes a unit matrix, a block that tells little beside what is known already is added by products;
-    one that tells far more, by an orthogonal factorisation for each, since products would lose the rest in their rounding.
-    """
-    count = len(triangle)
-    found = np.empty((len(rows) + 1, *triangle.shape))
-    found[0] = triangle
-    by_unit = rows[..., :count] @ np.linalg.inv(triangle[:, :count])
-    if not np.vdot(by_unit, by_unit) < MUCH:
-        for k, row in enumerate(rows):
-            found[k + 1] = triangle_of(np.vstack([found[k], row]))[:count]
-        return found
-    left = rows[..., count:] - by_unit @ triangle[:, count:]
-    transposed = by_unit.transpose(0, 2, 1)
-    root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
-    found[1:] = root.transpose(0, 2, 1) @ triangle
-    found[1:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
-    return found
 
 
 def _curved(theta: Array, sigma: Array) -> Array:

@@ -15,7 +15,7 @@ from massprop_cli import files, foldername, rendered
 from massprop_cli.analysis import Analysis
 from massprop_cli.errors import InputError
 from massprop_cli.rendered import RUN, Cleared
-from massprop_cli.report import result
+from massprop_cli.report import historyfile
 
 BASE = Path("massprop-out")
 _RESERVED = ("results",)
@@ -54,7 +54,7 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     file = folder / "result.json"
     unchanged = file.exists() and file.read_bytes() == result_json.encode()
     said = rendered.run_text(_run(analysis.log.path, analysis.source.source), rendered.listed(folder) if unchanged else {})
-    stage.save("history.parquet", lambda path: result.write_history(analysis, path))
+    stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
     stage.save(RUN, lambda path: files.save_text(path, said))
     stage.save("result.json", lambda path: files.save_text(path, result_json))
     pages = Cleared() if unchanged else rendered.clear(folder)

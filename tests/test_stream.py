@@ -8,9 +8,8 @@ import pytest
 
 from massprop_cli import stream
 from massprop_cli.align import Aligned
-from massprop_cli.arrays import triangle_of
+from massprop_cli.arrays import grown, triangle_of
 from massprop_cli.compensate import Samples
-from massprop_cli.regression import grown
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing

@@ -181,10 +181,10 @@ def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
 def _history(found: Analysis) -> bytes:
     import io
 
-    from massprop_cli.report import result
+    from massprop_cli.report import historyfile
 
     out = io.BytesIO()
-    result.write_history(found, out)
+    historyfile.write_history(found, out)
     return out.getvalue()
 
 

@@ -13,7 +13,8 @@ from massprop_cli.report import words
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, covered
-from massprop_cli.report.result import AXES, SIGNALS
+from massprop_cli.report.historyfile import SIGNALS
+from massprop_cli.report.result import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

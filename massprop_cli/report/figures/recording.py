@@ -8,8 +8,9 @@ from massprop_cli import QUANTITIES
 from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError, UsageError
 from massprop_cli.report.figures.axis import beginning
+from massprop_cli.report.historyfile import SIGNALS
 from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import AXES, SIGNALS, PhaseItem
+from massprop_cli.report.result import AXES, PhaseItem
 
 Columns = dict[str, Array]
 Covered = tuple[int, PhaseItem, Columns]

@@ -1,0 +1,166 @@
+"""A stretch of a log, reduced: what is left of it as stated, and how every supposition does on it, the likeliest first.
+
+What is left is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from massprop_cli import causes
+from massprop_cli.align import LAGS_FORGOTTEN
+from massprop_cli.arrays import Array
+from massprop_cli.channelwise import Free, free_response, verticals
+from massprop_cli.columns import WRENCH
+from massprop_cli.contest import Fitted, compared, fitted
+from massprop_cli.cures import Case
+from massprop_cli.errors import InputError
+from massprop_cli.suppositions import Model, Supposition
+from massprop_cli.wording import NEAR
+
+LONGEST = 1200
+"""Cycles that suppositions are tried on."""
+MEMORY = 64
+"""Cycles before them that commands may come from, under any delay that is tried."""
+FITS = (2.0, 6.0)
+"""The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
+as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
+LOUD = 4.0
+"""Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
+CLEAR = 14.0
+"""−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
+SHARE = 12
+"""Mountings that are read anew or fitted."""
+
+
+def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
+    """The ``LONGEST`` cycles of a piece in which most is commanded, in a log that holds no more than it takes to read them.
+
+    Where the attitude is integrated from the log's beginning on, the first ones.
+    """
+    log, vehicle, timing = case
+    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
+    first, stop = piece.start, min(piece.start + LONGEST, piece.stop)
+    if stop < piece.stop and not integrated:
+        effort = (np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)).sum(1)
+        total = np.concatenate([[0.0], np.cumsum(effort)])
+        first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
+        stop = first + LONGEST
+    begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
+    end = min(stop + 1, log.cycles)
+    return case._replace(log=log.part(begin, end)), slice(first - begin, stop - begin)
+
+
+def looked(case: Case, piece: slice) -> Look | None:
+    """A case reduced; None where it is too short."""
+    try:
+        free = free_response(case.log, case.vehicle, case.timing, piece)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    model = Model.of(free, case.vehicle, case.log.command_kind == "jets")
+    noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
+    (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))])
+    return Look(case, piece, free, model, noise, stated)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A stretch of a case: what it says, and what is left of it as stated."""
+
+    case: Case
+    piece: slice
+    free: Free
+    model: Model
+    noise: Array
+    """(6,) variance of the IMU's noise, as stated."""
+    stated: Fitted
+
+    @property
+    def names(self) -> list[str]:
+        """Of the channels that fired."""
+        every = [jet.name for jet in self.case.vehicle.jets] if self.case.log.command_kind == "jets" else list(WRENCH)
+        return [every[i] for i in self.free.fired]
+
+    @property
+    def misfit(self) -> float:
+        """What is left over what is to be expected."""
+        return float(self.stated.chi_square.sum() / self.freedom)
+
+    @cached_property
+    def freedom(self) -> int:
+        """How many squares of chance are expected of what is left: equations of the triangles less the body's ten."""
+        ranks = [int(np.linalg.matrix_rank(told.triangle)) for told in (self.free.gyro, self.free.accelerometer)]
+        return max(3 * sum(ranks) - 10, 1)
+
+    @property
+    def fits(self) -> bool:
+        """Whether what is left is chance."""
+        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
+
+    @property
+    def cost(self) -> float:
+        """−2 log likelihood of free noise levels, as stated."""
+        further = self.stated.chi_square * self.free.variance
+        return self.free.gyro.cost(further[:3]) + self.free.accelerometer.cost(further[3:])
+
+    def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
+        """−2 log of how likely a supposition is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
+
+        Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
+        """
+        price = np.log(2) if at_once(found) else found.unlikely + found.unknowns * np.log(self.free.gyro.spare)
+        return self.likelihood(left) + float(price + 2 * np.log(alternatives))
+
+    @property
+    def loud(self) -> bool:
+        """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
+        return bool((self.free.variance > LOUD * self.noise).any())
+
+    def likelihood(self, left: Array) -> float:
+        """−2 log likelihood of free noise levels, of chi-square (6,)."""
+        counts = np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3)
+        return float((counts * np.log1p(left / counts)).sum())
+
+    @cached_property
+    def ranked(self) -> list[tuple[float, Fitted]]:
+        """Every supposition that leaves less than what is stated, the likeliest first."""
+        supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
+        kinds = [one.code for one in supposed]
+        found = fitted(self.model, self.free, self.free.variance, supposed)
+        scores = [self.score(one.chi_square, one, kinds.count(one.supposed.code)) for one in found]
+        least = self.score(self.stated.chi_square, self.stated) - CLEAR
+        order = sorted(range(len(found)), key=lambda i: (scores[i], i))
+        return [(scores[i], found[i]) for i in order if scores[i] < least]
+
+    def _likely_turns(self) -> list[Supposition]:
+        """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
+        every = [*causes.units(self.model), *causes.mountings(self.model)]
+        if self.model.bearing is not None:
+            rough = self._by_gravity(every)
+        else:
+            rough = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
+        return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
+
+    def _by_gravity(self, supposed: Sequence[Supposition]) -> list[float]:
+        """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""
+        samples = self.case.timing.of(self.case.log, self.case.vehicle)
+        rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
+        turns = np.linalg.inv(np.stack([one.gyro for one in supposed]))
+        different, which = np.unique(turns.round(9).reshape(len(turns), 9), axis=0, return_inverse=True)
+        rates = np.einsum("nij,kj->nki", different.reshape(-1, 3, 3), rate)
+        ups = verticals(rates, samples.executed.duration_s[: self.piece.stop], samples.up_b[0])
+        means = (ups[:, 1:] + ups[:, :-1]) / 2
+        left = [
+            force @ np.linalg.inv(one.accelerometer).T - self.model.gravity * means[i]
+            for one, i in zip(supposed, which.ravel(), strict=True)
+        ]
+        return [float((part**2).mean()) for part in left]
+
+
+def at_once(found: Fitted) -> bool:
+    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
+    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
