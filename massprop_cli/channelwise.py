@@ -21,10 +21,13 @@ from massprop_cli.arrays import Array, IntArray, triangle_of
 from massprop_cli.compensate import Samples
 from massprop_cli.dynamics import rotation
 from massprop_cli.errors import InputError
-from massprop_cli.lift import products
+from massprop_cli.lift import Lift, products
+from massprop_cli.linearise import integrals
+from massprop_cli.plant import plant_of
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing, with_lag
 from massprop_cli.vehicle import Vehicle
+from massprop_cli.within import motion_within
 
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
@@ -110,6 +113,8 @@ class Free:
     """(6,) root mean square of what was measured, each sensor's axes alike: rad/s, m/s²."""
     gyro: Told
     accelerometer: Told
+    beside: Disturbance
+    """The likeliest."""
 
     @property
     def size(self) -> int:
@@ -124,17 +129,23 @@ class Free:
         return least
 
 
-def free_response(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Free:
-    """What cycles ``piece`` say; :class:`InputError` if they are too few."""
-    design = design_of(log, vehicle, timing, piece)
+def free_response(
+    log: Log, vehicle: Vehicle, timing: Timing, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None
+) -> Free:
+    """What cycles ``piece`` say; :class:`InputError` if they are too few.
+
+    Beside the likeliest disturbance; where some are ``likely``, one of these. With the motion within the cycles that a body
+    ``theta`` of :mod:`massprop_cli.lift` has, if one is given.
+    """
+    design = design_of(log, vehicle, timing, piece, theta)
     count, size = design.mean.shape
     if count < 2 * size:
         raise InputError(f"{log.path}: {count} cycles are too few for {size} free columns")
-    turning = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2)
+    turning, beside = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
     slow = _waves(count, SLOW if "east" in design.places else 0)
     felt = _reduced(np.hstack([slow, design.mean]), design.force, slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
-    return Free(design.places, design.fired, design.level, signal, turning, felt)
+    return Free(design.places, design.fired, design.level, signal, turning, felt, beside)
 
 
 def _waves(count: int, most: int) -> Array:
@@ -143,8 +154,8 @@ def _waves(count: int, most: int) -> Array:
     return found
 
 
-def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Design:
-    """The columns of cycles ``piece``."""
+def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
+    """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given."""
     samples = timing.of(log, vehicle)
     cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
     shifted = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
@@ -157,17 +168,33 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice) -> Desig
         at += growth.shape[1]
     fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
     growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
+    rate = samples.rate_rad_s[cycles]
+    if theta is not None:
+        rate = rate - _by_body(samples.part(cycles), vehicle, theta, places, growth, mean)
     cycle_s, up = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
     return Design(
         places,
         fired,
         growth,
         mean,
-        samples.rate_rad_s[cycles],
+        rate,
         samples.specific_force_m_s2[cycles],
         cycle_s,
         np.eye(3) - up.T @ up / len(up),
     )
+
+
+def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
+    """(K, 3) rate by the swing of a body's CG. Products of rates and the vertical are set to what they are in the motion that it has."""
+    lift = Lift(plant_of(vehicle))
+    within = motion_within(samples, lift.reference(theta), lift)
+    step, whole, swung = integrals(samples, lift, theta, within)
+    for name, column in (("products", lift.channels - 6), ("up", 3), ("level", 6)):
+        if name in places:
+            own = places[name]
+            here = slice(column, column + own.stop - own.start)
+            growth[:, own], mean[:, own] = step[:, here], whole[:, here]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
 def _slower(vehicle: Vehicle) -> Vehicle:
@@ -275,48 +302,67 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     return found
 
 
-def _whitened(design: Design, stated: float) -> Told:
-    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them."""
-    at = Disturbance(COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2, 0.0)
-    best, least = _turning(design, at)
-    if best.left.mean() <= EXPLAINED * stated * best.spare:
-        return best
-    for key in ("walk", "white"):
-        for levels in (LEVELS, None):
-            for level in levels or (getattr(at, key) / FINER, getattr(at, key) * FINER):
-                tried = at._replace(**{key: level})
-                told, cost = _turning(design, tried)
-                if cost < least:
-                    best, least, at = told, cost, tried
-    return best
+def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, Disturbance]:
+    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
+
+    Where some are ``likely`` no others are tried.
+    """
+    none = Disturbance(COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2, 0.0)
+    best = _likeliest(design, likely or [none])
+    if likely or best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
+        return best.told, best.beside
+    alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
+    best = min(best, _likeliest(design, alone), key=_cost)
+    walk, white = best.beside
+    near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
+    near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
+    near += [Disturbance(walk, level) for level in LEVELS if walk]
+    best = min(best, _likeliest(design, near), key=_cost)
+    return best.told, best.beside
 
 
-def _turning(design: Design, beside: Disturbance) -> tuple[Told, float]:
-    """What the rates say beside a disturbance, and its cost: −2 log likelihood of free noise levels.
+class _Beside(NamedTuple):
+    """What the rates say beside a disturbance."""
+
+    beside: Disturbance
+    told: Told
+    cost: float
+    """−2 log likelihood of free noise levels, with the price of the disturbance."""
+
+
+def _cost(one: _Beside) -> float:
+    return one.cost
+
+
+def _likeliest(design: Design, disturbances: Sequence[Disturbance]) -> _Beside:
+    """Of several, all gone through together.
 
     A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
     A torque that does not walk begins as nothing: a steady one is a column of its own.
     """
     count, size = design.mean.shape
-    began = 2 if beside.walk > 0 else 1
-    now = np.zeros((2, began + size + 3))
-    now[:began, :began] = np.eye(began)
-    driven, measured = np.zeros((2, count, now.shape[1]))
-    driven[1:, began:-3], measured[:, -3:] = design.growth, design.rate
-    rows, spread = np.empty_like(measured), np.empty(count)
-    kept, step, added = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]]), np.diag(beside)
+    now = np.zeros((len(disturbances), 2, 2 + size + 3))
+    now[:, :, :2] = np.eye(2)
+    driven, measured = np.zeros((2, count, now.shape[2]))
+    driven[1:, 2:-3], measured[:, -3:] = design.growth, design.rate
+    rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
+    added = np.stack([np.diag(one) for one in disturbances])
+    kept, step = np.zeros_like(added), np.array([[1.0, 1.0], [0.0, 1.0]])
     for k in range(count):
         if k > 0:
-            now = step @ now
-            now[0] += driven[k]
+            now[:, 0] += now[:, 1] + driven[k]
             kept = step @ kept @ step.T + added
-        rows[k], spread[k] = measured[k] - now[0], kept[0, 0] + 1.0
-        gain = kept[:, 0] / spread[k]
-        now += gain[:, None] * rows[k]
-        kept = kept - gain[:, None] * kept[0]
-    rows /= np.sqrt(spread)[:, None]
-    told = _reduced(-rows[:, :-3], rows[:, -3:], began)._replace(volume=3 * float(np.log(spread).sum()))
-    return told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)
+        rows[k], spread[k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
+        gain = kept[:, :, 0] / spread[k, :, None]
+        now += gain[:, :, None] * rows[k][:, None]
+        kept = kept - gain[:, :, None] * kept[:, :1]
+    found = []
+    for i, beside in enumerate(disturbances):
+        began = 2 if beside.walk > 0 else 1
+        white = np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None])
+        told = _reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
+        found.append(_Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
+    return min(found, key=_cost)
 
 
 def _reduced(columns: Array, measured: Array, free: int = 0) -> Told:

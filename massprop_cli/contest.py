@@ -73,18 +73,25 @@ def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Suppo
     return found
 
 
-def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], most: int = MOST) -> list[Fitted]:
+def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None) -> list[Fitted]:
     """Each supposition with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
 
-    After ``ROUGH`` steps only the ``most`` that leave least are fitted on.
+    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. After ``ROUGH`` steps only the
+    ``MOST`` that leave least are fitted on.
     """
     own = max(s.free.shape[1] for s in supposed)
     gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
     rows, begun = _Rows(model, free, variance, gyro, accelerometer), _Beginnings(model, free)
     starts = [begun.of(one) for one in supposed]
     x = np.stack([start for start, _ in starts])
-    if any(one.suspects for one in supposed):  # from all channels, or from those that nobody suspects: what leaves less
-        others = np.stack([begun.of(replace(one, suspects=()))[0] for one in supposed])
+    suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
+    if len(suspecting):  # from all channels, or from those that nobody suspects: what leaves less
+        others, own_rows = np.stack([begun.of(replace(supposed[i], suspects=()))[0] for i in suspecting]), rows.of(suspecting)
+        better = (own_rows.left(others) ** 2).sum((1, 2)) < (own_rows.left(x[suspecting]) ** 2).sum((1, 2))
+        x[suspecting[better]] = others[better]
+    if theta is not None:
+        others = x.copy()
+        others[:, :10] = theta
         better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
         x[better] = others[better]
     moves = np.zeros((len(supposed), x.shape[1], 10 + own))
@@ -96,8 +103,8 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
     for step in range(STEPS):
         gained = descent.step(active)
         active = active[gained > STILL]
-        if step + 1 == ROUGH and len(active) > most:
-            active = np.sort(active[np.argsort(descent.cost[active], kind="stable")[:most]])
+        if step + 1 == ROUGH and len(active) > MOST:
+            active = np.sort(active[np.argsort(descent.cost[active], kind="stable")[:MOST]])
         if not len(active):
             break
     spread = descent.spread()
@@ -198,9 +205,17 @@ class _Beginnings:
     def __init__(self, model: Model, free: Free) -> None:
         self.model, self.free = model, free
         self._regressed: dict[tuple[object, ...], tuple[Array, Array]] = {}
+        self._begun: dict[tuple[object, ...], tuple[Array, Array]] = {}
 
     def of(self, supposed: Supposition) -> tuple[Array, Array]:
         """(nx,) x, and (10,) the sizes of θ."""
+        turns = supposed.gyro.tobytes(), supposed.accelerometer.tobytes()
+        key = (tuple(supposed.start.items()), supposed.suspects, *turns)
+        if key not in self._begun:
+            self._begun[key] = self._body(supposed)
+        return self._begun[key]
+
+    def _body(self, supposed: Supposition) -> tuple[Array, Array]:
         model = self.model
         x = model.stated
         for entry, value in supposed.start.items():

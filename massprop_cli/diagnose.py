@@ -8,35 +8,30 @@ once it is mended; those that come near stand beside it. Two at once are tried w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli import causes, change
-from massprop_cli.arrays import Array
 from massprop_cli.contest import Fitted, fitted
-from massprop_cli.cures import Case, Cure, applied, cure_of
-from massprop_cli.look import CLEAR, FITS, Look, at_once, busiest, looked
+from massprop_cli.cures import Case, Cure, cure_of
+from massprop_cli.look import CLEAR, Look, busiest, looked
 from massprop_cli.start import first_reference
-from massprop_cli.suppositions import Model, Supposition
+from massprop_cli.suppositions import Supposition
 from massprop_cli.telemetry import Log, Notice
 from massprop_cli.timing import Found, Timing, near, search
+from massprop_cli.trial import Trial, refined, tried
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.wording import alone, words_of
 
-NEARLY, PART = 6.0, 1e-3
-"""Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
 FINALISTS = (5, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
 FIRST, SECOND = 3, 2
 """How many are tried with a second one, and how many of these each time."""
-AGAIN = 8
-"""How often one is applied anew from where it led."""
-STILL = 0.01
-"""A change of −2 log likelihood that ends that."""
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
+LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
+"""Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
@@ -44,16 +39,6 @@ TRIED = (
 )
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
-
-
-class Trial(NamedTuple):
-    """A supposition, how it is mended, and what it leaves."""
-
-    fitted: Fitted
-    case: Case
-    score: float
-    """−2 log likelihood, with the price of its freedom."""
-    fits: bool
 
 
 @dataclass(frozen=True)
@@ -91,6 +76,9 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
     if not looks:
         return Diagnosis()
     look = max(looks, key=lambda one: one.misfit)
+    about_stated = looked(look.case, look.piece, theta=look.stated.value("theta"))
+    if about_stated is not None and about_stated.cost < look.cost:
+        look = about_stated
     if look.fits:
         return Diagnosis()
     return _single(look) or _much_later(look) or _changed(look) or _pair(look) or Diagnosis(unknown=_in_vain(look))
@@ -101,9 +89,12 @@ def _single(look: Look) -> Diagnosis | None:
     best: list[Trial] = []
     most = FINALISTS[look.model.bearing is not None]
     for rough, found in look.ranked:
-        if len(best) >= most or (any(t.fits for t in best) and rough > FURTHER * min(t.score for t in best if t.fits) + CLEAR):
-            break
-        trial = _tried(look, found)
+        fitting = [trial for trial in best if trial.fits]
+        akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
+        further = LATER if akin else FURTHER
+        if len(best) >= most or (fitting and rough > further * min(trial.excess for trial in fitting) + CLEAR):
+            continue
+        trial = tried(look, found)
         if trial is not None:
             best.append(trial)
     return _chosen(look, best)
@@ -134,50 +125,8 @@ def _much_later(look: Look) -> Diagnosis | None:
     x[look.model.place("delay")] = at.delay - timing.delay
     supposed = Supposition("delay-mismatch", (), causes.along(look.model, ("delay", np.ones(1))))
     begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
-    trial = _refined(look, begun, look.case._replace(timing=timing._replace(delay=at.delay)))
+    trial = refined(look, begun, look.case._replace(timing=timing._replace(delay=at.delay)))
     return None if trial is None else _chosen(look, [trial])
-
-
-def _tried(look: Look, found: Fitted) -> Trial | None:
-    """A supposition with its best values in log and vehicle file; None where that can't be written down."""
-    case = applied(look.case, found, look.free.fired)
-    if case is None:
-        return Trial(found, look.case, look.score(found.chi_square, found), _passes(look, found))
-    return _refined(look, found, case)
-
-
-def _passes(look: Look, found: Fitted) -> bool:
-    """Whether the log fits so far as the small step to it tells: of what can't be put into log or vehicle file."""
-    freedom = look.freedom - found.unknowns
-    left = float(found.chi_square.sum() / freedom)
-    return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * look.misfit or not look.loud)
-
-
-def _refined(look: Look, found: Fitted, case: Case) -> Trial | None:
-    """What is left once the case is reduced anew, its unknowns moved on from there until they stand."""
-    mended = looked(case, look.piece)
-    if mended is None or mended.model.places != look.model.places:
-        return None
-    spread = found.spread
-    for _ in range(AGAIN if found.unknowns else 0):
-        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed])
-        spread = more.spread
-        further = replace(found, x=_together(found.x, more.x, look.model))
-        then = applied(look.case, further, look.free.fired)
-        there = None if then is None else looked(then, look.piece)
-        if then is None or there is None or there.cost > mended.cost - STILL:
-            break
-        found, case, mended = further, then, there
-    found = replace(found, chi_square=mended.stated.chi_square, spread=spread * np.sqrt(max(mended.misfit, 1.0)))
-    if at_once(found):
-        x = found.x.copy()
-        thrust = look.model.place("thrust")
-        x[thrust] = np.where(x[thrust] == 1.0, 1.0, x[thrust].round())
-        found = replace(found, x=x)
-        case = applied(look.case, found, look.free.fired) or case
-    much = mended.misfit < PART * look.misfit
-    fits = (mended.fits and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
-    return Trial(found, case, mended.score(mended.stated.chi_square, found), fits)
 
 
 def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explanation:
@@ -206,7 +155,7 @@ def _changed(look: Look) -> Diagnosis | None:
     at = None if reference is None else change.likeliest(samples, look.piece, reference, vehicle)
     if at is None:
         return None
-    sides = [looked(look.case, part) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    sides = [looked(look.case, part, [look.free.beside]) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
     if not all(side is not None and side.fits for side in sides):
         return None
     time = round(float(samples.executed.start_s[at]), 9)
@@ -221,12 +170,11 @@ def _pair(look: Look) -> Diagnosis | None:
     """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
     found: list[tuple[float, Trial, Look, Trial]] = []
     for _, first in look.ranked[:FIRST]:
-        trial = _tried(look, first)
-        mended = None if trial is None or trial.case is look.case else looked(trial.case, look.piece)
-        if trial is None or mended is None:
+        trial = tried(look, first)
+        if trial is None or (mended := trial.look) is None:
             continue
         for _, second in mended.ranked[:SECOND]:
-            other = _tried(mended, second)
+            other = tried(mended, second)
             if other is not None and other.fits:
                 found.append((other.score + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
                 break
@@ -246,7 +194,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
         return None
     found = fitted(look.model, look.free, look.free.variance, supposed)
     best = min(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))
-    trial = _tried(look, best)
+    trial = tried(look, best)
     if trial is None or not trial.fits:
         return None
     both = cure_of(look.case, trial.case, trial.fitted)
@@ -267,13 +215,3 @@ def _in_vain(look: Look) -> str:
         nearest.append(f"{code} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
     near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
     return f"log and vehicle file don't fit, cause unknown: what the model leaves is {look.misfit:.3g} times pure error{near}; {TRIED}"
-
-
-def _together(x: Array, more: Array, model: Model) -> Array:
-    """Both changes of x one after the other; the second was found with the first in place."""
-    found = more.copy()
-    own = slice(10, None)
-    found[own] = x[own] + more[own] - model.stated[own]
-    thrust = model.place("thrust")
-    found[thrust] = x[thrust] * more[thrust]
-    return found

@@ -115,7 +115,7 @@ def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     inverse = tensor(theta[J])
     duration = here.executed.duration_s
     bin_s = duration / motion.rate.shape[1]
-    step, whole, known = _integrals(here, lift, theta, within)
+    step, whole, known = integrals(here, lift, theta, within)
     steps = times(response, step) + known
     growth = np.zeros((len(step), 3, lift.size))
     for axis in range(3):
@@ -173,7 +173,7 @@ def _bounded(derivative: Array) -> Array:
     return found
 
 
-def _integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
+def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
     """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
     plant, executed, motion = lift.plant, samples.executed, within.motion
     duration = executed.duration_s

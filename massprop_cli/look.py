@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli import causes
 from massprop_cli.align import LAGS_FORGOTTEN
 from massprop_cli.arrays import Array
-from massprop_cli.channelwise import Free, free_response, verticals
+from massprop_cli.channelwise import Disturbance, Free, free_response, verticals
 from massprop_cli.columns import WRENCH
 from massprop_cli.contest import Fitted, compared, fitted
 from massprop_cli.cures import Case
@@ -55,15 +55,15 @@ def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
     return case._replace(log=log.part(begin, end)), slice(first - begin, stop - begin)
 
 
-def looked(case: Case, piece: slice) -> Look | None:
-    """A case reduced; None where it is too short."""
+def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Look | None:
+    """A case reduced as :func:`free_response` does; None where it is too short."""
     try:
-        free = free_response(case.log, case.vehicle, case.timing, piece)
+        free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta)
     except (InputError, np.linalg.LinAlgError):
         return None
     model = Model.of(free, case.vehicle, case.log.command_kind == "jets")
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
-    (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))])
+    (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))], theta)
     return Look(case, piece, free, model, noise, stated)
 
 
@@ -101,11 +101,15 @@ class Look:
         """Whether what is left is chance."""
         return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
 
+    @cached_property
+    def free_cost(self) -> float:
+        """−2 log likelihood of free noise levels and free coefficients."""
+        return float((self._counts * np.log(self.free.variance)).sum()) + self.free.gyro.volume + self.free.accelerometer.volume
+
     @property
     def cost(self) -> float:
         """−2 log likelihood of free noise levels, as stated."""
-        further = self.stated.chi_square * self.free.variance
-        return self.free.gyro.cost(further[:3]) + self.free.accelerometer.cost(further[3:])
+        return self.free_cost + self.likelihood(self.stated.chi_square)
 
     def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
         """−2 log of how likely a supposition is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
@@ -121,9 +125,13 @@ class Look:
         return bool((self.free.variance > LOUD * self.noise).any())
 
     def likelihood(self, left: Array) -> float:
-        """−2 log likelihood of free noise levels, of chi-square (6,)."""
-        counts = np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3)
-        return float((counts * np.log1p(left / counts)).sum())
+        """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""
+        return float((self._counts * np.log1p(left / self._counts)).sum())
+
+    @property
+    def _counts(self) -> Array:
+        """(6,) measurements less coefficients."""
+        return np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3).astype(float)
 
     @cached_property
     def ranked(self) -> list[tuple[float, Fitted]]:

@@ -20,6 +20,8 @@ from massprop_cli.lift import MOMENT, MU, J, gamma, products, products_by_rate
 from massprop_cli.vehicle import Vehicle
 
 _UNIT = np.eye(3)
+RAMP = 2 / 3
+"""Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 ENTRIES = {
     "theta": 10,
@@ -144,7 +146,7 @@ class Model:
         command, gyro_lag, accel_lag = (
             [get(name)[..., 0] for name in names] for names in (("delay", "lag"), ("gyro_lag",), ("accel_lag",))
         )
-        later, variance = command[0] + command[1], command[1] ** 2
+        later, variance, rise = command[0] + command[1], command[1] ** 2, get("rise")[..., 0]
         spin: dict[str, Array] = {
             "channels": np.einsum("...ij,...cj->...ic", inverse, about),
             "products": by_product,
@@ -165,9 +167,9 @@ class Model:
         for own, parts, sensor in ((response, spin, gyro_lag[0]), (thrust, push, accel_lag[0])):
             whole = later + sensor
             parts["later"] = whole[..., None, None] * own
-            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2)[..., None, None] * own
+            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2 + RAMP * rise**2)[..., None, None] * own
             parts["drifting"] = get("drift")[..., None] * own
-            parts["rising"] = get("rise")[..., None] * own
+            parts["rising"] = rise[..., None, None] * own
         age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
         spin["aging"] = -age * response
         push["aging"] = -age * through - lighter * (thrust - through)

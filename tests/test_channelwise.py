@@ -9,7 +9,10 @@ from massprop_cli import channelwise
 from massprop_cli.arrays import Array
 from massprop_cli.channelwise import Design, Disturbance
 from massprop_cli.compensate import compensate
+from massprop_cli.dynamics import tensor
 from massprop_cli.errors import InputError
+from massprop_cli.lift import Lift
+from massprop_cli.plant import Reference, plant_of
 from massprop_cli.timing import Timing
 from tests import flight
 
@@ -32,7 +35,7 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
     z, left = [], []
     for seed in range(40):
         made, truth = design(np.random.default_rng(seed), walk, white)
-        told = channelwise._whitened(made, GYRO**2)
+        told, _ = channelwise._whitened(made, GYRO**2, [])
         variance = told.left.mean() / told.spare
         root = np.linalg.inv(told.triangle) * np.sqrt(variance)
         z.append((root @ (told.triangle @ truth - told.measured) / np.sqrt(variance)) / np.sqrt((root**2).sum(1))[:, None])
@@ -44,7 +47,7 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
 
 def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
     made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
-    told, _ = channelwise._turning(made, Disturbance(white=0.25, walk=0.01))
+    told = channelwise._likeliest(made, [Disturbance(white=0.25, walk=0.01)]).told
     found = np.linalg.solve(told.triangle, told.measured)
     # the rate's own noise, steps summed once, a wandering torque summed twice
     once = np.tril(np.ones((60, 59)), -1)
@@ -62,6 +65,19 @@ def test_a_logs_own_motion_leaves_nothing_but_noise() -> None:
         free = channelwise.free_response(flown.log(np.random.default_rng(2)), flown.used, DELAY, slice(2, 320))
         ratio = free.variance / np.repeat([1e-4, 0.02], 3) ** 2
         assert 0.75 < ratio.min() < ratio.max() < 1.3
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_own_motion_there(kind: str) -> None:
+    """The rate within a cycle is no straight line where jets fire for a part of it: at 0.15 rad a cycle that shows."""
+    truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
+    flown = flight.fly(flight.vehicle(kind), flight.pulses(320), truth, rate=np.array([1.0, 2.0, 1.2]))
+    log = flown.log(np.random.default_rng(2), gyro=2e-6)
+    theta = Lift(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    plain, about = (channelwise.free_response(log, flown.used, DELAY, slice(2, 320), theta=given) for given in (None, theta))
+    plainly, exactly = (np.sqrt(free.gyro.left / free.gyro.spare) / 2e-6 for free in (plain, about))
+    assert plainly.max() > 5
+    assert exactly.max() < 1.3
 
 
 def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:

@@ -62,6 +62,12 @@ def misplaced(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
 
 
+def later_thrust(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    """The file says that thrust rises and falls for 10 ms more than it does."""
+    jets = tuple(jet.model_copy(update={"rise_s": jet.rise_s + 0.01, "fall_s": jet.fall_s + 0.01}) for jet in used.jets)
+    return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
+
+
 def failure(jets: list[str], thrust: float) -> list[str]:
     return ["actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust={thrust}}}' for jet in jets) + "]"]
 
@@ -79,6 +85,7 @@ def failure(jets: list[str], thrust: float) -> list[str]:
         (["actuators.delay_cycles=4.0"], nothing, "delay-mismatch", "shows 4"),
         (["actuators.delay_cycles=2.3"], nothing, "delay-mismatch", "shows 2.3"),
         (["actuators.lag_s=0.03"], nothing, "thrust-lag", "follows commands with a lag of 0.0"),
+        ([], later_thrust, "thrust-rise", "10 ms"),
         ([], tilted, "imu-mounting", "3 degrees away"),
         ([], mirrored, "imu-mounting", "the gyro's axes alone"),
         ([], one_axis, "gyro-scale", "the gyro's z axis shows 1.03"),
