@@ -113,8 +113,8 @@ class Free:
     """(6,) root mean square of what was measured, each sensor's axes alike: rad/s, m/s²."""
     gyro: Told
     accelerometer: Told
-    beside: Disturbance
-    """The likeliest."""
+    beside: tuple[Disturbance, ...]
+    """The likeliest disturbance; none where the stated noise explains the rates."""
 
     @property
     def size(self) -> int:
@@ -302,15 +302,17 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     return found
 
 
-def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, Disturbance]:
+def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
     """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
 
     Where some are ``likely`` no others are tried.
     """
     none = Disturbance(COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2, 0.0)
     best = _likeliest(design, likely or [none])
-    if likely or best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
-        return best.told, best.beside
+    if likely:
+        return best.told, (best.beside,)
+    if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
+        return best.told, ()
     alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
     best = min(best, _likeliest(design, alone), key=_cost)
     walk, white = best.beside
@@ -318,7 +320,7 @@ def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> t
     near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
     near += [Disturbance(walk, level) for level in LEVELS if walk]
     best = min(best, _likeliest(design, near), key=_cost)
-    return best.told, best.beside
+    return best.told, (best.beside,)
 
 
 class _Beside(NamedTuple):

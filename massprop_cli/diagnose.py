@@ -20,7 +20,7 @@ from massprop_cli.start import first_reference
 from massprop_cli.suppositions import Supposition
 from massprop_cli.telemetry import Log, Notice
 from massprop_cli.timing import Found, Timing, near, search
-from massprop_cli.trial import Trial, refined, tried
+from massprop_cli.trial import Trial, hopeless, refined, tried
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.wording import alone, words_of
 
@@ -81,11 +81,13 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
         look = about_stated
     if look.fits:
         return Diagnosis()
-    return _single(look) or _much_later(look) or _changed(look) or _pair(look) or Diagnosis(unknown=_in_vain(look))
+    alone = _alone(look)
+    found = _chosen(look, alone) or _much_later(look) or _changed(look) or _pair(look, alone)
+    return found or Diagnosis(unknown=_in_vain(look))
 
 
-def _single(look: Look) -> Diagnosis | None:
-    """One cause that makes the log fit, with what comes near it."""
+def _alone(look: Look) -> list[Trial]:
+    """The likeliest causes, each put to the test, until one makes the log fit and none that is left comes near it."""
     best: list[Trial] = []
     most = FINALISTS[look.model.bearing is not None]
     for rough, found in look.ranked:
@@ -94,10 +96,12 @@ def _single(look: Look) -> Diagnosis | None:
         further = LATER if akin else FURTHER
         if len(best) >= most or (fitting and rough > further * min(trial.excess for trial in fitting) + CLEAR):
             continue
+        if hopeless(look, found):
+            continue
         trial = tried(look, found)
         if trial is not None:
             best.append(trial)
-    return _chosen(look, best)
+    return best
 
 
 def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
@@ -155,7 +159,7 @@ def _changed(look: Look) -> Diagnosis | None:
     at = None if reference is None else change.likeliest(samples, look.piece, reference, vehicle)
     if at is None:
         return None
-    sides = [looked(look.case, part, [look.free.beside]) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    sides = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
     if not all(side is not None and side.fits for side in sides):
         return None
     time = round(float(samples.executed.start_s[at]), 9)
@@ -166,15 +170,15 @@ def _changed(look: Look) -> Diagnosis | None:
     return Diagnosis((Explanation("mass-change", message, Cure(("estimator.split_on_change=true",)), time),))
 
 
-def _pair(look: Look) -> Diagnosis | None:
+def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
     found: list[tuple[float, Trial, Look, Trial]] = []
     for _, first in look.ranked[:FIRST]:
-        trial = tried(look, first)
+        trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
         if trial is None or (mended := trial.look) is None:
             continue
         for _, second in mended.ranked[:SECOND]:
-            other = tried(mended, second)
+            other = None if hopeless(mended, second) else tried(mended, second)
             if other is not None and other.fits:
                 found.append((other.score + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
                 break
@@ -194,7 +198,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
         return None
     found = fitted(look.model, look.free, look.free.variance, supposed)
     best = min(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))
-    trial = tried(look, best)
+    trial = None if hopeless(look, best) else tried(look, best)
     if trial is None or not trial.fits:
         return None
     both = cure_of(look.case, trial.case, trial.fitted)

@@ -14,13 +14,17 @@ from massprop_cli.estimates import as_stated
 from massprop_cli.look import FITS, Look, at_once, looked
 from massprop_cli.sensitivity import Consider
 from massprop_cli.stream import Stream
-from massprop_cli.suppositions import Model
+from massprop_cli.suppositions import ENTRIES, Model
 from massprop_cli.vehicle import Phase
 
 NEARLY, PART = 6.0, 1e-3
 """Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
 BETTER = 0.2
 """Part of what was left before below which a case is worth a fit by the estimator itself."""
+CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
+"""Entries of x by which what is measured changes along no straight line."""
+HOPELESS, SMALL = 20.0, 0.01
+"""Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit."""
 AGAIN = 8
 """How often one is applied anew from where it led."""
 STILL = 0.01
@@ -40,6 +44,14 @@ class Trial:
     fits: bool
     look: Look | None = None
     """What is left of the log as mended; None where that can't be written down."""
+
+
+def hopeless(look: Look, found: Fitted) -> bool:
+    """Whether what it leaves in the first reduction, which is as good as exact for what it is about, is far too much."""
+    turned = any((turn != np.eye(3)).any() for turn in (found.supposed.gyro, found.supposed.accelerometer))
+    moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
+    left = float(found.chi_square.sum() / look.freedom)
+    return not turned and not moved & CURVED and left > max(HOPELESS, SMALL * look.misfit)
 
 
 def tried(look: Look, found: Fitted) -> Trial | None:
@@ -63,9 +75,9 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep.
     """
-    found, case, mended = _led(look, found, case, [look.free.beside])
-    if mended is not None:
-        found, case, mended = _led(look, found, case, [])
+    found, case, mended = _led(look, found, case, look.free.beside)
+    if mended is not None and look.free.beside:
+        found, case, mended = _led(look, found, case, ())
     if mended is None:
         return None
     found = replace(found, chi_square=mended.stated.chi_square)
@@ -82,7 +94,7 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
     return Trial(found, case, excess, mended.free_cost + excess + _by_units(mended, found), fits, mended)
 
 
-def _led(look: Look, found: Fitted, case: Case, likely: list[Disturbance]) -> tuple[Fitted, Case, Look | None]:
+def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now."""
     mended = looked(case, look.piece, likely, found.value("theta"))
     if mended is None or mended.model.places != look.model.places:
@@ -90,9 +102,11 @@ def _led(look: Look, found: Fitted, case: Case, likely: list[Disturbance]) -> tu
     for _ in range(AGAIN if found.unknowns else 0):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
+        if mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square) < STILL:
+            break
         further = replace(found, x=_together(found.x, more.x, look.model))
         then = applied(look.case, further, look.free.fired)
-        there = None if then is None else looked(then, look.piece, [mended.free.beside], more.value("theta"))
+        there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
         if then is None or there is None or there.cost > mended.cost - STILL:
             break
         found, case, mended = further, then, there
