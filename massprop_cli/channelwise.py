@@ -138,10 +138,19 @@ def free_response(
     ``theta`` of :mod:`massprop_cli.lift` has, if one is given.
     """
     design = design_of(log, vehicle, timing, piece, theta)
-    count, size = design.mean.shape
-    if count < 2 * size:
-        raise InputError(f"{log.path}: {count} cycles are too few for {size} free columns")
     turning, beside = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
+    return _free(design, turning, beside)
+
+
+def beside_torques(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array) -> list[Free]:
+    """The same beside each torque, wandering or white, that is ever tried."""
+    design = design_of(log, vehicle, timing, piece, theta)
+    tried = [Disturbance(_coupling(design), walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
+    return [_free(design, one.told, (one.beside,)) for one in _each(design, tried)]
+
+
+def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Free:
+    count = len(design.mean)
     slow = _waves(count, SLOW if "east" in design.places else 0)
     felt = _reduced(np.hstack([slow, design.mean]), design.force, slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
@@ -166,6 +175,9 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
     for name, growth, _ in parts:
         places[name] = slice(at, at + growth.shape[1])
         at += growth.shape[1]
+    count = len(parts[0].mean)
+    if count < 2 * at:
+        raise InputError(f"{log.path}: {count} cycles are too few for {at} free columns")
     fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
     growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
     rate = samples.rate_rad_s[cycles]
@@ -307,7 +319,7 @@ def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> t
 
     Where some are ``likely`` no others are tried.
     """
-    none = Disturbance(COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2, 0.0)
+    none = Disturbance(_coupling(design), 0.0)
     best = _likeliest(design, likely or [none])
     if likely:
         return best.told, (best.beside,)
@@ -321,6 +333,11 @@ def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> t
     near += [Disturbance(walk, level) for level in LEVELS if walk]
     best = min(best, _likeliest(design, near), key=_cost)
     return best.told, (best.beside,)
+
+
+def _coupling(design: Design) -> float:
+    """Of the noise in the rates, what their products bring into the rate's steps: a variance, over that of the noise."""
+    return COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2
 
 
 class _Beside(NamedTuple):
@@ -337,7 +354,11 @@ def _cost(one: _Beside) -> float:
 
 
 def _likeliest(design: Design, disturbances: Sequence[Disturbance]) -> _Beside:
-    """Of several, all gone through together.
+    return min(_each(design, disturbances), key=_cost)
+
+
+def _each(design: Design, disturbances: Sequence[Disturbance]) -> list[_Beside]:
+    """What the rates say beside each of several, all gone through together.
 
     A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
     A torque that does not walk begins as nothing: a steady one is a column of its own.
@@ -364,7 +385,7 @@ def _likeliest(design: Design, disturbances: Sequence[Disturbance]) -> _Beside:
         white = np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None])
         told = _reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
         found.append(_Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
-    return min(found, key=_cost)
+    return found
 
 
 def _reduced(columns: Array, measured: Array, free: int = 0) -> Told:

@@ -15,7 +15,7 @@ import numpy as np
 from massprop_cli import causes, change
 from massprop_cli.contest import Fitted, fitted
 from massprop_cli.cures import Case, Cure, cure_of
-from massprop_cli.look import CLEAR, Look, busiest, looked
+from massprop_cli.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.start import first_reference
 from massprop_cli.suppositions import Supposition
 from massprop_cli.telemetry import Log, Notice
@@ -67,6 +67,8 @@ class Diagnosis:
     """What the log says of the command delay, if that is the cause."""
     unknown: str = ""
     """Where log and vehicle file don't fit and nothing explains it: what was tried."""
+    score: float = -np.inf
+    """Of what is named: −2 log likelihood, with its price."""
 
 
 def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
@@ -76,20 +78,22 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
     if not looks:
         return Diagnosis()
     look = max(looks, key=lambda one: one.misfit)
-    about_stated = looked(look.case, look.piece, theta=look.stated.value("theta"))
-    if about_stated is not None and about_stated.cost < look.cost:
-        look = about_stated
+    look = about_its_body(look)
     if look.fits:
         return Diagnosis()
-    alone = _alone(look)
-    found = _chosen(look, alone) or _much_later(look) or _changed(look) or _pair(look, alone)
-    return found or Diagnosis(unknown=_in_vain(look))
+    alone, wandering = _alone(look), beside_a_torque(look)
+    found = _chosen(look, alone)
+    if found is None and not wandering.fits:
+        found = _much_later(look) or _changed(look) or _pair(look, alone)
+    if found is not None and found.score < wandering.cost - CLEAR:
+        return found
+    return Diagnosis() if wandering.fits else Diagnosis(unknown=_in_vain(look))
 
 
 def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test, until one makes the log fit and none that is left comes near it."""
-    best: list[Trial] = []
-    most = FINALISTS[look.model.bearing is not None]
+    best = _turned(look) if look.upset else []
+    most = len(best) + FINALISTS[look.model.bearing is not None]
     for rough, found in look.ranked:
         fitting = [trial for trial in best if trial.fits]
         akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
@@ -101,7 +105,11 @@ def _alone(look: Look) -> list[Trial]:
         trial = tried(look, found)
         if trial is not None:
             best.append(trial)
-    return best
+    return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
+
+
+def _turned(look: Look) -> list[Trial]:
+    return [trial for found in look.upright if (trial := tried(look, found)) is not None]
 
 
 def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
@@ -116,7 +124,7 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
         before, after = look.misfit, float(first.fitted.chi_square.sum() / look.freedom)
         by = first.case.timing.delay - look.case.timing.delay
         detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
-    return Diagnosis((_explained(look, first, rivals),), detected)
+    return Diagnosis((_explained(look, first, rivals),), detected, score=first.score)
 
 
 def _much_later(look: Look) -> Diagnosis | None:
@@ -173,22 +181,24 @@ def _changed(look: Look) -> Diagnosis | None:
 def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
     found: list[tuple[float, Trial, Look, Trial]] = []
-    for _, first in look.ranked[:FIRST]:
+    upright = [found.supposed for found in look.upright]
+    likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
+    for first in [*(trial.fitted for trial in likeliest), *(found for _, found in look.ranked)][:FIRST]:
         trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
         if trial is None or (mended := trial.look) is None:
             continue
         for _, second in mended.ranked[:SECOND]:
             other = None if hopeless(mended, second) else tried(mended, second)
             if other is not None and other.fits:
-                found.append((other.score + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
+                found.append((other.score + trial.units + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
                 break
     if not found:
         return _two_channels(look)
-    _, trial, mended, other = min(found, key=lambda one: one[0])
+    score, trial, mended, other = min(found, key=lambda one: one[0])
     one, two = _explained(look, trial), _explained(mended, other)
     both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
     message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
-    return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)))
+    return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)), score=score)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:
@@ -207,7 +217,8 @@ def _two_channels(look: Look) -> Diagnosis | None:
             Explanation(code, f"the log fits if {words}", both)
             for name in best.supposed.subject
             for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
-        )
+        ),
+        score=trial.score,
     )
 
 

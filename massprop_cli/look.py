@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli import causes
 from massprop_cli.align import LAGS_FORGOTTEN
 from massprop_cli.arrays import Array
-from massprop_cli.channelwise import Disturbance, Free, free_response, verticals
+from massprop_cli.channelwise import Disturbance, Free, beside_torques, free_response, verticals
 from massprop_cli.columns import WRENCH
 from massprop_cli.contest import Fitted, compared, fitted
 from massprop_cli.cures import Case
@@ -34,7 +34,9 @@ LOUD = 4.0
 CLEAR = 14.0
 """−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 SHARE = 12
-"""Mountings that are read anew or fitted."""
+"""Mountings that are fitted."""
+UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
+"""Mountings that are put to the test because gravity is where it should be; parts of what it leaves as stated that are as well and less."""
 
 
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
@@ -61,10 +63,27 @@ def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: 
         free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta)
     except (InputError, np.linalg.LinAlgError):
         return None
+    return _look(case, piece, free, theta)
+
+
+def _look(case: Case, piece: slice, free: Free, theta: Array | None) -> Look:
     model = Model.of(free, case.vehicle, case.log.command_kind == "jets")
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
     (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))], theta)
     return Look(case, piece, free, model, noise, stated)
+
+
+def about_its_body(look: Look) -> Look:
+    """The look with the motion within the cycles that its own body as stated has, where that explains more."""
+    again = looked(look.case, look.piece, theta=look.stated.value("theta"))
+    return again if again is not None and again.cost < look.cost else look
+
+
+def beside_a_torque(look: Look) -> Look:
+    """The look beside the torque, wandering or white, beside which its body as stated explains most."""
+    theta = look.stated.value("theta")
+    found = [_look(look.case, look.piece, free, theta) for free in beside_torques(*look.case, look.piece, theta)]
+    return min(found, key=lambda one: one.cost)
 
 
 @dataclass(frozen=True)
@@ -146,12 +165,38 @@ class Look:
 
     def _likely_turns(self) -> list[Supposition]:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
-        every = [*causes.units(self.model), *causes.mountings(self.model)]
+        every = self._turns
         if self.model.bearing is not None:
-            rough = self._by_gravity(every)
+            rough = self._gravity
         else:
             rough = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
-        return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
+        return [every[i] for i in np.argsort(rough[: len(every)], kind="stable")[:SHARE]]
+
+    @cached_property
+    def upright(self) -> list[Fitted]:
+        """Units and mountings by which, on a bearing, gravity is found where it should be as well as as stated; the likeliest first.
+
+        They turn the vertical that the log was reduced with, so that nothing is fitted to it.
+        """
+        if self.model.bearing is None:
+            return []
+        *rough, stated = self._gravity
+        order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
+        return [Fitted(self._turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
+
+    @property
+    def upset(self) -> bool:
+        """Whether gravity is not where it should be, and is for some other unit or mounting."""
+        return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
+
+    @cached_property
+    def _turns(self) -> list[Supposition]:
+        return [*causes.units(self.model), *causes.mountings(self.model)]
+
+    @cached_property
+    def _gravity(self) -> list[float]:
+        """Of each, and as stated."""
+        return self._by_gravity([*self._turns, self.stated.supposed])
 
     def _by_gravity(self, supposed: Sequence[Supposition]) -> list[float]:
         """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""

@@ -11,12 +11,14 @@ from massprop_cli.channelwise import Disturbance
 from massprop_cli.contest import Fitted, fitted
 from massprop_cli.cures import Case, applied
 from massprop_cli.estimates import as_stated
-from massprop_cli.look import FITS, Look, at_once, looked
+from massprop_cli.look import FITS, Look, about_its_body, at_once, looked
 from massprop_cli.sensitivity import Consider
 from massprop_cli.stream import Stream
 from massprop_cli.suppositions import ENTRIES, Model
 from massprop_cli.vehicle import Phase
 
+CLOSE = 1.4
+"""Times pure error, beyond six sigmas of chance, that a log that is mended may leave: its motion within the cycles is its body's."""
 NEARLY, PART = 6.0, 1e-3
 """Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
 BETTER = 0.2
@@ -44,6 +46,8 @@ class Trial:
     fits: bool
     look: Look | None = None
     """What is left of the log as mended; None where that can't be written down."""
+    units: float = 0.0
+    """−2 log of how densely the mended measurements lie where they were measured."""
 
 
 def hopeless(look: Look, found: Fitted) -> bool:
@@ -88,18 +92,22 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
         found = replace(found, x=x)
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
-    fits = (mended.fits and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
+    close = mended.misfit < CLOSE + FITS[1] * np.sqrt(2 / mended.freedom)
+    fits = (close and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
     fits = fits or (mended.misfit < BETTER * look.misfit and _explained_by_engine(case, look.piece))
     excess = mended.score(mended.stated.chi_square, found)
-    return Trial(found, case, excess, mended.free_cost + excess + _by_units(mended, found), fits, mended)
+    units = _by_units(mended, found)
+    return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
 
 
 def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now."""
-    mended = looked(case, look.piece, likely, found.value("theta"))
+    mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
     if mended is None or mended.model.places != look.model.places:
         return found, case, None
-    for _ in range(AGAIN if found.unknowns else 0):
+    if not found.unknowns:
+        return found, case, about_its_body(mended)
+    for _ in range(AGAIN):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         if mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square) < STILL:
@@ -124,7 +132,7 @@ def _together(x: Array, more: Array, model: Model) -> Array:
 
 
 def _by_units(mended: Look, found: Fitted) -> float:
-    """−2 log of how densely the mended measurements lie where they were measured: their units differ."""
+    """−2 log of the density of mended measurements in the units and along the axes of the measured."""
     supposed, free = found.supposed, mended.free
     sensors = (("gyro_scale", supposed.gyro, free.gyro), ("accel_scale", supposed.accelerometer, free.accelerometer))
     return float(sum(2 * told.spare * (found.value(name).sum() + np.log(abs(np.linalg.det(turn)))) for name, turn, told in sensors))
