@@ -143,8 +143,9 @@ def _sensors(model: Model) -> Iterator[Supposition]:
         for axis in range(3):
             yield _one(model, f"{sensor}-scale", name, axis, (AXES[axis],))
         yield _one(model, f"{sensor}-scale", name)
-    yield _all(model, "gyro-bias", "gyro_bias")
-    yield _all(model, "accel-bias", "accel_bias")
+    for sensor in ("gyro", "accel"):
+        if f"{sensor}_bias" not in model.biases:
+            yield _all(model, f"{sensor}-bias", f"{sensor}_bias")
 
 
 def _tilts(model: Model) -> Iterator[Supposition]:

@@ -94,10 +94,13 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
         others[:, :10] = theta
         better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
         x[better] = others[better]
-    moves = np.zeros((len(supposed), x.shape[1], 10 + own))
+    uncertain = model.uncertain
+    common = 10 + uncertain.shape[1]
+    moves = np.zeros((len(supposed), x.shape[1], common + own))
+    moves[:, :, 10:common] = uncertain
     for i, (one, (_, sizes)) in enumerate(zip(supposed, starts, strict=True)):
         moves[i, :10, :10] = np.diag(sizes)
-        moves[i, :, 10 : 10 + one.free.shape[1]] = one.free
+        moves[i, :, common : common + one.free.shape[1]] = one.free
     descent = _Descent(rows, moves, x)
     active = np.arange(len(supposed))
     for step in range(STEPS):
@@ -107,9 +110,11 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
             active = np.sort(active[np.argsort(descent.cost[active], kind="stable")[:MOST]])
         if not len(active):
             break
-    spread = descent.spread()
+    spread = descent.spread()[:, common:]
     per_channel = (descent.left**2).sum(1)
-    return [Fitted(one, model, descent.x[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
+    # what is uncertain anyway is no part of what is supposed
+    found = descent.x - descent.offset[:, 10:common] @ uncertain.T
+    return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
 
 
 class _Descent:
@@ -151,10 +156,10 @@ class _Descent:
         return gained
 
     def spread(self) -> Array:
-        """(H, n) one sigma of each unknown of the suppositions' own."""
+        """(H, n) one sigma of each unknown."""
         flat = self.slopes.reshape(len(self.x), -1, self.slopes.shape[-1])
         covariance = np.linalg.inv(np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2))
-        found: Array = np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0))[:, 10:]
+        found: Array = np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0))
         return found
 
 

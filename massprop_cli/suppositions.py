@@ -84,6 +84,8 @@ class Model:
     gravity: float
     level: Array
     """(3, 3) mean projector on the level plane, body axes."""
+    biases: Mapping[str, float] = field(default_factory=dict)
+    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, by_jets: bool) -> Model:
@@ -97,7 +99,9 @@ class Model:
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
-        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level)
+        sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
+        biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
+        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, biases)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -118,6 +122,12 @@ class Model:
         x = np.zeros(self.place("direction").stop)
         x[self.place("thrust")] = 1.0
         return x
+
+    @property
+    def uncertain(self) -> Array:
+        """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
+        unit = np.eye(len(self.stated))
+        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel."""
