@@ -94,17 +94,17 @@ def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test, until one makes the log fit and none that is left comes near it."""
     best = _turned(look) if look.upset else []
     most = len(best) + FINALISTS[look.model.bearing is not None]
+    near = -np.inf
     for rough, found in look.ranked:
         fitting = [trial for trial in best if trial.fits]
         akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
-        further = LATER if akin else FURTHER
-        if len(best) >= most or (fitting and rough > further * min(trial.excess for trial in fitting) + CLEAR):
-            continue
-        if hopeless(look, found):
+        farthest = max((LATER if akin else FURTHER) * min((trial.excess for trial in fitting), default=np.inf), near) + CLEAR
+        if len(best) >= most or rough > farthest or hopeless(look, found):
             continue
         trial = tried(look, found)
         if trial is not None:
             best.append(trial)
+            near = rough if trial.fits and not fitting else near
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
 
 
