@@ -114,17 +114,20 @@ def estimate_log(
     expected: Where | None = None,
     require: str | Sequence[str] = (),
     settings: Mapping[str, object] | None = None,
+    map_file: Where | None = None,
 ) -> LogEstimate:
     """Estimate one log; writes nothing.
 
-    ``vehicle`` names a vehicle file (else the log's own), ``expected`` an expect file, ``require`` quantities that must converge,
-    or "all"; what misses either doesn't raise, but stands in ``exit_code`` and ``message``. ``delay`` is in control cycles, ``settings``
-    holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose
-    message names file, place, value and remedy, where the input can't be used.
+    ``vehicle`` names a vehicle file and ``map_file`` a map file (else the log's own), ``expected`` an expect file, ``require`` quantities
+    that must converge, or "all"; what misses either doesn't raise, but stands in ``exit_code`` and ``message``. ``delay`` is in control
+    cycles, ``settings`` holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises
+    :class:`massprop_cli.errors.InputError`, whose message names file, place, value and remedy, where the input can't be used.
     """
     demands = Demands(quantities(require), expect.load(Path(expected)) if expected is not None else None)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
-    found = of_file(Path(path), None if vehicle is None else Path(vehicle), stated, demands)
+    found = of_file(
+        Path(path), None if vehicle is None else Path(vehicle), stated, demands, map_file=None if map_file is None else Path(map_file)
+    )
     return LogEstimate(found.result, found.analysis, found.unconverged, found.missed)
 
 
@@ -145,11 +148,12 @@ def run_campaign(
     report: bool = False,
     baseline: Where | None = None,
     told: Callable[[Step], None] | None = None,
+    map_file: Where | None = None,
 ) -> Campaign:
     """Estimate logs, folders, globs or campaign files as ``massprop batch`` does, in ``jobs`` processes (default: one per core).
 
-    ``cluster`` is the address of a dask scheduler whose workers do it instead. Paths, ``out``, ``vehicle``, ``expected`` and ``baseline``
-    (a campaign.json, or the folder that holds it) may be URLs.
+    ``cluster`` is the address of a dask scheduler whose workers do it instead. Paths, ``out``, ``vehicle``, ``map_file``, ``expected`` and
+    ``baseline`` (a campaign.json, or the folder that holds it) may be URLs.
 
     Results of an earlier run in ``out`` that still hold are kept. A log that can't be used doesn't raise: it is an outcome with
     exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.errors.InputError` where no log is found, or
@@ -158,6 +162,7 @@ def run_campaign(
     named = [paths] if isinstance(paths, (str, Path)) else paths
     over = Settings(
         vehicle=None if vehicle is None else str(vehicle),
+        map=None if map_file is None else str(map_file),
         assignments=tuple(_assignments(method, delay, settings)),
         expect=None if expected is None else str(expected),
         require=quantities(require),

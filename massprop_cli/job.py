@@ -62,12 +62,13 @@ def of_file(
     assignments: Sequence[str] = (),
     demands: Demands | None = None,
     progress: Progress | None = None,
+    map_file: Path | None = None,
 ) -> Judged:
     """A log read from its file, with the vehicle that is named or belongs to it; :class:`InputError` where either can't be used."""
     files.check_name(str(log))
     if progress is not None:
         progress("reading", 0.0)
-    table = tablefile.read_table(log)
+    table = tablefile.read_table(log, map_file)
     return of_table(table, vehicles.find(log, vehicle, table.embedded_vehicle, assignments), assignments, demands, progress)
 
 

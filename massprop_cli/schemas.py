@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary")
+NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -39,6 +39,10 @@ def schema(name: str) -> dict[str, Any]:
         from massprop_cli.campaign import campaignfile
 
         found = campaignfile.schema()
+    elif name == "map":
+        from massprop_cli.formats import mapfile
+
+        found = mapfile.schema()
     elif name == "summary":
         from massprop_cli.campaign import summary
 

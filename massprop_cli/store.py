@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from massprop_cli import files, foldername, rendered
 from massprop_cli.analysis import Analysis
@@ -53,7 +54,10 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
             raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
     file = folder / "result.json"
     unchanged = file.exists() and file.read_bytes() == result_json.encode()
-    said = rendered.run_text(_run(analysis.log.path, analysis.source.source), rendered.listed(folder) if unchanged else {})
+    told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
+    if analysis.log.made is not None:
+        told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
+    said = rendered.run_text(told, rendered.listed(folder) if unchanged else {})
     stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
     stage.save(RUN, lambda path: files.save_text(path, said))
     stage.save("result.json", lambda path: files.save_text(path, result_json))

@@ -17,7 +17,8 @@ from massprop_cli.arrays import Array, frozen, median
 from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATERNION, WRENCH, jet
 from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
-from massprop_cli.tablefile import Table
+from massprop_cli.formats import agreement
+from massprop_cli.tablefile import Made, Table
 from massprop_cli.vehicle import LEAST, Column, Vehicle
 
 GAP, LONG = 2.5, 1.5
@@ -59,6 +60,8 @@ class Log:
     """The contract's names of the columns that the gyro's increments came from."""
     force_columns: tuple[str, ...] = DELTA_V
     """The same of the accelerometer's."""
+    made: Made | None = None
+    """How a map made it of another recording."""
 
     @property
     def cycles(self) -> int:
@@ -107,6 +110,8 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     kind, command = _commands(source, vehicle, records, n)
     attitude = _attitude(source)
     notices += saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
+    if table.made is not None:
+        agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
     return Log(
         path=table.path,
         sha256=table.sha256,
@@ -122,6 +127,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         notices=tuple(notices),
         rate_columns=DELTA_THETA if source.has(DELTA_THETA[0]) else GYRO,
         force_columns=DELTA_V if source.has(DELTA_V[0]) else ACCEL,
+        made=table.made,
     )
 
 

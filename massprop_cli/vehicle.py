@@ -373,7 +373,8 @@ def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Se
         return load(explicit, assignments)
     if embedded is not None:
         return parse(embedded, f"{log} (embedded vehicle)", assignments)
-    beside = [log.with_name(f"{log.stem}.vehicle.toml"), log.with_name("vehicle.toml")]
+    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
+    beside = [log.with_name(f"{plain.stem}.vehicle.toml"), log.with_name("vehicle.toml")]
     for path in beside:
         if path.exists():
             return load(path, assignments)

@@ -23,6 +23,7 @@ class Said(Section):
     """What may be said of all logs, or of some."""
 
     vehicle: Text | None = Field(None, description="vehicle file, from this file's folder; absent: each log's own")
+    map: Text | None = Field(None, description="map file, from this file's folder; absent: each log's own, if it has one")
     expect: Text | None = Field(None, description="expect file, from this file's folder")
     method: Literal["default", "thesis"] | None = None
     delay: NonNegative | Literal["auto"] | None = Field(None, description="command delay in control cycles")
@@ -64,10 +65,12 @@ def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
     """The log with what the file says of it."""
     said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule, below))]
     vehicle = _last([one.vehicle for one in said])
+    mapped = _last([one.map for one in said])
     expect = _last([one.expect for one in said])
     require = _last([one.require for one in said])
     settings = Settings(
         vehicle=None if vehicle is None else location.join(base, vehicle),
+        map=None if mapped is None else location.join(base, mapped),
         assignments=tuple(assignment for one in said for assignment in _assignments(one)),
         expect=None if expect is None else location.join(base, expect),
         require=quantities(require),

@@ -12,10 +12,11 @@ from pathlib import Path, PurePath, PurePosixPath
 from massprop_cli.campaign import campaignfile, location
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
 from massprop_cli.errors import InputError
+from massprop_cli.formats.recording import SUFFIXES
 
-SUFFIXES = (".parquet", ".csv")
 OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "report.csv": ""}
 """Tables that massprop writes itself, by the file that lies beside each."""
+_KINDS = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
 _MAGIC = re.compile(r"[*?\[]")
 
 
@@ -40,6 +41,7 @@ def overlaid(under: Settings, over: Settings) -> Settings:
     """Two settings as one: what ``over`` states counts."""
     return Settings(
         vehicle=under.vehicle if over.vehicle is None else over.vehicle,
+        map=under.map if over.map is None else over.map,
         assignments=(*under.assignments, *over.assignments),
         expect=under.expect if over.expect is None else over.expect,
         require=over.require or under.require,
@@ -66,7 +68,7 @@ def _expanded(named: str) -> list[Found]:
     if path.is_dir():
         logs = sorted(_walk(path), key=lambda log: _natural(log.parts))
         if not logs:
-            raise InputError(f"{path}: holds no log (*.parquet, *.csv); name the folder that does")
+            raise InputError(f"{path}: holds no log ({_KINDS}); name the folder that does")
         return [_found(log, path) for log in logs]
     if path.exists() or not _MAGIC.search(named):
         if not path.exists():
@@ -77,7 +79,7 @@ def _expanded(named: str) -> list[Found]:
     folders = [log for match in matches if match.is_dir() for log in _walk(match)]
     both = sorted({*(match for match in matches if match.is_file() and _is_log(match)), *folders}, key=lambda log: _natural(log.parts))
     if not both:
-        raise InputError(f"{path}: no log fits this pattern; check it, and that it names .parquet or .csv files")
+        raise InputError(f"{path}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
     return [_found(log, fixed) for log in both]
 
 
@@ -95,9 +97,9 @@ def _expanded_url(named: str) -> list[Found]:
     there = set(all_below)
     logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
     problem = (
-        "no log fits this pattern; check it, and that it names .parquet or .csv files"
+        f"no log fits this pattern; check it, and that it names logs ({_KINDS})"
         if wild
-        else "holds no log (*.parquet, *.csv); name the folder that does"
+        else f"holds no log ({_KINDS}); name the folder that does"
         if files
         else "no such file or folder; check the URL"
     )
@@ -140,7 +142,7 @@ def _may_be_log(file: PurePath, exists: Callable[[PurePath], bool]) -> bool:
     """Whether a file of this name, in this folder, may be a log."""
     beside = OWN.get(file.name)
     own = beside is not None and (beside == "" or exists(file.with_name(beside)))
-    return file.suffix.lower() in SUFFIXES and not own
+    return file.name.lower().endswith(SUFFIXES) and not own
 
 
 def _found(log: Path, root: Path) -> Found:

@@ -104,5 +104,6 @@ def name(location: str) -> str:
 
 
 def stem(location: str) -> str:
-    """The file's name without its last suffix."""
-    return PurePosixPath(name(location)).stem
+    """The file's name without its last suffix, and without a .gz after that."""
+    plain = PurePosixPath(name(location))
+    return (plain.with_suffix("") if plain.suffix.lower() == ".gz" else plain).stem

@@ -23,6 +23,8 @@ class Settings:
     """Quantities that must converge in every phase."""
     report: bool = False
     """Whether to render report.html."""
+    map: str | None = None
+    """Location of a map file; None: the log's own, if it has one."""
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,11 @@ from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
 from massprop_cli.errors import InputError
 from massprop_cli.foreign import line
+from massprop_cli.formats import recording
 
 if TYPE_CHECKING:
     from massprop_cli.analysis import Analysis
+    from massprop_cli.formats.mapfile import MapSource
     from massprop_cli.job import Judged
     from massprop_cli.vehicle import VehicleSource
 
@@ -41,6 +43,8 @@ class Inputs:
     vehicle: tuple[str, bytes] | None
     """Location and content of the vehicle file that is named, or lies beside the log; None: neither."""
     expect: bytes | None
+    map: tuple[str, bytes] | None = None
+    """The same of the map file."""
 
 
 def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None = None) -> Produced | None:
@@ -85,10 +89,12 @@ def _as_shown(job: Job, message: str) -> str:
 
 def own_files(job: Job) -> dict[str, bytes]:
     """Files of a job that only this machine can read, by location; :class:`InputError` where one can't be."""
-    named = (job.settings.vehicle, "vehicle file"), (job.settings.expect, "expect file")
+    named = (job.settings.vehicle, "vehicle file"), (job.settings.map, "map file"), (job.settings.expect, "expect file")
     wanted = [(job.log, "log"), *((place, what) for place, what in named if place is not None)]
     if job.settings.vehicle is None and not location.shared(job.log):
         wanted += [(place, "vehicle file") for place in _beside(job.log) if location.exists(place)]
+    if job.settings.map is None and not location.shared(job.log):
+        wanted += [(place, "map file") for place in _maps_beside(job.log) if location.exists(place)]
     return {place: location.read(place, what) for place, what in wanted if not location.shared(place)}
 
 
@@ -108,11 +114,17 @@ def gather(job: Job, sent: Mapping[str, bytes] | None = None) -> Inputs:
     places = [settings.vehicle] if settings.vehicle is not None else [place for place in _beside(job.log) if exists(place)]
     vehicle = next(((place, read(place, "vehicle file")) for place in places), None)
     expect = None if settings.expect is None else read(settings.expect, "expect file")
-    return Inputs(log, vehicle, expect)
+    maps = [settings.map] if settings.map is not None else [place for place in _maps_beside(job.log) if exists(place)]
+    mapped = next(((place, read(place, "map file")) for place in maps), None)
+    return Inputs(log, vehicle, expect, mapped)
 
 
 def _beside(log: str) -> list[str]:
     return [location.beside(log, name) for name in (f"{location.stem(log)}.vehicle.toml", "vehicle.toml")]
+
+
+def _maps_beside(log: str) -> list[str]:
+    return [location.beside(log, name) for name in recording.maps_beside(location.name(log))]
 
 
 def fingerprint(job: Job, inputs: Inputs) -> str:
@@ -122,6 +134,9 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
     parts = [job.shown.encode("utf-8", "surrogatepass"), inputs.log, b"named" if named else b"beside"]
     parts += [b""] if inputs.vehicle is None else [_base(inputs.vehicle[0]), inputs.vehicle[1]]
     parts += [b""] if inputs.expect is None else [_base(settings.expect or ""), inputs.expect]
+    parts += (
+        [] if inputs.map is None else [b"map", _base(inputs.map[0]), inputs.map[1], b"named" if settings.map is not None else b"beside"]
+    )
     said = (settings.assignments, settings.require, settings.report, sorted(versions(settings.report).items()))
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
@@ -152,7 +167,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     expected = None
     if inputs.expect is not None and settings.expect is not None:
         expected = expect.parse(location.text(inputs.expect, settings.expect, "expect file"), location.path(settings.expect))
-    table = tablefile.parse(Path(job.shown), inputs.log)
+    table = tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
     source = _vehicle(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
     files = {"result.json": result.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
@@ -160,6 +175,15 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
         files["report.html"] = _report(job, files)
     told = _outcome(judged, mark, sorted(files))
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
+
+
+def _map(job: Job, inputs: Inputs) -> MapSource | None:
+    if inputs.map is None:
+        return None
+    from massprop_cli.formats import mapfile
+
+    place, content = inputs.map
+    return mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
 
 
 def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:

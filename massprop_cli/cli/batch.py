@@ -50,6 +50,9 @@ def batch(
     vehicle: Annotated[
         str | None, typer.Option(metavar="FILE", help="Vehicle file (TOML) of all logs.", envvar="MASSPROP_VEHICLE", show_default=False)
     ] = None,
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map file (TOML) of all logs.", envvar="MASSPROP_MAP", show_default=False)
+    ] = None,
     method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
@@ -103,6 +106,7 @@ def batch(
 
     over = Settings(
         vehicle=vehicle,
+        map=map_file,
         assignments=tuple(assignments),
         expect=expect,
         require=required,
@@ -150,6 +154,11 @@ def _check(planned: Sequence[Job]) -> None:
     for stated in dict.fromkeys(job.settings for job in planned):
         if stated.vehicle is not None:
             vehicle.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
+    for place in dict.fromkeys(job.settings.map for job in planned):
+        if place is not None:
+            from massprop_cli.formats import mapfile
+
+            mapfile.parse(location.read_text(place, "map file"), place)
     for place in dict.fromkeys(job.settings.expect for job in planned):
         if place is not None:
             expect.parse(location.read_text(place, "expect file"), location.path(place))

@@ -11,14 +11,20 @@ import typer
 from massprop_cli import require as requirements
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import progress, show, told_of, warn
+from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
 
 
 @guarded
 def estimate(
     context: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
+    ],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="Map file (TOML) of another recording.", envvar="MASSPROP_MAP", show_default=False),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -58,10 +64,11 @@ def estimate(
     demands = job.Demands(required, expectations.load(expect) if expect is not None else None)
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     with progress(quiet or as_json) as told:
-        judged = job.of_file(log, vehicle, assignments, demands, told)
+        judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
     text = result.to_json(judged.result)
     stored = store.write(out, judged.analysis, text)
     told_of(stored, None if out is not None else store.plain(log), quiet)
+    told_map(judged.analysis.log.made, quiet)
     warn(judged.analysis.notices, quiet)
     if as_json:
         sys.stdout.write(text)

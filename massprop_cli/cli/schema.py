@@ -23,6 +23,7 @@ class SchemaName(StrEnum):
     compare = "compare"
     campaign = "campaign"
     summary = "summary"
+    map = "map"
 
 
 @guarded

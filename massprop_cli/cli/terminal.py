@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from massprop_cli.report.result import Result
     from massprop_cli.store import Stored
+    from massprop_cli.tablefile import Made
     from massprop_cli.telemetry import Notice
 
 
@@ -62,6 +63,12 @@ def warn(notices: Iterable[Notice], quiet: bool) -> None:
     """Warnings on stderr, one a line."""
     for notice in [] if quiet else notices:
         say(f"warning: {notice.message} [{notice.code}]")
+
+
+def told_map(made: Made | None, quiet: bool) -> None:
+    """What a map did to make the log, one a line on stderr."""
+    for said in () if quiet or made is None else made.said:
+        say(f"map: {said}")
 
 
 def told_of(stored: Stored, expected: Path | None, quiet: bool) -> None:

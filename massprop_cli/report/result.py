@@ -41,6 +41,7 @@ class Provenance(Item):
     massprop: str
     input_sha256: str
     vehicle_sha256: str
+    map_sha256: str | None = Field(None, description="of the map file, where one made the log of another recording")
     settings: dict[str, Any] = Field(description="dotted keys; given back with --set they reproduce the result")
     setting_sources: dict[str, Literal["option", "vehicle file", "default", "log"]] = Field(
         {}, description="where each setting came from; log: found in a first pass over the log"
@@ -68,6 +69,7 @@ class LogInfo(Item):
     cycles: int
     duration_s: float
     cycle_s: float
+    mapped: list[str] = Field([], description="what a map file did to make the log: resampled, integrated, turned")
 
 
 class Delay(Item):
@@ -264,6 +266,7 @@ def result(analysis: Analysis) -> Result:
             massprop=__version__,
             input_sha256=log.sha256,
             vehicle_sha256=analysis.source.sha256,
+            map_sha256=log.made.sha256 if log.made else None,
             settings=effective_settings(analysis),
             setting_sources=setting_sources(analysis),
             versions={"python": platform.python_version(), "numpy": np.__version__},
@@ -275,6 +278,7 @@ def result(analysis: Analysis) -> Result:
             cycles=log.cycles,
             duration_s=float(start[-1] + length[-1] - start[0]),
             cycle_s=median(length),
+            mapped=list(log.made.said) if log.made else [],
         ),
         delay=_delay(analysis),
         lag=_lag(analysis),

@@ -1,0 +1,44 @@
+"""Units that recordings use, as factors to SI, one table for each quantity."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+DEG, G = math.pi / 180, 9.80665
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLE = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
+RATE = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3}
+SPEED = {"m/s": 1.0, "mm/s": 1e-3}
+ACCELERATION = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G, "mm/s^2": 1e-3}
+TORQUE = {"n m": 1.0, "mn m": 1e-3, "un m": 1e-6}
+FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
+SHARE = {"open": 1.0, "%": 0.01}
+"""A valve's opening: 0 to 1, or percent."""
+_ALIKE = {
+    "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
+    "nanoseconds": "ns", "milliseconds": "ms", "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
+    "dps": "deg/s", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "rad/sec": "rad/s", "deg/sec": "deg/s", "radians/s": "rad/s",
+    "radps": "rad/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "mps2": "m/s^2", "g0": "g", "gee": "g",
+    "nm": "n m", "n.m": "n m", "n·m": "n m", "n*m": "n m", "newton metre": "n m", "newton": "n", "mnm": "mn m", "mn·m": "mn m",
+    "µn": "un", "percent": "%",
+}  # fmt: skip
+_POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
+
+
+def plain(text: str) -> str:
+    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``."""
+    word = " ".join(text.lower().split()).strip("[]() ")
+    power = _POWER.match(word)
+    if power:
+        word = f"{power[1]}/s" + ("^2" if power[2] in "2²" else "")
+    return _ALIKE.get(word.replace(" ", "") if word.replace(" ", "") in _ALIKE else word, _ALIKE.get(word, word))
+
+
+def factor(text: str, known: Mapping[str, float]) -> float | None:
+    """To SI; None where it is no unit of this quantity."""
+    return known.get(plain(text))
+
+
+TABLES = (TIME, ANGLE, RATE, SPEED, ACCELERATION, TORQUE, FORCE, SHARE)
