@@ -6,6 +6,7 @@ A new format is one module with ``streams(path, data)`` and one line in :data:`K
 from __future__ import annotations
 
 import hashlib
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -74,6 +75,9 @@ class Read:
     parameters: Mapping[str, float] = field(default_factory=dict)
     vehicle: str | None = None
     map: str | None = None
+
+
+_ASIDE = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")
 
 
 class Reader(Protocol):
@@ -183,7 +187,8 @@ def damaged(path: Path, found: Kind) -> Iterator[None]:
     except (InputError, KeyboardInterrupt):
         raise
     except Exception as error:
-        reason = " ".join((str(error) or type(error).__name__).split())[:300]
+        # neither a file's copy aside nor an object's address is anything to a reader
+        reason = _ASIDE.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
         raise InputError(f"{path}: not a readable {found.name} ({reason}); copy it again from the recorder") from None
 
 
