@@ -148,6 +148,14 @@ def _others() -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
+def load(path: Path) -> Recording:
+    """A recording from its file."""
+    try:
+        return read(path, limits.content(path, "log"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+
+
 def read(path: Path, data: bytes) -> Recording:
     """A recording from a file's bytes; :class:`InputError` where it can't be read."""
     if not data:

@@ -185,7 +185,7 @@ class Signals:
             raise self.error(key, stream.path, f"unit {text!r} is none of this quantity; it is one of {choices}")
         if said and recorded and recorded != units.plain(said):
             problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or mend it"
-            if recorded in known or any(recorded in table for table in units.TABLES):
+            if units.is_any(recorded):
                 raise self.error(key, stream.path, problem)
         return factor, units.plain(text)
 

@@ -12,10 +12,11 @@ ANGLE = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
 RATE = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3}
 SPEED = {"m/s": 1.0, "mm/s": 1e-3}
 ACCELERATION = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G, "mm/s^2": 1e-3}
-TORQUE = {"n m": 1.0, "mn m": 1e-3, "un m": 1e-6}
-FORCE = {"n": 1.0, "mn": 1e-3, "un": 1e-6}
+TORQUE = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6}
+FORCE = {"N": 1.0, "mN": 1e-3, "uN": 1e-6}
 SHARE = {"open": 1.0, "%": 0.01}
 """A valve's opening: 0 to 1, or percent."""
+TABLES = (TIME, ANGLE, RATE, SPEED, ACCELERATION, TORQUE, FORCE, SHARE)
 _ALIKE = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
     "nanoseconds": "ns", "milliseconds": "ms", "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
@@ -38,7 +39,9 @@ def plain(text: str) -> str:
 
 def factor(text: str, known: Mapping[str, float]) -> float | None:
     """To SI; None where it is no unit of this quantity."""
-    return known.get(plain(text))
+    return next((value for unit, value in known.items() if plain(unit) == plain(text)), None)
 
 
-TABLES = (TIME, ANGLE, RATE, SPEED, ACCELERATION, TORQUE, FORCE, SHARE)
+def is_any(text: str) -> bool:
+    """Whether it is a unit of any quantity here."""
+    return any(factor(text, table) is not None for table in TABLES)

@@ -1,0 +1,60 @@
+"""``massprop columns``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from massprop_cli.cli.guard import guarded
+from massprop_cli.cli.terminal import console, say
+
+if TYPE_CHECKING:
+    from massprop_cli.formats.listing import Listed
+
+
+@guarded
+def columns(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Any recording that massprop reads.", show_default=False)],
+    as_map: Annotated[bool, typer.Option("--as-map", help="Print the drafted map file (TOML) and nothing else.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the streams and the draft as JSON and nothing else.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """List what a recording holds: paths, rates, ranges, units; and draft its map file.
+
+    Writes nothing. What names, recorded units and clocks don't settle is a question in the draft, written "?".
+    """
+    from massprop_cli.formats import listing, propose, recording
+
+    read = recording.load(file)
+    text = propose.draft(read)
+    if as_map:
+        sys.stdout.write(text)
+    elif as_json:
+        told = {"file": file.name, "kind": read.kind, "streams": [asdict(one) for one in listing.listed(read)], "map": text}
+        sys.stdout.write(json.dumps(told, indent=1, ensure_ascii=True) + "\n")
+        return
+    else:
+        _show(listing.listed(read), read.kind, no_color)
+        sys.stdout.write("\n" + text)
+    open_ones = propose.questions(text)
+    if open_ones:
+        say(f'{open_ones} lines of the draft have a "?" to be answered: massprop columns {file} --as-map > {file.stem}.map.toml')
+
+
+def _show(streams: list[Listed], kind: str, no_color: bool) -> None:
+    from rich.table import Table
+
+    from massprop_cli import foreign
+
+    table = Table(title=f"{len(streams)} streams of a {kind}", title_justify="left")
+    for name in ("path", "samples", "rate [Hz]", "least", "most", "unit", "clock", "note"):
+        table.add_column(name, justify="right" if name in ("samples", "rate [Hz]", "least", "most") else "left", overflow="fold")
+    for one in streams:
+        numbers = ["" if value is None else f"{value:.6g}" for value in (one.rate_hz, one.least, one.most)]
+        table.add_row(foreign.rich(one.path), str(one.samples), *numbers, *(foreign.rich(text) for text in (one.unit, one.clock, one.note)))
+    console(no_color).print(table)
