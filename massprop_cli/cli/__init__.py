@@ -16,6 +16,7 @@ from massprop_cli.cli.batch import batch
 from massprop_cli.cli.columns import columns
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
+from massprop_cli.cli.init import init
 from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
 from massprop_cli.cli.simulate import simulate
@@ -32,7 +33,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, schema):
+for _command in (estimate, batch, report, compare, simulate, columns, init, schema):
     app.command()(_command)
 
 

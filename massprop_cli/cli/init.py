@@ -1,0 +1,48 @@
+"""``massprop init``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli.cli.guard import guarded
+from massprop_cli.cli.terminal import put
+from massprop_cli.errors import InputError
+
+
+@guarded
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or another recording with its map.", show_default=False)],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Map file (TOML).", envvar="MASSPROP_MAP", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write it to this new file (default: stdout).", show_default=False)
+    ] = None,
+) -> None:
+    """Draft a vehicle file from a log.
+
+    Cycle, records, command channels, noise, gravity and biases as far as the log tells; each line says where it is from. What no log can
+    tell stands as a comment with how to measure it.
+    """
+    from massprop_cli import files
+    from massprop_cli.formats import draft, recording, traits
+    from massprop_cli.tablefile import read_table
+
+    table = read_table(file, map_file)
+    parameters = {} if recording.is_plain(file) else recording.load(file).parameters
+    text = draft.draft(table.path.name.partition(".")[0], traits.traits(table), parameters, table.made.said if table.made else ())
+    if out is None:
+        sys.stdout.write(text)
+        return
+    if out.exists():
+        raise InputError(f"{out}: is there already; name a new file, or move it")
+    try:
+        with files.held(out.parent):
+            files.text(out, text)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror or error}); choose another file with --out") from None
+    put(str(out))
