@@ -96,6 +96,39 @@ def test_cycles_begin_with_the_commands_and_hold_one_each() -> None:
         assert part in said
 
 
+ORIGINAL = f"""
+schema = 1
+clock = {{ path = "timestamp", unit = "us" }}
+[gyro]
+paths = "gyro.?"
+unit = "deg/s"
+values = "mean"
+[accelerometer]
+paths = "acc.?"
+unit = "g"
+scale = {9.81 / 9.80665} # it was brought in with 9.81 m/s^2
+values = "mean"
+[torque]
+paths = [0, 0, 0]
+[force]
+paths = [0, 0, "motor.m1"]
+unit = "N" # of no meaning here: a thrust curve lies in between
+[records]
+samples = 10
+"""
+
+
+def test_a_recorded_flights_original_columns_give_its_increments() -> None:
+    path = Path(__file__).parent / "data" / "crazyflie-original.csv.gz"
+    table = mapped.table(path, path.read_bytes(), mapfile.parse(ORIGINAL, "m.toml"))
+    known = read_table(SAMPLES / "crazyflie" / "thrust.parquet")
+    assert table.rows == 60
+    for names in (columns.DELTA_THETA, columns.DELTA_V):
+        np.testing.assert_allclose(values(table, names), values(known, names)[:60], rtol=1e-9, atol=1e-12)
+    steps = np.diff(table.columns["time_s"].numbers())
+    np.testing.assert_allclose(steps, np.diff(known.columns["time_s"].numbers())[:59], atol=1e-9)
+
+
 def test_no_impulse_is_lost_where_commands_and_cycles_differ() -> None:
     streams = motion(command_hz=47.0)
     table = made(streams, WRENCH_MAP + RECORDS)
@@ -231,6 +264,17 @@ REFUSED = {
 def test_a_wrong_map_is_refused_with_file_path_and_remedy(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         made(motion(), text)
+
+
+def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
+    streams = motion()
+    kept = np.delete(np.arange(4000), [1000, 1001])
+    streams |= {path: (streams[path][0][kept], *streams[path][1:]) for path in streams if path.startswith("imu/w") or path == "imu/t"}
+    text = WRENCH_MAP + RECORDS.replace("0.01", "0.025").replace("5\n", "2\n")
+    whole, bridged = made(motion(), text), made(streams, text)
+    np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
+    assert bridged.made is not None
+    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
 
 
 def test_streams_that_are_not_right_are_refused() -> None:

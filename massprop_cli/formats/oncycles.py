@@ -15,7 +15,7 @@ from massprop_cli.formats.onrows import wrenches
 from massprop_cli.formats.signals import Signal, Signals
 
 GAP = 2.5
-"""Of the median interval, as in a log: nothing is made up in between."""
+"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
 _LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle, begin them."""
 _SAME = 1e-3
@@ -151,14 +151,23 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequ
     for signal in (*sensors, *slow):
         times = signal.times
         inside = times.s[(times.s >= edges[0]) & (times.s <= edges[-1])]
-        wide = np.flatnonzero(np.diff(inside) > GAP * times.step_s)
-        if wide.size and signal.paths:
+        if not signal.paths:
+            continue
+        steps = np.diff(inside)
+        lost = np.flatnonzero(steps > GAP * times.step_s)
+        wide = lost[steps[lost] > length]
+        if wide.size:
             at = inside[wide[0]]
             raise signals.error(
                 signal.key,
                 signal.paths[0],
-                f"a gap of {inside[wide[0] + 1] - at:.6g} s after {at + times.zero_s:.13g} s (median interval {times.step_s:.6g} s); "
+                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (median interval {times.step_s:.6g} s); "
                 "take one side of it with records.start_s or end_s",
+            )
+        if lost.size:
+            signals.made.append(
+                f"{signal.key}: {lost.size} gap(s) of up to {steps[lost].max():.6g} s, shorter than a record, are bridged evenly; "
+                f"the first after {inside[lost[0]] + times.zero_s:.13g} s"
             )
 
 
