@@ -428,3 +428,12 @@ def test_a_map_within_a_parquet_file_goes_before_one_beside_it(tmp_path: Path) -
     assert "embedded map" in found.made.map
     with pytest.raises(InputError, match=r"'dvw': no such path.*map.toml"):
         read_table(own, tmp_path / "map.toml")
+
+
+def test_the_map_file_of_the_documentation_is_one() -> None:
+    text = (SAMPLES.parent / "docs" / "formats.md").read_text(encoding="utf-8")
+    shown = text.split("```toml\n")[1].split("```")[0]
+    said = mapfile.parse(shown, "docs/formats.md").map
+    assert said.records is not None
+    assert said.force is not None
+    assert said.force.frame == "world"
