@@ -72,7 +72,7 @@ class Sensor(MappedVector):
 class Wrench(MappedVector):
     """Commanded torque about O, or force."""
 
-    frame: Literal["body", "world"] = Field("body", description="world: turned into body axes with the logged attitude")
+    frame: Literal["body", "world"] = Field("body", description="world, that of [attitude]: turned into body axes with it")
     holds: Literal["until_next", "since_last"] = Field("until_next", description="over what time a number counts")
 
 
@@ -92,7 +92,7 @@ class Attitude(Section):
     paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that fits four")
     order: Literal["wxyz", "xyzw"] = Field(description="of the paths")
     turns: Literal["world_from_body", "body_from_world"] = "world_from_body"
-    world: Literal["z_up", "z_down"] = Field("z_up", description="z_down (NED) is turned half about x")
+    world: Literal["z_up", "z_down"] = Field("z_up", description="of the file's world; with z_down (NED) the log's is turned half about x")
     clock: Clock | None = None
 
 

@@ -64,8 +64,9 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
             f"{signal.key}: {len(signal.values)} values ({kind}) every {signal.times.step_s:.6g} s by {signal.times.path!r}, "
             f"{'summed' if kind == 'increment' else 'integrated'} over {len(edges) - 1} records of {length:.6g} s"
         )
-    if attitude is not None:
-        made |= dict(zip(columns.QUATERNION, resample.attitude_at(attitude.values, attitude.times.s, edges[1:]).T, strict=True))
+    if attitude is not None and said.attitude is not None:
+        turned = resample.z_up(resample.attitude_at(attitude.values, attitude.times.s, edges[1:]), said.attitude.world)
+        made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
         signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
     cycles = edges[:: records.per_cycle]
     for command in commands:

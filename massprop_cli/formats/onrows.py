@@ -27,7 +27,7 @@ def columns_of(signals: Signals) -> dict[str, Array]:
     attitude = None
     if said.attitude is not None:
         attitude = _beside(gyro, signals.attitude(said.attitude), signals).values
-        made |= dict(zip(columns.QUATERNION, attitude.T, strict=True))
+        made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
     for key, wrench, known, names in wrenches(signals):
         values = _beside(gyro, signals.wrench(key, wrench, known), signals).values
         if wrench.frame == "world" and attitude is not None:

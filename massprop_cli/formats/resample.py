@@ -85,6 +85,12 @@ def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
     return found
 
 
+def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
+    """(n, 4) the same attitudes from a world whose z is up: one with z down is turned half about its x."""
+    w, x, y, z = quaternions.T
+    return quaternions if world == "z_up" else np.stack([-x, w, -z, y], 1)
+
+
 def into_body(vectors: Array, quaternions: Array) -> Array:
     """(n, 3) world vectors in body axes, by quaternions wxyz that turn body into world."""
     w, v = quaternions[:, :1], -quaternions[:, 1:]

@@ -88,7 +88,7 @@ class Signals:
         return self._signal(key, [stream.path], values[:, None], clock), unit in units.SHARE
 
     def attitude(self, said: Attitude) -> Signal:
-        """Unit quaternions wxyz, world (z up) from body."""
+        """Unit quaternions wxyz, the file's own world from body."""
         paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
         columns = [self._numbers("attitude", self._stream("attitude", path)) for path in paths]
         quaternion = self._together("attitude", paths, columns)
@@ -103,9 +103,6 @@ class Signals:
         quaternion = quaternion / norm[:, None]
         if said.turns == "body_from_world":
             quaternion = quaternion * np.array([1, -1, -1, -1])
-        if said.world == "z_down":
-            w, x, y, z = quaternion.T
-            quaternion = np.stack([-x, w, -z, y], 1)
         return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
 
     def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> Signal:
