@@ -49,6 +49,8 @@ CONFIG = Limit("MASSPROP_MAX_CONFIG_BYTES", 2**20, "bytes of a configuration")
 NUMBERS = Limit("MASSPROP_MAX_NUMBERS", 2**26, "cells")
 """Of a table, columns nobody needs included: 64 M are 45 minutes at 1 kHz with 18 jets and take 0.5 GB."""
 COLUMNS = Limit("MASSPROP_MAX_COLUMNS", 4096, "columns")
+STREAMS = Limit("MASSPROP_MAX_STREAMS", 2**16, "streams")
+"""Of a recording of another program; PX4's have thousands."""
 FOOTER = Limit("MASSPROP_MAX_FOOTER_BYTES", 2**21, "bytes of Parquet metadata")
 DEPTH = Limit("MASSPROP_MAX_DEPTH", 32, "levels of tables")
 """Of a configuration or a result; the formats have six. Python's own limit on recursion is at some hundreds."""

@@ -13,6 +13,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from massprop_cli import columns, job, telemetry
 from massprop_cli.arrays import Array
+from massprop_cli.campaign import discover, work
+from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.plan import Settings
 from massprop_cli.errors import InputError
 from massprop_cli.formats import mapfile, mapped, resample
 from massprop_cli.formats.recording import Numbers, Recording, stream
@@ -294,6 +297,14 @@ def test_streams_that_are_not_right_are_refused() -> None:
     with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 7"):
         made(broken, text)
     broken = motion()
+    broken["imu/t"] = (np.where(np.arange(4000) == 0, np.nan, broken["imu/t"][0]), "", "s")
+    with pytest.raises(InputError, match="'imu/t': nan at sample 0 is not a finite number"):
+        made(broken, text + 'zero = "start"\n')
+    broken = motion()
+    broken["imu/t"] = (np.where(np.arange(4000) == 2, 3, 5 * np.arange(4000) + 7).astype(np.uint64), "", "ms")
+    with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 2"):
+        made(broken, text + 'zero = "start"\n')
+    broken = motion()
     broken["imu/wy"] = (np.where(np.arange(4000) == 9, np.nan, broken["imu/wy"][0]), "imu/t", "rad/s")
     with pytest.raises(InputError, match="'imu/wy': nan at sample 9 is not a finite number"):
         made(broken, text)
@@ -401,25 +412,34 @@ def test_a_map_beside_the_log_is_found_and_told_of(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "result.json").read_text() == result.to_json(mine.result)
 
 
-def test_batch_takes_maps_by_name_in_its_file_and_beside_logs(tmp_path: Path) -> None:
-    own = _renamed(tmp_path)
+def test_a_campaign_takes_maps_by_name_in_its_file_and_beside_logs(tmp_path: Path) -> None:
+    own = _renamed(tmp_path, 120)
     text = (tmp_path / "map.toml").read_text()
     (tmp_path / "map.toml").unlink()
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "own.toml").write_text(text)
-    refused = massprop(tmp_path, "batch", own.name, "--out", "none")
-    assert refused.returncode == 3
-    assert "time_s" in refused.stderr
-    (tmp_path / "campaign.toml").write_text('logs = ["own.parquet"]\nmap = "maps/own.toml"\n')
-    for arguments in (["campaign.toml"], [own.name, "--map", "maps/own.toml"]):
-        run = massprop(tmp_path, "batch", *arguments, "--out", "out")
-        assert run.returncode == 0, run.stderr
-    # a map that is changed makes the log be done again
+    (tmp_path / "campaign.toml").write_text('schema = 1\nlogs = ["own.parquet"]\nmap = "maps/own.toml"\n')
+
+    def worked(named: Path, known: str | None = None, map_file: Path | None = None) -> Outcome | None:
+        _, (one,) = discover.plan([str(named)], Settings(map=None if map_file is None else str(map_file)))
+        produced = work.process(one, known)
+        return None if produced is None else produced.outcome
+
+    refused, said = worked(own), "column 'time_s' is missing"
+    assert refused is not None
+    assert (refused.exit_code, said in refused.message) == (3, True)
+    in_file, by_name = worked(tmp_path / "campaign.toml"), worked(own, map_file=tmp_path / "maps" / "own.toml")
+    assert in_file is not None
+    assert by_name is not None
+    assert (in_file.exit_code, by_name.exit_code) == (0, 0)
     (tmp_path / "own.map.toml").write_text(text)
-    assert "unchanged" not in massprop(tmp_path, "batch", own.name, "--out", "out").stderr
-    assert "unchanged" in massprop(tmp_path, "batch", own.name, "--out", "out").stderr
+    beside = worked(own)
+    assert beside is not None
+    assert beside.bodies == in_file.bodies
+    # a map that is changed makes the log be done again
+    assert worked(own, beside.fingerprint) is None
     (tmp_path / "own.map.toml").write_text(text + "# more\n")
-    assert "unchanged" not in massprop(tmp_path, "batch", own.name, "--out", "out").stderr
+    assert worked(own, beside.fingerprint) is not None
 
 
 def test_a_map_within_a_parquet_file_goes_before_one_beside_it(tmp_path: Path) -> None:

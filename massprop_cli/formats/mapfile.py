@@ -45,7 +45,7 @@ class MappedVector(Mapped):
     """Three streams."""
 
     paths: Path_ | tuple[Path_ | FiniteFloat, ...] = Field(
-        description="three paths, a number for an axis that has none, or one pattern (* and ?) that fits three, in their order"
+        description="three paths, a number (SI) for an axis that has none, or one pattern (* and ?) that fits three, in their order"
     )
     axes: Axes = Field(("x", "y", "z"), description='which of them, with its sign, is x, y, z: ["y", "-x", "z"]')
 

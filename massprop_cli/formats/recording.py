@@ -169,7 +169,7 @@ def read(path: Path, data: bytes) -> Recording:
         for one in said.streams:
             cells += one.rows
             limits.NUMBERS.check(str(path), cells)
-            limits.COLUMNS.check(str(path), len(streams) + 1)
+            limits.STREAMS.check(str(path), len(streams) + 1)
             streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
         raise InputError(f"{path}: holds no numbers; record the log again")

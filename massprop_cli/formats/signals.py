@@ -15,7 +15,7 @@ from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
 from massprop_cli.formats import units
 from massprop_cli.formats.mapfile import Attitude, Clock, Jet, MappedVector, MapSource, Sensor, Wrench
-from massprop_cli.formats.recording import Recording, Stream
+from massprop_cli.formats.recording import Numbers, Recording, Stream
 
 _SHOWN = 5
 
@@ -63,7 +63,7 @@ class Signals:
         records = self.map.records
         if records is not None and records.zero == "start":
             said = self._clock_of("gyro", self._paths("gyro", self.map.gyro.paths, 3), self.map.gyro.clock)
-            self._zero = self._exact(said, self._stream("gyro.clock", said.path or "").values[0], self._time_factor("gyro.clock", said))
+            self._zero = self._exact(said, self._counts("gyro", said.path or "")[0], self._time_factor("gyro.clock", said))
 
     def error(self, key: str, path: str, problem: str) -> InputError:
         """What is wrong with a path under a key of the map."""
@@ -195,6 +195,12 @@ class Signals:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
         return stated if stated.path is not None else replace_clock(stated, own)
 
+    def _counts(self, key: str, path: str) -> Numbers:
+        """A clock's numbers as recorded, all finite, whole ones with a sign."""
+        stream = self._stream(f"{key}.clock", path)
+        self._numbers(f"{key}.clock", stream)
+        return stream.values.astype(np.int64) if stream.values.dtype.kind == "u" else stream.values
+
     @staticmethod
     def _exact(clock: Clock, value: Any, factor: float) -> Fraction:
         """A time in seconds, without rounding."""
@@ -208,8 +214,7 @@ class Signals:
         held = (path, clock.unit, clock.offset_s)
         if held not in self._clocks:
             factor = self._time_factor(f"{key}.clock", clock)
-            values = self._stream(f"{key}.clock", path).values
-            self._numbers(f"{key}.clock", self._stream(f"{key}.clock", path))
+            values = self._counts(key, path)
             if self._zero:
                 # whole nanoseconds since 1970 don't fit a float: their differences do
                 first = float(self._exact(clock, values[0], factor) - self._zero)
