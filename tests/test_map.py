@@ -368,7 +368,7 @@ values = "increment"
 """
 
 
-def _renamed(tmp_path: Path, rows: int = 400) -> Path:
+def _renamed(tmp_path: Path, rows: int = 120) -> Path:
     """The first rows of a sample log under other names, and its map and vehicle file beside."""
     table = pq.read_table(SAMPLES / "free-flyer" / "log.parquet").slice(0, rows).replace_schema_metadata()
     names = dict(zip(("time_s", *columns.DELTA_THETA, *columns.DELTA_V), ("t_ms", *"pqr", "dvx", "dvy", "dvz"), strict=True))
