@@ -36,7 +36,7 @@ from massprop_cli.campaign.summary import Summary
 from massprop_cli.gate import Gate
 from massprop_cli.job import Demands, Judged, of_file
 from massprop_cli.report import historyfile
-from massprop_cli.require import quantities
+from massprop_cli.require import requirements
 
 Where = str | Path
 Delay = float | Literal["auto"]
@@ -119,16 +119,17 @@ def estimate_log(
     """Estimate one log; writes nothing.
 
     ``vehicle`` names a vehicle file and ``map_file`` a map file (else the log's own), ``expected`` an expect file, ``require`` quantities
-    that must converge, or "all"; what misses either doesn't raise, but stands in ``exit_code`` and ``message``. ``delay`` is in control
-    cycles, ``settings`` holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises
+    that must converge ("all"), and how precisely ("mass<2%, ixx"); what misses either doesn't raise, but stands in ``exit_code`` and
+    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``.
+    Raises
     :class:`massprop_cli.errors.InputError`, whose message names file, place, value and remedy, where the input can't be used.
     """
-    demands = Demands(quantities(require), expect.load(Path(expected)) if expected is not None else None)
+    demands = Demands(requirements(require), expect.load(Path(expected)) if expected is not None else None)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
     found = of_file(
         Path(path), None if vehicle is None else Path(vehicle), stated, demands, map_file=None if map_file is None else Path(map_file)
     )
-    return LogEstimate(found.result, found.analysis, found.unconverged, found.missed)
+    return LogEstimate(found.result, found.analysis, found.unconverged, found.missed, found.imprecise)
 
 
 def run_campaign(
@@ -165,7 +166,7 @@ def run_campaign(
         map=None if map_file is None else str(map_file),
         assignments=tuple(_assignments(method, delay, settings)),
         expect=None if expected is None else str(expected),
-        require=quantities(require),
+        require=requirements(require),
         report=report,
     )
     name, planned = discover.plan([str(path) for path in named], over)

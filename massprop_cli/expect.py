@@ -17,6 +17,8 @@ from pydantic_core import PydanticCustomError
 
 from massprop_cli import QUANTITIES, configfile
 from massprop_cli.errors import InputError
+from massprop_cli.require import Requirement
+from massprop_cli.require import Stated as Required
 from massprop_cli.tolerance import FOUR_SIGMA, Stated, Tolerance
 from massprop_cli.vehicle import PRODUCTS, Section
 
@@ -87,6 +89,7 @@ class ExpectFile(Section):
         None, description='"tensor": ixy = -sum m x y; "positive_integral": the opposite. Required where a product other than 0 is expected'
     )
     tolerance: Stated | None = Field(None, description='of quantities without one of their own: "2 %" or "4 sigma"; default 4 sigma')
+    require: Required | None = Field(None, description='what must converge in every phase, and how precisely: "mass<2%, ixx", or a list')
     all: Body = Field(Body(), description="expected in every phase")
     phases: tuple[PhaseBody, ...] = ()
     docked: Body = Field(Body(), description="expected of the docked object")
@@ -143,6 +146,8 @@ class Expectations:
     phases: tuple[tuple[str | None, dict[str, Wanted]], ...]
     """By phase name, or all without names in the order of the result's phases."""
     docked: dict[str, Wanted]
+    required: tuple[Requirement, ...] = ()
+    """What must converge in every phase, and how precisely."""
 
 
 def load(path: Path) -> Expectations:
@@ -170,8 +175,9 @@ def parse(text: str, path: Path) -> Expectations:
 
     bodies: tuple[PhaseBody | TruthPhase, ...] = file.phases
     phases = tuple((phase.name, wanted(phase, f"phases.{number}")) for number, phase in enumerate(bodies))
-    found = Expectations(str(path), hashlib.sha256(text.encode()).hexdigest(), wanted(every, "all"), phases, wanted(file.docked, "docked"))
-    if not (found.every or found.docked or any(expected for _, expected in phases)):
+    digest, required = hashlib.sha256(text.encode()).hexdigest(), (file.require or ()) if isinstance(file, ExpectFile) else ()
+    found = Expectations(str(path), digest, wanted(every, "all"), phases, wanted(file.docked, "docked"), required)
+    if not (found.required or found.every or found.docked or any(expected for _, expected in phases)):
         raise InputError(f'{path}: expects nothing; write for instance [all] and below it mass = {{ value = 22.0, tolerance = "2 %" }}')
     return found
 

@@ -17,6 +17,7 @@ from massprop_cli.analysis import Analysis, Progress
 from massprop_cli.expect import Expectations
 from massprop_cli.report import result
 from massprop_cli.report.result import Result
+from massprop_cli.require import Requirement
 from massprop_cli.tablefile import Table
 from massprop_cli.vehicle import VehicleSource
 
@@ -25,8 +26,8 @@ from massprop_cli.vehicle import VehicleSource
 class Demands:
     """What is asked of a result."""
 
-    required: tuple[str, ...] = ()
-    """Quantities that must be converged in every phase (:func:`massprop_cli.require.quantities`)."""
+    required: tuple[Requirement, ...] = ()
+    """What must be converged, and how precisely, in every phase (:func:`massprop_cli.require.requirements`)."""
     expected: Expectations | None = None
 
 
@@ -42,16 +43,19 @@ class Judged:
     """Required quantities that are anything but converged, a phrase each."""
     missed: tuple[str, ...] = ()
     """What is not as expected, a phrase each."""
+    imprecise: tuple[str, ...] = ()
+    """Required quantities that are converged, but not as precisely as they must be, a phrase each."""
 
     @property
     def exit_code(self) -> int:
         """By the contract: 4 goes before 5."""
-        return exits.NOT_CONVERGED if self.unconverged else exits.NOT_EXPECTED if self.missed else 0
+        return exits.NOT_CONVERGED if self.unconverged or self.imprecise else exits.NOT_EXPECTED if self.missed else 0
 
     @property
     def message(self) -> str:
         """Why the exit code isn't 0; empty where it is."""
         reasons = [f"required but not converged: {'; '.join(self.unconverged)}"] if self.unconverged else []
+        reasons += [f"required but not precise enough: {'; '.join(self.imprecise)}"] if self.imprecise else []
         reasons += [f"not as expected: {'; '.join(self.missed)}"] if self.missed else []
         return ". ".join(reasons)
 
@@ -88,7 +92,9 @@ def of_table(
 def _judged(found: Analysis, demands: Demands) -> Judged:
     told = result.result(found)
     held = told if demands.expected is None else judge.judge(told, demands.expected)
-    return Judged(held, found, tuple(unconverged(held, demands.required)), tuple(judge.missed(held)))
+    required = demands.required + (demands.expected.required if demands.expected is not None else ())
+    late, coarse = unconverged(held, [item.quantity for item in required]), imprecise(held, required)
+    return Judged(held, found, tuple(late), tuple(judge.missed(held)), tuple(coarse))
 
 
 def unconverged(found: Result, required: Sequence[str]) -> list[str]:
@@ -96,10 +102,30 @@ def unconverged(found: Result, required: Sequence[str]) -> list[str]:
     said = []
     for phase in found.phases:
         alike: dict[tuple[str, str], list[str]] = {}
-        for name in required:
+        for name in dict.fromkeys(required):
             item = phase.estimates[name]
             if item.verdict != "converged":
                 alike.setdefault((item.verdict, item.reason), []).append(name)
         for (verdict, reason), names in alike.items():
             said.append(f"{', '.join(names)} in phase {phase.name} {'is' if len(names) == 1 else 'are'} {verdict} ({reason})")
+    return said
+
+
+def short_of(found: Result, required: Sequence[Requirement]) -> list[str]:
+    """What of the requirements a result doesn't reach, a phrase each."""
+    return [*unconverged(found, [item.quantity for item in required]), *imprecise(found, required)]
+
+
+def imprecise(found: Result, required: Sequence[Requirement]) -> list[str]:
+    """Required quantities that are converged in a phase, but with a sigma above the one that is wanted."""
+    said = []
+    for phase in found.phases:
+        for item in required:
+            estimate = phase.estimates[item.quantity]
+            if item.precision is None or estimate.verdict != "converged" or estimate.value is None:
+                continue
+            wanted, sigma, unit = item.precision.sigma(estimate.value), estimate.sigma, estimate.unit
+            if sigma is None or not sigma <= wanted:
+                has = "no sigma" if sigma is None else f"a sigma of {sigma:.3g} {unit}"
+                said.append(f"{item.quantity} in phase {phase.name} has {has}, and {item} wants {wanted:.3g} {unit} at most")
     return said

@@ -9,6 +9,7 @@ import pytest
 from massprop_cli.campaign import discover
 from massprop_cli.campaign.plan import Found, Job, Settings, names
 from massprop_cli.errors import InputError
+from massprop_cli.require import Requirement
 
 NOTHING = Settings()
 
@@ -97,14 +98,14 @@ def test_a_campaign_file_says_which_logs_and_what_of_which(tmp_path: Path) -> No
     assert [job.name for job in jobs] == ["f1", "f2", "b1"]
     flight, bench = jobs[0], jobs[2]
     said = ("convergence.count=50", 'estimator.method="default"')
-    assert flight.settings == Settings(str(tmp_path / "v.toml"), (*said, "imu.gyro_noise_rad_s=1"), None, ("mass",))
+    assert flight.settings == Settings(str(tmp_path / "v.toml"), (*said, "imu.gyro_noise_rad_s=1"), None, (Requirement("mass"),))
     assert bench.settings.vehicle == str(tmp_path / "bench.toml")
     assert bench.settings.assignments == (*said, 'cycle.command_delay_cycles="auto"', "imu.gyro_noise_rad_s=1")
     assert (len(bench.settings.require), bench.settings.expect) == (10, str(tmp_path / "e.toml"))
     assert (flight.tags, bench.tags) == (("may",), ("may", "bench"))
-    over = Settings(vehicle="mine.toml", expect="mine.json", require=("ixx",))
+    over = Settings(vehicle="mine.toml", expect="mine.json", require=(Requirement("ixx"),))
     assert {(job.settings.vehicle, job.settings.expect, job.settings.require) for job in plan(tmp_path / "c.toml", over=over)} == {
-        ("mine.toml", "mine.json", ("ixx",))
+        ("mine.toml", "mine.json", (Requirement("ixx"),))
     }
 
 
@@ -116,6 +117,10 @@ def test_a_campaign_file_says_which_logs_and_what_of_which(tmp_path: Path) -> No
         ('logs = ["b.csv"]', "b.csv: no such file or folder"),
         ('logs = ["a.csv"]\n[[match]]\nlogs = ["x*"]', "match.0.logs = ['x*']: fits none of the 1 logs"),
         ('logs = ["a.csv"]\nrequire = ["weight"]', "weight"),
+        (
+            'logs = ["a.csv"]\nrequire = "mass<2 m"',
+            "line 2: require = 'mass<2 m': mass<2 m: 'm' is no unit of mass; give it in % or kg or g",
+        ),
         ('logs = ["a.csv"', "not valid TOML"),
     ],
 )

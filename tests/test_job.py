@@ -10,7 +10,7 @@ import pytest
 from massprop_cli import QUANTITIES, estimate_log, run_campaign
 from massprop_cli.errors import UsageError
 from massprop_cli.job import Judged, unconverged
-from massprop_cli.require import quantities
+from massprop_cli.require import requirements
 from tests import recorded
 from tests.campaigns import simulate
 from tests.commandline import massprop
@@ -82,11 +82,11 @@ def test_not_converged_goes_before_not_expected_and_both_are_said(log: Path) -> 
     ],
 )
 def test_required_quantities_are_read_alike_from_text_and_names(stated: str | Sequence[str] | None, meant: tuple[str, ...]) -> None:
-    assert quantities(stated) == meant
+    assert tuple(item.quantity for item in requirements(stated)) == meant
 
 
 def test_what_is_no_quantity_is_named_as_it_was_written(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"--require Weight: no such quantity; choose from ixx, .*, mass or all"):
-        quantities("ixx,Weight")
+        requirements("ixx,Weight")
     with pytest.raises(UsageError, match="no such quantity"):
         run_campaign(tmp_path, require="weight")

@@ -7,16 +7,15 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints
+from pydantic import Field, StringConstraints
 
 from massprop_cli import configfile
 from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
-from massprop_cli.require import quantities
-from massprop_cli.vehicle import NonNegative, Quantity, Section
+from massprop_cli.require import Stated
+from massprop_cli.vehicle import NonNegative, Section
 
 Text = Annotated[str, StringConstraints(min_length=1)]
-_LOWER = BeforeValidator(lambda name: name.lower() if isinstance(name, str) else name)
 
 
 class Said(Section):
@@ -27,9 +26,7 @@ class Said(Section):
     expect: Text | None = Field(None, description="expect file, from this file's folder")
     method: Literal["default", "thesis"] | None = None
     delay: NonNegative | Literal["auto"] | None = Field(None, description="command delay in control cycles")
-    require: tuple[Annotated[Quantity, _LOWER], ...] | Annotated[Literal["all"], _LOWER] | None = Field(
-        None, description="quantities that must converge"
-    )
+    require: Stated | None = Field(None, description='quantities that must converge, and how precisely: "mass<2%, ixx", or a list')
     set: tuple[Text, ...] = Field((), description='overrides of vehicle-file keys, each "KEY=VALUE"')
     tags: tuple[Text, ...] = Field((), description="words of your own, for the tables")
 
@@ -73,7 +70,7 @@ def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
         map=None if mapped is None else location.join(base, mapped),
         assignments=tuple(assignment for one in said for assignment in _assignments(one)),
         expect=None if expect is None else location.join(base, expect),
-        require=quantities(require),
+        require=require or (),
         report=file.report,
     )
     return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from massprop_cli import foldername
+from massprop_cli.require import Requirement
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,8 @@ class Settings:
     """``dotted.key=value`` on top of the vehicle file, the later the stronger."""
     expect: str | None = None
     """Location of an expect file."""
-    require: tuple[str, ...] = ()
-    """Quantities that must converge in every phase."""
+    require: tuple[Requirement, ...] = ()
+    """What must converge, and how precisely, in every phase."""
     report: bool = False
     """Whether to render report.html."""
     map: str | None = None

@@ -137,7 +137,7 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
     parts += (
         [] if inputs.map is None else [b"map", _base(inputs.map[0]), inputs.map[1], b"named" if settings.map is not None else b"beside"]
     )
-    said = (settings.assignments, settings.require, settings.report, sorted(versions(settings.report).items()))
+    said = (settings.assignments, [str(item) for item in settings.require], settings.report, sorted(versions(settings.report).items()))
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
         digest.update(len(part).to_bytes(8, "big") + part)
@@ -240,7 +240,7 @@ def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
         cycles=found.log.cycles,
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
-        missed=[*judged.unconverged, *judged.missed],
+        missed=[*judged.unconverged, *judged.imprecise, *judged.missed],
         bodies=told.bodies(found, judged.analysis.vehicle),
         files=files,
     )

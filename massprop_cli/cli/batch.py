@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from massprop_cli import exits
-from massprop_cli import require as requirements
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, put, say
@@ -57,7 +56,10 @@ def batch(
     delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
     require: Annotated[
-        str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase of every log ('all').")
+        str | None,
+        typer.Option(
+            metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase of every log ('all'), and that precisely."
+        ),
     ] = None,
     expect: Annotated[
         str | None,
@@ -87,7 +89,9 @@ def batch(
     said = context.get_parameter_source("jobs")
     if cluster is not None and said is not None and said.name == "COMMANDLINE":
         raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
-    required = requirements.quantities(require)
+    from massprop_cli.require import requirements
+
+    required = requirements(require)
     from massprop_cli.campaign import urlplace
     from massprop_cli.campaign.place import LocalPlace
 

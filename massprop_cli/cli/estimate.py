@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import require as requirements
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
@@ -40,7 +39,7 @@ def estimate(
     ] = False,
     assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
     require: Annotated[
-        str | None, typer.Option(metavar="ixx,mass,...", help="Exit 4 unless these converge in every phase ('all').")
+        str | None, typer.Option(metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase ('all'), and that precisely.")
     ] = None,
     expect: Annotated[
         Path | None,
@@ -53,9 +52,11 @@ def estimate(
     """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
 
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
-    not converged, 5 a value is missing or outside its expectation.
+    not converged, or not that precise, 5 a value is missing or outside its expectation.
     """
-    required = requirements.quantities(require)
+    from massprop_cli.require import requirements
+
+    required = requirements(require)
     folder_of_its_own(out)
     from massprop_cli import expect as expectations
     from massprop_cli import job, store

@@ -48,12 +48,13 @@ def report(
     """Render results: report.html, report.md, report.csv, report.junit.xml, and figures as NAME.svg or NAME.png.
 
     One file tells of all results; figures of several are called FOLDER-NAME.svg. Prints the paths that it wrote. Exit 0 done, 3 a result
-    can't be read, 5 a value is missing or outside what was expected of it, by --expect or when it was estimated.
+    can't be read, 4 what the expect file requires is not reached, 5 a value is missing or outside what was expected of it, by --expect or
+    when it was estimated.
     """
     texts, kinds = _formats(format_, bool(figure))
     folder_of_its_own(out)
     from massprop_cli import expect as expectations
-    from massprop_cli import judge
+    from massprop_cli import job, judge
     from massprop_cli.report import read
     from massprop_cli.report.labels import labels
 
@@ -68,6 +69,10 @@ def report(
             put(str(path))
     names = labels(recorded)
     missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
+    required = wanted.required if wanted is not None else ()
+    short = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in job.short_of(item.result, required)]
+    if short:
+        fail(f"required but not reached: {'; '.join(short[:NAMED])}", exits.NOT_CONVERGED)
     if missed:
         more = f"; and {len(missed) - NAMED} more" if len(missed) > NAMED else ""
         fail(f"not as expected: {'; '.join(missed[:NAMED])}{more}", exits.NOT_EXPECTED)
