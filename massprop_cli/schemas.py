@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map")
+NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map", "plan", "guess")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -47,6 +47,14 @@ def schema(name: str) -> dict[str, Any]:
         from massprop_cli.campaign import summary
 
         found = summary.schema()
+    elif name == "plan":
+        from massprop_cli.plan import document
+
+        found = document.schema()
+    elif name == "guess":
+        from massprop_cli.plan import guess
+
+        found = guess.schema()
     else:
         from massprop_cli.report import result
 

@@ -17,6 +17,7 @@ from massprop_cli.cli.columns import columns
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.init import init
+from massprop_cli.cli.plan import plan
 from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
 from massprop_cli.cli.simulate import simulate
@@ -33,7 +34,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, init, schema):
+for _command in (estimate, batch, report, compare, simulate, columns, init, plan, schema):
     app.command()(_command)
 
 

@@ -24,6 +24,8 @@ class SchemaName(StrEnum):
     campaign = "campaign"
     summary = "summary"
     map = "map"
+    plan = "plan"
+    guess = "guess"
 
 
 @guarded

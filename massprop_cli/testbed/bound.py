@@ -29,28 +29,55 @@ def cramer_rao(source: ScenarioSource, flight: Flight, member: int) -> list[Arra
     """
     scenario = source.scenario
     period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
-    sensors = scenario.sensors.model_copy(
-        update={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0, "gyro_quantum_rad": 0.0, "accel_quantum_m_s": 0.0}
-    )
-    quiet = ScenarioSource(scenario.model_copy(update={"sensors": sensors, "fuel": None}), source.source)
     found = []
     for phase, values in zip(flight.phases, flight.truth[member], strict=True):
         start = int(np.floor(phase.start_s / period + 0.5))
         end = int(min(scenario.cycles, np.floor(phase.end_s / period + 1e-6)))
-        moves = np.diag(np.concatenate([STEP * natural_sizes(values), np.full(3, RATE_STEP)]))
-        both = np.concatenate([moves, -moves])
-        change = Change(_bodies(values + both[:, :10]), both[:, 10:].T)
-        flown = fly(quiet, [flight.seeds[member]] * 26, issued=flight.issued[member], changes={start: change})
-        rows = slice(start * records, end * records)
-        whitened = np.concatenate(
-            [
-                flown.delta_theta_rad[:, rows] / _sigma(scenario.sensors.gyro_noise_rad_s, scenario.vehicle.imu.gyro_noise_rad_s),
-                flown.delta_v_m_s[:, rows] / _sigma(scenario.sensors.accel_noise_m_s2, scenario.vehicle.imu.accel_noise_m_s2),
-            ],
-            -1,
-        ).reshape(26, -1) / (np.sqrt(records) * period / records)
-        slopes = (whitened[:13] - whitened[13:]) / (2 * np.diag(moves)[:, None])
-        found.append(_covariance(slopes)[:10, :10])
+        slopes = _sensitivities(source, flight.seeds[member], flight.issued[member][None], values[None], start)
+        found.append(_covariance(slopes[0, :, start * records : end * records].reshape(13, -1))[:10, :10])
+    return found
+
+
+def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
+    """(S, K, 13, 13) what each cycle's records tell of the ten quantities (S, 10) and the rate at the start, (S, K, C) commands issued.
+
+    In units of :func:`natural_sizes` and rad/s. Information adds up: the bound after cycle k is the inverse of the sum so far.
+    """
+    slopes = _sensitivities(source, 0, issued, values, 0)
+    members, unknowns = slopes.shape[:2]
+    by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
+    sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, 3))], 1)
+    told: Array = by_cycle @ np.swapaxes(by_cycle, -1, -2) * (sizes[:, :, None] * sizes[:, None, :])[:, None]
+    return told
+
+
+def noise_free(source: ScenarioSource) -> ScenarioSource:
+    """The same with perfect sensors, and no fuel burnt."""
+    sensors = source.scenario.sensors.model_copy(
+        update={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0, "gyro_quantum_rad": 0.0, "accel_quantum_m_s": 0.0}
+    )
+    return ScenarioSource(source.scenario.model_copy(update={"sensors": sensors, "fuel": None}), source.source)
+
+
+def _sensitivities(source: ScenarioSource, seed: int, issued: Array, values: Array, start: int) -> Array:
+    """(S, 13, K N, 6) whitened change of each record by one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``."""
+    scenario, members = source.scenario, len(values)
+    period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
+    moves = np.zeros((members, 13, 13))
+    moves[:, range(13), range(13)] = [np.concatenate([STEP * natural_sizes(body), np.full(3, RATE_STEP)]) for body in values]
+    both = np.concatenate([moves, -moves], 1)
+    bodies = values[:, None] + both[..., :10]
+    change = Change(as_bodies(bodies.reshape(-1, 10)), both[..., 10:].reshape(-1, 3).T)
+    flown = fly(noise_free(source), [seed] * (26 * members), issued=np.repeat(issued, 26, 0), changes={start: change})
+    whitened = np.concatenate(
+        [
+            flown.delta_theta_rad / _sigma(scenario.sensors.gyro_noise_rad_s, scenario.vehicle.imu.gyro_noise_rad_s),
+            flown.delta_v_m_s / _sigma(scenario.sensors.accel_noise_m_s2, scenario.vehicle.imu.accel_noise_m_s2),
+        ],
+        -1,
+    ).reshape(members, 2, 13, -1, 6) / (np.sqrt(records) * period / records)
+    size = moves[:, range(13), range(13)]
+    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * size[:, :, None, None])
     return found
 
 
@@ -61,7 +88,7 @@ def natural_sizes(values: Array) -> Array:
     return sizes
 
 
-def _bodies(values: Array) -> Bodies:
+def as_bodies(values: Array) -> Bodies:
     """One body for each row of (S, 10)."""
     inertia = values.T[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, -1)
     return Bodies(inertia, np.ascontiguousarray(values[:, 6:9].T), np.ascontiguousarray(values[:, 9]))

@@ -1,0 +1,163 @@
+"""Which motions, and how long each: greedy, then exchanged, by the worst ratio of the sigma that is predicted to the one that is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.arrays import Array
+from massprop_cli.plan.motions import Motion
+from massprop_cli.require import Requirement
+from massprop_cli.testbed.bound import natural_sizes
+from massprop_cli.vehicle import Vehicle
+
+PRIOR = 1e-4
+"""Information on the quantities over their natural size before anything is flown: a hundred times that is the sigma, as the estimator's."""
+SHARP = 8
+"""Power of the mean of ratios that stands for the worst: it still falls where one step mends what isn't worst yet."""
+SIGNED = ("ixx", "iyy", "izz", "mass")
+"""Quantities that are above 0 for any body."""
+SWEEPS = 4
+"""Most rounds of exchanges."""
+
+
+class Criterion(StrEnum):
+    """What of the wanted quantities is made small."""
+
+    worst = "worst"
+    a = "a"
+    d = "d"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is wanted, and of which bodies."""
+
+    requirements: tuple[Requirement, ...]
+    bodies: Array
+    """(G, 10)"""
+    vehicle: Vehicle
+    """For the uncertainty of its thrust, and what of it is known."""
+    beyond: Array = field(default_factory=lambda: np.ones(10))
+    """(10,) how many times the bound a sigma is, through what no bound counts (:func:`massprop_cli.plan.proof.beyond_bound`)."""
+
+    @property
+    def limits(self) -> Array:
+        """(G, n) sigmas that are wanted, in units. A part of a product or of a CG coordinate is one of the guess: others may have none."""
+        rows = []
+        for body in self.bodies:
+            own = [body if item.quantity in SIGNED else self.bodies[0] for item in self.requirements]
+            pairs = zip(self.requirements, self.index, own, strict=True)
+            rows.append([item.precision.sigma(values[i]) for item, i, values in pairs if item.precision])
+        return np.array(rows)
+
+    @property
+    def index(self) -> list[int]:
+        """Of the wanted quantities."""
+        return [QUANTITIES.index(item.quantity) for item in self.requirements]
+
+    def sigmas(self, information: Array) -> Array:
+        """(…, G, 10) sigmas in units, from information (…, G, 10, 10 or 13, the same) in natural sizes."""
+        covariance = self.covariance(information)
+        found: Array = np.sqrt(np.einsum("...ii->...i", covariance))
+        return found
+
+    def covariance(self, information: Array) -> Array:
+        """(…, G, 10, 10) in units, with the common uncertainty of the thrust and what is known."""
+        unknowns = information.shape[-1]
+        prior = np.diag(np.concatenate([np.full(10, PRIOR), np.full(unknowns - 10, PRIOR)]))
+        sizes = np.array([natural_sizes(body) for body in self.bodies])
+        sizes = sizes * self.beyond
+        bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])
+        for g, body in enumerate(self.bodies):
+            proportional = np.concatenate([body[:6], np.zeros(3), body[9:]])
+            bound[..., g, :, :] += self.vehicle.thrust.scale_sigma**2 * np.outer(proportional, proportional)
+        for name, known in self.vehicle.known.items():
+            column = bound[..., QUANTITIES.index(name)]
+            gain = column / (column[..., QUANTITIES.index(name)] + known.sigma**2)[..., None]
+            bound = bound - gain[..., :, None] * column[..., None, :]
+        return np.asarray(bound)
+
+    def ratios(self, information: Array) -> Array:
+        """(…, G, n) sigma that is predicted over the one that is wanted."""
+        found: Array = self.sigmas(information)[..., self.index] / self.limits
+        return found
+
+    def score(self, information: Array, criterion: Criterion) -> Array:
+        """(…,) what is made small."""
+        if criterion is Criterion.d:
+            chosen = self.index
+            covariance = self.covariance(information)[..., chosen, :][..., chosen]
+            scaled = covariance / (self.limits[:, :, None] * self.limits[:, None, :])
+            return np.asarray(np.linalg.slogdet(scaled)[1].max(-1))
+        ratios = self.ratios(information)
+        if criterion is Criterion.a:
+            return np.asarray((ratios**2).mean(-1).max(-1))
+        return np.asarray((ratios**SHARP).sum((-1, -2)) ** (1 / SHARP))
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A motion, flown for a block of cycles with every body."""
+
+    motion: Motion
+    information: Array
+    """(G, 10, 10) in natural sizes; the rate at its start counts as unknown."""
+    used: dict[str, float]
+    """The most of any body."""
+
+
+def choose(
+    tried: Sequence[Tried],
+    wanted: Wanted,
+    criterion: Criterion,
+    most: int,
+    enough: float,
+    fits: Callable[[Sequence[int]], bool],
+    start: Sequence[int] = (),
+) -> list[int]:
+    """Blocks of motions by their number in ``tried``: one more, then exchanged, until no ratio is above ``enough`` or ``most`` are chosen.
+
+    ``fits`` says whether blocks keep together what limits their sum.
+    """
+    told = np.array([one.information for one in tried])
+    chosen = [*start]
+    while len(chosen) < most:
+        options = [i for i in range(len(tried)) if fits([*chosen, i])]
+        if not options:
+            break
+        scores = wanted.score(_sum(told, chosen) + told[options], criterion)
+        chosen.append(options[int(np.argmin(scores))])
+        chosen = _exchanged(told, chosen, wanted, criterion, fits)
+        if wanted.ratios(_sum(told, chosen)).max() <= enough:
+            break
+    return sorted(chosen, key=chosen.index)
+
+
+def _sum(told: Array, chosen: Sequence[int]) -> Array:
+    found: Array = told[list(chosen)].sum(0) if chosen else np.zeros(told.shape[1:])
+    return found
+
+
+def _exchanged(told: Array, chosen: list[int], wanted: Wanted, criterion: Criterion, fits: Callable[[Sequence[int]], bool]) -> list[int]:
+    """Each kind of block in turn for whichever other does better, until none does."""
+    best = float(wanted.score(_sum(told, chosen), criterion))
+    for _ in range(SWEEPS):
+        before = best
+        for old in dict.fromkeys(chosen):
+            rest = [*chosen]
+            rest.remove(old)
+            scores = wanted.score(_sum(told, rest) + told, criterion)
+            for new in np.argsort(scores):
+                if not scores[new] < best - 1e-4 * abs(best):
+                    break
+                if fits([*rest, int(new)]):
+                    chosen, best = [*rest, int(new)], float(scores[new])
+                    break
+        if best >= before - 1e-4 * abs(before):
+            break
+    return chosen

@@ -1,0 +1,200 @@
+"""What ``massprop plan`` hands over: plan.json and the scenario that ``massprop simulate`` flies. The models below are the schema."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+from pydantic import Field
+
+from massprop_cli import QUANTITIES, UNITS, __version__, foreign
+from massprop_cli.arrays import Array
+from massprop_cli.plan import limits as limited
+from massprop_cli.plan.planner import Planned, Stretch
+from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.report.result import Item
+from massprop_cli.testbed.bound import natural_sizes
+from massprop_cli.vehicle import VehicleSource
+
+UNTOLD = 0.5
+"""A sigma above this part of a quantity's natural size says nothing of it, as in the verdicts of an estimate."""
+LONGER = (2.0, 4.0)
+POINTS = 200
+"""Times of the course that is told."""
+TEACHES = 1.02
+"""A stretch teaches a quantity whose sigma were so many times as large without it."""
+FOREVER = 1e6
+BINDING = 0.8
+"""Part of a limit from which on it is said to keep a precision from being reached."""
+_LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
+
+
+class QuantityItem(Item):
+    """What is predicted of one quantity."""
+
+    unit: str
+    guess: float
+    sigma: float = Field(description="one standard deviation at the end, of the body that is guessed; the Cramér–Rao bound")
+    worst_sigma: float = Field(description="the largest over the bodies that it may be")
+    wanted: str | None = Field(description='as it was stated, "2%"; null where nothing is wanted')
+    wanted_sigma: float | None = Field(description="of the body that is guessed, in the unit")
+    ratio: float | None = Field(description="the worst over all bodies of predicted over wanted sigma: 1 or less is reached")
+    reached_at_s: float | None = Field(description="when it is reached with every body; null where it is not")
+    longer: dict[str, float] = Field(description="sigma if every stretch lasted so many times as long")
+    told: Literal["well", "not by this plan", "by no motion of this vehicle"] = Field(
+        description="whether the sigma is below half the natural size, or any motion could make it so"
+    )
+
+
+class StretchItem(Item):
+    """One stretch of the timeline."""
+
+    start_s: float
+    end_s: float
+    motion: str
+    teaches: dict[str, float] = Field(description="how many times as large the sigma of each quantity were without this stretch, from 1.02")
+
+
+class LimitItem(Item):
+    """One limit."""
+
+    allowed: float | None = Field(description="null where nothing limits it")
+    used: float = Field(description="the most of all bodies and seeds that were flown")
+    unit: str
+
+
+class PlanFile(Item):
+    """The whole of plan.json."""
+
+    schema_: Literal["massprop/plan/1"] = Field("massprop/plan/1", alias="schema")
+    massprop: str
+    vehicle: str
+    vehicle_sha256: str
+    guess: str
+    bodies: int = Field(description="that the vehicle may be, flown one by one")
+    criterion: Literal["worst", "a", "d"]
+    duration_s: float
+    max_time_s: float
+    reached: bool = Field(description="every precision that is wanted, with every body")
+    limited_by: str = Field(description="what keeps it from being reached; empty where it is")
+    quantities: dict[str, QuantityItem]
+    timeline: list[StretchItem]
+    limits: dict[str, LimitItem]
+    time_s: list[float] = Field(description="of the course of sigmas")
+    course: dict[str, list[float | None]] = Field(
+        description="sigma at each time, of the body that is guessed; null before anything is told"
+    )
+    beyond_bound: dict[str, float] = Field(description="factor on the bound of what the vehicle file states beside the IMU's noise")
+    notes: list[str]
+
+
+def document(found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, criterion: str, max_time_s: float, notes: list[str]) -> PlanFile:
+    """Everything told of a plan."""
+    period = rehearsal.vehicle.cycle.period_s
+    wanted, sums = found.wanted, np.cumsum(found.information, 1)
+    ratios = found.ratios()
+    last = wanted.sigmas(sums[:, -1])
+    every = sum(one.information.mean(0) for one in found.tried)
+    ever = wanted.sigmas(np.broadcast_to(every * FOREVER, (len(wanted.bodies), 10, 10)))[0]
+    sizes = natural_sizes(wanted.bodies[0])
+    stated = {item.quantity: (n, item) for n, item in enumerate(wanted.requirements)}
+    longer = {f"{factor:g}": wanted.sigmas(factor * sums[:, -1])[0] for factor in LONGER}
+    quantities = {}
+    for i, name in enumerate(QUANTITIES):
+        n, item = stated.get(name, (0, None))
+        precision = item.precision if item is not None else None
+        ratio = float(ratios[-1, :, n].max()) if precision else None
+        met = np.flatnonzero(ratios[:, :, n].max(1) <= 1) if precision else np.zeros(0, dtype=int)
+        quantities[name] = QuantityItem(
+            unit=UNITS[name],
+            guess=float(wanted.bodies[0, i]),
+            sigma=float(last[0, i]),
+            worst_sigma=float(last[:, i].max()),
+            wanted=precision.written if precision else None,
+            wanted_sigma=float(wanted.limits[0, n]) if precision else None,
+            ratio=ratio,
+            reached_at_s=float((met[0] + 1) * period) if len(met) else None,
+            longer={factor: float(sigma[i]) for factor, sigma in longer.items()},
+            told="well"
+            if last[0, i] <= UNTOLD * sizes[i]
+            else "by no motion of this vehicle"
+            if ever[i] > UNTOLD * sizes[i]
+            else "not by this plan",
+        )
+    return PlanFile(
+        schema="massprop/plan/1",
+        massprop=__version__,
+        vehicle=vehicle.vehicle.name,
+        vehicle_sha256=vehicle.sha256,
+        guess=rehearsal.source,
+        bodies=len(wanted.bodies),
+        criterion=criterion,
+        duration_s=round(found.cycles * period, 9),
+        max_time_s=max_time_s,
+        reached=found.reached,
+        limited_by="" if found.reached else _limited_by(found, quantities, rehearsal, ever, max_time_s),
+        quantities=quantities,
+        timeline=[_stretch(stretch, found, last, period) for stretch in found.stretches],
+        limits={
+            name: LimitItem(allowed=found.limits.get(name), used=value, unit=limited.UNITS[name]) for name, value in found.used.items()
+        },
+        **_course(found, sums, sizes, period),
+        beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, wanted.beyond, strict=True) if factor > 1},
+        notes=notes,
+    )
+
+
+def _stretch(stretch: Stretch, found: Planned, last: Array, period: float) -> StretchItem:
+    rest = np.delete(found.information, slice(stretch.start, stretch.end), 1).sum(1)
+    without = found.wanted.sigmas(rest)[0] / last[0]
+    teaches = {name: float(min(factor, 1e6)) for name, factor in zip(QUANTITIES, without, strict=True) if factor >= TEACHES}
+    return StretchItem(
+        start_s=round(stretch.start * period, 9), end_s=round(stretch.end * period, 9), motion=str(stretch.motion), teaches=teaches
+    )
+
+
+def _course(found: Planned, sums: Array, sizes: Array, period: float) -> dict[str, Any]:
+    every = max(found.cycles // POINTS, 1)
+    chosen = [*list(range(every - 1, found.cycles - 1, every)), found.cycles - 1]
+    sigmas = found.wanted.sigmas(np.swapaxes(sums[:, chosen], 0, 1))[:, 0]
+    course = {name: [float(sigma) if sigma <= UNTOLD * sizes[i] else None for sigma in sigmas[:, i]] for i, name in enumerate(QUANTITIES)}
+    return {"time_s": [round((k + 1) * period, 9) for k in chosen], "course": course}
+
+
+def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: Rehearsal, ever: Array, max_time_s: float) -> str:
+    name, item = max(((n, q) for n, q in quantities.items() if q.ratio is not None), key=lambda pair: pair[1].ratio or 0.0)
+    ratio, i = item.ratio or 0.0, QUANTITIES.index(name)
+    best = f"{name} comes to ± {item.worst_sigma:.3g} {item.unit} in {max_time_s:g} s at worst, {ratio:.3g} times what is wanted"
+    if item.told == "by no motion of this vehicle":
+        return f"{name} can be told by no motion of this vehicle ({', '.join(rehearsal.axes)} can be driven)"
+    if ever[i] > (item.wanted_sigma or 0.0):
+        key = "thrust.scale_sigma" if rehearsal.vehicle.thrust.scale_sigma else "the information of all motions"
+        return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
+    impulse = found.limits.get("impulse_n_s")
+    if impulse is not None and found.used["impulse_n_s"] > BINDING * impulse:
+        return f"{best} with {impulse:g} N s; about {impulse * ratio**2:.3g} N s would reach it (--max-impulse)"
+    binding = [limited.NAMES[key] for key, limit in found.limits.items() if found.used[key] > BINDING * limit]
+    by = f" with the limit on the {' and the '.join(binding)}" if binding else ""
+    return f"{best}{by}; about {max_time_s * ratio**2:.3g} s would reach it (--max-time)"
+
+
+def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:
+    """The scenario that ``massprop simulate`` flies: the guess as its truth, the vehicle in it."""
+    scenario = rehearsal.scenario(found.segments, found.cycles, name).scenario
+    content = scenario.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
+    vehicle = {key: value for key, value in content.pop("vehicle").items() if value not in ([], {})}
+    text = tomli_w.dumps({key: value for key, value in content.items() if value != {}} | {"vehicle": vehicle})
+    return _LIST.sub(lambda lines: "[" + ", ".join(lines.group(1).replace(",", " ").split()) + "]", text)
+
+
+def to_json(found: PlanFile) -> str:
+    """Canonical text: same plan, same bytes."""
+    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of plan.json."""
+    return PlanFile.model_json_schema(by_alias=True)

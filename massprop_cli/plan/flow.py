@@ -1,0 +1,125 @@
+"""From files to a plan and its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli import exits, files, foldername
+from massprop_cli import vehicle as vehicles
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError
+from massprop_cli.plan import document, guess, limits, planner, proof, rehearsal
+from massprop_cli.plan.choose import Criterion, Wanted
+from massprop_cli.plan.document import PlanFile
+from massprop_cli.plan.planner import Order, Planned, Say
+from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.require import Requirement
+from massprop_cli.vehicle import VehicleSource
+
+STEADY = 2
+"""Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""
+LEAST = 4
+"""Cycles, after those whose commands are not known yet."""
+WIDER = 1.02
+"""A factor on the bound from here on makes another plan."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What ``massprop plan`` was asked for."""
+
+    wants: tuple[Requirement, ...]
+    max_time_s: float = 60.0
+    criterion: Criterion = Criterion.worst
+    impulse_n_s: float | None = None
+    rate_rad_s: float | None = None
+    tilt_rad: float | None = None
+    travel_m: float | None = None
+    off: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Made:
+    """A plan with all that is written of it."""
+
+    plan: PlanFile
+    scenario: str
+    """Text of scenario.toml."""
+    vehicle: VehicleSource
+
+    @property
+    def exit_code(self) -> int:
+        """4 where what is wanted can't be reached."""
+        return 0 if self.plan.reached else exits.NOT_CONVERGED
+
+
+def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignments: tuple[str, ...] = ()) -> Made:
+    """Plan; :class:`InputError` where there is nothing to plan with, or no motion keeps the limits."""
+    source = vehicles.load(vehicle, assignments)
+    guessed = guess.load(guess_file, source)
+    flown = rehearsal.rehearsal(source, guessed, asked.off)
+    order = _order(flown, guessed, asked)
+    found, notes = planner.plan(flown, order, say), []
+    uncounted = proof.uncounted(flown.vehicle)
+    if uncounted:
+        say("estimating the plan's log", 1.0)
+        wanted = replace(found.wanted, beyond=_beyond(flown, found))
+        notes.append(f"the bound doesn't count {', '.join(uncounted)}: sigmas are widened to what an estimate of the plan's own log has")
+        if wanted.beyond.max() > WIDER:
+            found = planner.plan(flown, replace(order, wanted=wanted), say)
+    if asked.off:
+        notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
+    made = document.document(found, flown, source, asked.criterion.value, asked.max_time_s, notes)
+    return Made(made, document.scenario_toml(found, flown, _name(source)), source)
+
+
+def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
+    wanted = Wanted(asked.wants, guessed.bodies, flown.vehicle)
+    for item, value in zip(asked.wants, guessed.file.body.values[wanted.index], strict=True):
+        if value == 0 and item.precision is not None and item.precision.relative:
+            raise InputError(
+                f"--want {item}: {item.quantity} is guessed to be 0, and no part of 0 is a precision; give it in "
+                f"{'kg m^2' if item.quantity.startswith('i') else 'mm'}"
+            )
+    period = flown.vehicle.cycle.period_s
+    cycles = int(asked.max_time_s / period * (1 + 1e-9))
+    least = int(np.ceil(flown.delay_cycles))
+    if cycles < least + LEAST:
+        raise InputError(
+            f"--max-time {asked.max_time_s:g}: is {cycles} cycles of {period:g} s, and commands come {least} late; give more time"
+        )
+    steady = STEADY * flown.vehicle.convergence.count + least
+    allowed = limits.allowed(flown.vehicle, asked.impulse_n_s, asked.rate_rad_s, asked.tilt_rad, asked.travel_m)
+    return Order(wanted, allowed, cycles, asked.criterion, min(steady, cycles))
+
+
+def _beyond(flown: Rehearsal, found: Planned) -> Array:
+    bound = found.wanted.sigmas(found.information.sum(1))[0]
+    return proof.beyond_bound(flown, found.segments, found.cycles, bound)
+
+
+def _name(source: VehicleSource) -> str:
+    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in source.vehicle.name).strip("-.")
+    return f"{plain or 'vehicle'}-plan"
+
+
+def write(made: Made, folder: Path, pages: dict[str, str]) -> None:
+    """scenario.toml, further pages, and last plan.json, whole or not at all."""
+    try:
+        with files.held(folder), files.staged(folder) as stage:
+            for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": document.to_json(made.plan)}.items():
+                if (folder / name).is_dir():
+                    raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+                stage.save(name, partial(files.save_text, content=text))
+            stage.place()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+
+
+def default_folder(vehicle: Path) -> Path:
+    """massprop-out/STEM-plan, of the vehicle file's name."""
+    return Path("massprop-out") / foldername.safe(f"{vehicle.parent.resolve().name}-{vehicle.stem}-plan")

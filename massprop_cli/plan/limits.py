@@ -1,0 +1,104 @@
+"""What a plan must keep to, and what of it a flight takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.testbed.motion import to_world, vertical
+from massprop_cli.testbed.simulate import Flight
+from massprop_cli.vehicle import Vehicle
+
+TILT_RAD = 0.5
+"""Of an air bearing, where nothing else is stated: hemispherical ones end between 30 and 45 degrees."""
+RANGE_USED = 0.9
+"""Part of an IMU's range that a plan may take: what is above clips at the next gust."""
+UNITS = {"impulse_n_s": "N s", "rate_rad_s": "rad/s", "tilt_rad": "rad", "travel_m": "m", "gyro_rad_s": "rad/s", "accel_m_s2": "m/s^2"}
+NAMES = {
+    "impulse_n_s": "impulse of the jets",
+    "rate_rad_s": "body rate",
+    "tilt_rad": "tilt",
+    "travel_m": "travel",
+    "gyro_rad_s": "rate about an axis of the gyro",
+    "accel_m_s2": "specific force along an axis of the accelerometer",
+}
+
+
+@dataclass(frozen=True)
+class Used:
+    """The most that a flight takes, for each of its members (S,), or what is allowed of it; infinite where nothing limits it."""
+
+    impulse_n_s: Array
+    rate_rad_s: Array
+    tilt_rad: Array
+    travel_m: Array
+    gyro_rad_s: Array
+    accel_m_s2: Array
+
+    def most(self) -> dict[str, float]:
+        """Of all members."""
+        return {field.name: float(np.max(getattr(self, field.name))) for field in fields(self)}
+
+
+def allowed(
+    vehicle: Vehicle,
+    impulse_n_s: float | None = None,
+    rate_rad_s: float | None = None,
+    tilt_rad: float | None = None,
+    travel_m: float | None = None,
+) -> dict[str, float]:
+    """What is stated, what the IMU can show, and on a bearing :data:`TILT_RAD`."""
+    inertial = vehicle.imu
+    tilt = TILT_RAD if tilt_rad is None and vehicle.on_air_bearing else tilt_rad
+    stated = {
+        "impulse_n_s": impulse_n_s,
+        "rate_rad_s": rate_rad_s,
+        "tilt_rad": tilt,
+        "travel_m": travel_m,
+        "gyro_rad_s": RANGE_USED * inertial.gyro_range_rad_s if inertial.gyro_range_rad_s else None,
+        "accel_m_s2": RANGE_USED * inertial.accel_range_m_s2 if inertial.accel_range_m_s2 else None,
+    }
+    return {name: value for name, value in stated.items() if value is not None}
+
+
+def exceeded(used: dict[str, float], limits: dict[str, float]) -> dict[str, float]:
+    """By what factor each limit is passed that is."""
+    return {name: used[name] / limit for name, limit in limits.items() if used[name] > limit * (1 + 1e-9)}
+
+
+def used(flight: Flight) -> Used:
+    """What the members of a flight with perfect sensors take. Travel is the IMU's from where it starts, level on a bearing."""
+    vehicle = flight.vehicle
+    record = float(flight.time_s[0])
+    attitude = np.moveaxis(flight.attitude_wxyz, -1, 0)
+    up = vertical(attitude)
+    tilt = np.arccos(np.clip((up * up[:, :, :1]).sum(0), -1.0, 1.0)).max(1)
+    return Used(
+        impulse_n_s=_impulse(flight),
+        rate_rad_s=np.linalg.norm(flight.rate_rad_s, axis=-1).max(1),
+        tilt_rad=tilt,
+        travel_m=_travel(flight, attitude, record, vehicle),
+        gyro_rad_s=np.abs(flight.delta_theta_rad).max((1, 2)) / record,
+        accel_m_s2=np.abs(flight.delta_v_m_s).max((1, 2)) / record,
+    )
+
+
+def _impulse(flight: Flight) -> Array:
+    vehicle = flight.vehicle
+    if vehicle.jets:
+        return np.asarray(flight.issued.sum(1) @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1))
+    return np.asarray(np.linalg.norm(flight.issued[..., 3:], axis=-1).sum(1) * vehicle.cycle.period_s)
+
+
+def _travel(flight: Flight, attitude: Array, record: float, vehicle: Vehicle) -> Array:
+    """(S,) farthest that the IMU gets, by integrating its specific force in world axes less gravity."""
+    felt = np.moveaxis(flight.delta_v_m_s @ np.array(vehicle.imu.body_from_imu).T, -1, 0) / record
+    middle = (attitude[:, :, 1:] + attitude[:, :, :-1]) / 2
+    world = to_world(middle / np.linalg.norm(middle, axis=0), felt)
+    if vehicle.on_air_bearing:
+        world[2] = 0.0
+    velocity = np.cumsum(world, -1) * record
+    place = np.cumsum(velocity - world * record / 2, -1) * record
+    return np.asarray(np.linalg.norm(place, axis=0).max(-1))

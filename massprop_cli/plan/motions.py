@@ -1,0 +1,93 @@
+"""Motions of the scenario grammar to choose from: pulses on single axes and on several at once, with the attitude held beneath them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
+
+SHARES = {"alternating": (12, 6, 2), "random": (12, 4), "steady": (1,)}
+"""Pulses in a block: short ones keep the vehicle still, long ones build up the rates that tell an inertia best."""
+SINGLE = {"alternating": (6, 2), "random": (4,), "steady": (1,)}
+"""Of one axis alone, which is flown where impulse is short or one quantity is wanted."""
+Kind = Literal["alternating", "random", "steady", "hold"]
+KINDS: tuple[Kind, ...] = ("alternating", "random", "steady")
+LEVELS = (1.0, 0.5, 0.25, 0.1)
+STAGGER = (1.0, 1.4, 1.8, 1.2, 1.6, 2.0)
+"""Factors on the period of each of several axes at once, so that none follows from another."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is flown for a while."""
+
+    kind: Kind
+    axes: tuple[Axis, ...]
+    every_cycles: int = 1
+    level: float = 1.0
+
+    def __str__(self) -> str:
+        every = {"alternating": f", sign changes every {self.every_cycles} cycles", "random": f", drawn every {self.every_cycles} cycles"}
+        if self.kind == "hold":
+            return "hold"
+        part = "" if self.level == 1 else f", {100 * self.level:g} % of full"
+        staggered = " and more" if self.kind == "alternating" and len(self.axes) > 1 else ""
+        return f"{self.kind} {', '.join(self.axes)}{every.get(self.kind, '')}{staggered}{part}"
+
+    def segments(self, start: int, end: int) -> list[Segment]:
+        """From cycle ``start`` to ``end``; turns that are not driven are held."""
+        if self.kind == "hold":
+            return [Segment(motion="hold", axes=TURNS, start_cycle=start, end_cycle=end)]
+        found = [segment for axes, every in self._driven() for segment in self._pulses(axes, every, start, end)]
+        held = [axis for axis in TURNS if axis not in self.axes]
+        return found + ([Segment(motion="hold", axes=tuple(held), start_cycle=start, end_cycle=end)] if held else [])
+
+    def _pulses(self, axes: tuple[Axis, ...], every: int, start: int, end: int) -> list[Segment]:
+        """An alternating push begins with half a pulse the other way, so that it leaves no speed behind."""
+        half = every // 2
+        if self.kind != "alternating" or half == 0 or set(axes) <= set(TURNS) or start + half >= end:
+            return [self._segment(axes, every, start, end)]
+        first = replace(self, kind="steady", level=-self.level)
+        return [first._segment(axes, 1, start, start + half), self._segment(axes, 2 * half, start + half, end)]
+
+    def _driven(self) -> list[tuple[tuple[Axis, ...], int]]:
+        if self.kind == "alternating" and len(self.axes) > 1:
+            return [((axis,), max(round(self.every_cycles * STAGGER[AXES.index(axis)]), 1)) for axis in self.axes]
+        turns, pushes = (tuple(a for a in self.axes if (a in TURNS) == turning) for turning in (True, False))
+        return [(axes, self.every_cycles) for axes in (turns, pushes) if axes]
+
+    def _segment(self, axes: tuple[Axis, ...], every: int, start: int, end: int) -> Segment:
+        pattern = {} if self.kind == "steady" else {"every_cycles": every}
+        if self.kind == "random":
+            pattern["max_cycles"] = max(every - 1, 1)
+        return Segment.model_validate(
+            {
+                "motion": self.kind,
+                "axes": axes,
+                "start_cycle": start,
+                "end_cycle": end,
+                "closed_loop": set(axes) <= set(TURNS),
+                "level": self.level,
+                **pattern,
+            }
+        )
+
+
+HOLD = Motion("hold", ())
+"""The attitude held, and nothing else."""
+
+
+def library(axes: Sequence[Axis], block: int) -> list[Motion]:
+    """Every motion of these axes for a block of so many cycles, at full level."""
+    turns, pushes = (tuple(axis for axis in axes if (axis in TURNS) == turning) for turning in (True, False))
+    sets = list(dict.fromkeys([*((axis,) for axis in axes), turns, pushes, tuple(axes)]))
+    return [
+        Motion(kind, chosen, count)
+        for chosen in sets
+        if chosen
+        for kind in KINDS
+        for count in dict.fromkeys(max(round(block / share), 1) for share in (SINGLE if len(chosen) == 1 else SHARES)[kind])
+        if kind != "steady" or len(chosen) == 1
+    ]

@@ -1,0 +1,55 @@
+"""plan.html: the tables of a plan and every sigma against time, complete in itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from massprop_cli.plan import limits as limited
+from massprop_cli.plan import table
+from massprop_cli.plan.document import PlanFile, QuantityItem
+from massprop_cli.report import html, words
+from massprop_cli.report.figures import axis, canvas, palette
+from massprop_cli.report.figures.panel import Panel
+from massprop_cli.report.inline import gathered, inline
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def text(found: PlanFile) -> str:
+    """The page; same plan, same bytes."""
+    from markupsafe import Markup
+
+    told = {name: item for name, item in found.quantities.items() if item.told == "well"}
+    panels = [_panel(found, name, item) for name, item in told.items()]
+    drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.says) for panel in panels]
+    page = html.environment().get_template("plan.html.j2")
+    rows = [(name, words.SYMBOLS[name], table.cells(item), item) for name, item in found.quantities.items()]
+    content = {
+        "plan": found,
+        "rows": rows,
+        "longer": table.longer(found),
+        "taught": table.taught,
+        "limits": [(limited.NAMES[name], item) for name, item in found.limits.items()],
+        "legend": table.legend(found),
+        # our own drawings, with their texts escaped
+        "panels": [Markup(one) for one in drawn],
+    }
+    return gathered(page.render(content))
+
+
+def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
+    course = [(at, sigma) for at, sigma in zip(found.time_s, found.course[name], strict=True) if sigma is not None]
+
+    def paint(axes: Axes) -> None:
+        axes.set_yscale("log")
+        axis.heading(axes, f"{words.SYMBOLS[name]}: sigma", words.unit(item.unit))
+        axis.time(axes, 0.0, found.duration_s)
+        for number, stretch in enumerate(found.timeline):
+            axes.axvspan(stretch.start_s, stretch.end_s, color=palette.SHADE, alpha=1.0 - 0.6 * (number % 2), zorder=0, linewidth=0)
+        axes.plot(*zip(*course, strict=True), color=palette.BLUE, gid=f"{name}-sigma")
+        if item.wanted_sigma is not None:
+            axes.axhline(item.wanted_sigma, color=palette.GREEN, linestyle=(0, (3, 1.5)), gid=f"{name}-wanted")
+
+    wanted = "" if item.wanted_sigma is None else f", wanted {item.wanted_sigma:.2g}"
+    return Panel(name, f"predicted sigma of {words.SYMBOLS[name]} against time, {item.sigma:.2g} {item.unit} at the end{wanted}", paint)

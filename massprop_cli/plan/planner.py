@@ -1,0 +1,214 @@
+"""The composed flow: what each motion tells, which are chosen, and the plan flown whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError
+from massprop_cli.plan import limits as limited
+from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
+from massprop_cli.plan.motions import HOLD, LEVELS, Motion, library
+from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.testbed.timeline import Segment
+
+BLOCK_S, BLOCKS = 3.0, 20
+"""Motions are chosen for blocks of this length, or for a twentieth of the time where that is less."""
+SEARCHED = 2
+"""Bodies that single motions are flown with; the whole plan is flown with every one."""
+ENOUGH = 0.95
+"""Part of the wanted sigma that is aimed at: seeds and guesses differ by a few per cent."""
+SEEDS = (1, 2, 3)
+"""Draws of random pulses that limits are checked with."""
+ROUNDS = 5
+"""Most attempts at a whole plan."""
+MEMBERS = 12
+"""Bodies flown at once for what they tell."""
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A motion from one cycle to another."""
+
+    motion: Motion
+    start: int
+    end: int
+
+    @property
+    def segments(self) -> list[Segment]:
+        """In the scenario's words."""
+        return self.motion.segments(self.start, self.end)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan that was flown whole, with every body."""
+
+    stretches: tuple[Stretch, ...]
+    cycles: int
+    wanted: Wanted
+    information: Array
+    """(G, K, 13, 13) of every cycle, in natural sizes, the rate at the start beside."""
+    used: dict[str, float]
+    limits: dict[str, float]
+    tried: tuple[Tried, ...]
+    block: int
+    reached: bool
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Of the scenario, in order."""
+        return [segment for stretch in self.stretches for segment in stretch.segments]
+
+    def ratios(self) -> Array:
+        """(K, G, n) of predicted over wanted sigma after every cycle."""
+        return self.wanted.ratios(np.swapaxes(np.cumsum(self.information, 1), 0, 1))
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked of a plan."""
+
+    wanted: Wanted
+    limits: dict[str, float]
+    max_cycles: int
+    criterion: Criterion
+    least_cycles: int
+    """So many updates must be steady before an estimate counts as converged."""
+
+
+def plan(rehearsal: Rehearsal, order: Order, say: Say) -> Planned:
+    """Choose and fly; :class:`InputError` where no motion keeps the limits."""
+    axes = rehearsal.axes
+    if not axes:
+        raise InputError(f"{rehearsal.source}: the actuators can't drive any axis both ways without disturbing the others; add jets")
+    period = rehearsal.vehicle.cycle.period_s
+    block = max(min(round(BLOCK_S / period), order.max_cycles // BLOCKS), 6 + int(rehearsal.delay_cycles))
+    tight = dict.fromkeys(order.limits, 1.0)
+    for _ in range(ROUNDS):
+        tried = _tried(rehearsal, order, library(axes, block), block, tight, say)
+        found = _whole(rehearsal, order, tried, block, tight.get("impulse_n_s", 1.0), say)
+        passed = limited.exceeded(found.used, order.limits)
+        if not passed:
+            return found
+        tight |= {name: 0.95 * tight[name] / factor for name, factor in passed.items()}
+    raise InputError(_unkept(rehearsal, order, found.used))
+
+
+def _tried(rehearsal: Rehearsal, order: Order, motions: Sequence[Motion], block: int, tight: dict[str, float], say: Say) -> list[Tried]:
+    """Every motion at the highest level that keeps the limits, with what it tells."""
+    bodies = rehearsal.guess.bodies[:SEARCHED]
+    kept: list[tuple[Motion, Array, dict[str, float]]] = []
+    least: dict[str, float] = {}
+    for number, motion in enumerate(motions):
+        say("flying motions", number / len(motions))
+        for level in LEVELS:
+            lower = replace(motion, level=level)
+            issued, used = rehearsal.flown(lower.segments(0, block), block, bodies)
+            most = used.most()
+            if not limited.exceeded(most, {name: tight[name] * limit for name, limit in order.limits.items()}):
+                kept.append((lower, issued, most))
+                break
+            least = most if not least or max(_over(most, order)) < max(_over(least, order)) else least
+    if not kept:
+        raise InputError(_unkept(rehearsal, order, least))
+    found: list[Tried] = []
+    batch = MEMBERS // SEARCHED
+    for start in range(0, len(kept), batch):
+        say("what each motion tells", start / len(kept))
+        part = kept[start : start + batch]
+        issued = np.concatenate([issued for _, issued, _ in part])
+        told = rehearsal.information(block, issued, np.tile(bodies, (len(part), 1))).sum(1)
+        alone = _without_rate(told).reshape(len(part), SEARCHED, 10, 10)
+        found += [Tried(motion, one, used) for (motion, _, used), one in zip(part, alone, strict=True)]
+    return found
+
+
+def _over(used: dict[str, float], order: Order) -> list[float]:
+    return [used[name] / limit for name, limit in order.limits.items()]
+
+
+def _unkept(rehearsal: Rehearsal, order: Order, used: dict[str, float]) -> str:
+    worst = max(order.limits, key=lambda name: used[name] / order.limits[name])
+    unit = limited.UNITS[worst]
+    return (
+        f"{rehearsal.source}: no motion keeps the limit of {order.limits[worst]:.4g} {unit} on the {limited.NAMES[worst]}; "
+        f"the gentlest takes {used[worst]:.3g} {unit}. Raise the limit, or mend the guess"
+    )
+
+
+def _without_rate(told: Array) -> Array:
+    """(…, 10, 10) what is told where the rate at the start is unknown: the Schur complement."""
+    across = told[..., :10, 10:]
+    rate = told[..., 10:, 10:] + 1e-12 * np.trace(told[..., 10:, 10:], axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    found: Array = told[..., :10, :10] - across @ np.linalg.solve(rate, np.swapaxes(across, -1, -2))
+    return found
+
+
+def _whole(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], block: int, thrifty: float, say: Say) -> Planned:
+    """As many blocks as it takes, flown whole with every body, and cut where all that is wanted is reached."""
+    few = replace(order.wanted, bodies=order.wanted.bodies[:SEARCHED])
+    most, enough = order.max_cycles // block, ENOUGH
+    budget = thrifty * order.limits.get("impulse_n_s", np.inf)
+
+    def fits(chosen: Sequence[int]) -> bool:
+        return sum(tried[i].used["impulse_n_s"] for i in chosen) <= budget
+
+    chosen: list[int] = []
+    upto = most
+    for attempt in range(ROUNDS):
+        say("flying the plan", attempt / ROUNDS)
+        chosen = choose(tried, few, order.criterion, upto, enough, fits, chosen)
+        found = _flown(rehearsal, order, tried, chosen, block)
+        worst = float(found.ratios()[-1].max())
+        if worst <= ENOUGH or len(chosen) >= most or not fits([*chosen, _cheapest(tried)]):
+            break
+        # information grows with the time
+        upto, enough = min(most, max(len(chosen) + 1, round(len(chosen) * (worst / ENOUGH) ** 2 + 0.5))), 0.0
+    return _cut(rehearsal, order, found)
+
+
+def _cheapest(tried: Sequence[Tried]) -> int:
+    return int(np.argmin([one.used["impulse_n_s"] for one in tried]))
+
+
+def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: Sequence[int], block: int) -> Planned:
+    stretches: list[Stretch] = []
+    for number in sorted(dict.fromkeys(chosen), key=list(chosen).index):
+        start = stretches[-1].end if stretches else 0
+        stretches.append(Stretch(tried[number].motion, start, start + block * list(chosen).count(number)))
+    least, end = min(order.least_cycles, order.max_cycles), stretches[-1].end
+    if end < least and "impulse_n_s" in order.limits:
+        stretches.append(Stretch(HOLD, end, least))
+    stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
+    return _rehearsed(rehearsal, order, stretches, tried, block)
+
+
+def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch], tried: Sequence[Tried], block: int) -> Planned:
+    segments, cycles = [segment for stretch in stretches for segment in stretch.segments], stretches[-1].end
+    bodies = rehearsal.guess.bodies
+    issued, used = rehearsal.flown(segments, cycles, bodies, SEEDS)
+    told = rehearsal.information(cycles, issued[: len(bodies)], bodies)
+    # an estimate begins with the first cycle whose command is known
+    told[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
+    return Planned(tuple(stretches), cycles, order.wanted, told, used.most(), order.limits, tuple(tried), block, reached=False)
+
+
+def _cut(rehearsal: Rehearsal, order: Order, found: Planned) -> Planned:
+    """Where every ratio is small enough, and as many updates as an estimate takes to converge."""
+    worst = found.ratios().max((1, 2))
+    reached = bool(worst[-1] <= 1)
+    enough = np.flatnonzero(worst <= ENOUGH)
+    if not len(enough):
+        return replace(found, reached=reached)
+    cycles = min(max(int(enough[0]) + 1, order.least_cycles), found.cycles)
+    stretches = tuple(replace(s, end=min(s.end, cycles)) for s in found.stretches if s.start < cycles)
+    used = found.used
+    if cycles < found.cycles:
+        segments = [segment for stretch in stretches for segment in stretch.segments]
+        used = rehearsal.flown(segments, cycles, rehearsal.guess.bodies, SEEDS)[1].most()
+    return replace(found, stretches=stretches, cycles=cycles, information=found.information[:, :cycles], used=used, reached=reached)

@@ -1,0 +1,42 @@
+"""A plan flown with all its noise and estimated, as its log will be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_cli import analysis
+from massprop_cli.arrays import Array
+from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.testbed.simulate import fly
+from massprop_cli.testbed.timeline import Segment
+from massprop_cli.vehicle import Vehicle, VehicleSource
+
+SEEDS = (1, 2)
+
+
+def uncounted(vehicle: Vehicle) -> list[str]:
+    """Keys of the vehicle file that widen sigmas and are no noise of the IMU: the bound doesn't count them."""
+    stated = {
+        "environment.disturbance_torque_n_m": vehicle.environment.disturbance_torque_n_m,
+        "environment.disturbance_walk_n_m": vehicle.environment.disturbance_walk_n_m,
+        "thrust.pulse_sigma": vehicle.thrust.pulse_sigma,
+        "thrust.lag_sigma_s": vehicle.thrust.lag_sigma_s,
+        "cycle.command_delay_sigma_cycles": vehicle.cycle.command_delay_sigma_cycles,
+        "imu.gyro_bias_sigma_rad_s": vehicle.imu.gyro_bias_sigma_rad_s,
+        "imu.accel_bias_sigma_m_s2": vehicle.imu.accel_bias_sigma_m_s2,
+    }
+    return [key for key, value in stated.items() if value > 0]
+
+
+def beyond_bound(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int, bound: Array) -> Array:
+    """(10,) sigmas of the estimate over those of the ``bound`` (10,), at least 1; 1 where an estimate says nothing."""
+    source = rehearsal.scenario(segments, cycles)
+    flight = fly(source, SEEDS)
+    found = []
+    for member in range(len(SEEDS)):
+        estimated = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
+        found.append(np.sqrt(np.diag(estimated.conclusions[0].covariance)) / bound)
+    ratio = np.sqrt((np.array(found) ** 2).mean(0))
+    return np.asarray(np.where(np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0))

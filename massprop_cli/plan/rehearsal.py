@@ -1,0 +1,142 @@
+"""Motions flown in software before they are flown: what they tell of every body that the vehicle may be, and what they take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError
+from massprop_cli.plan.guess import Guess
+from massprop_cli.plan.limits import Used, used
+from massprop_cli.testbed import bound, mission
+from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
+from massprop_cli.testbed.simulate import Change, fly
+from massprop_cli.testbed.timeline import AXES, Axis, Segment
+from massprop_cli.vehicle import Vehicle, VehicleSource
+
+BANDWIDTH, PHASE = 1.0, 0.15
+"""rad/s of the attitude hold, and the most that delay, half a cycle and lag may turn its phase (rad): it stays well damped."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """A vehicle, what it is guessed to be, and the attitude hold that it is flown with."""
+
+    vehicle: Vehicle
+    guess: Guess
+    control: Control
+    source: str
+
+    def scenario(self, segments: Sequence[Segment], cycles: int, name: str = "plan") -> ScenarioSource:
+        """The scenario of these segments; :class:`InputError` where vehicle and guess can't be flown."""
+        content: dict[str, Any] = {
+            "schema": 1,
+            "name": name,
+            "duration_cycles": cycles,
+            "truth": self.guess.file.body,
+            "sensors": self.guess.file.sensors,
+            "actuators": self.guess.file.actuators,
+            "control": self.control,
+            "plan": tuple(segments),
+            "vehicle": self.vehicle,
+        }
+        try:
+            return ScenarioSource(Scenario.model_validate(content), self.source)
+        except ValidationError as error:
+            raise InputError(f"{self.source}: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from None
+
+    def flown(self, segments: Sequence[Segment], cycles: int, bodies: Array, seeds: Sequence[int] = (1,)) -> tuple[Array, Used]:
+        """Commands issued (S, K, C) and what is taken, by each of (G, 10) bodies for each seed in turn, with perfect sensors."""
+        source = bound.noise_free(self.scenario(segments, cycles))
+        every = np.tile(bodies, (len(seeds), 1))
+        change = Change(bound.as_bodies(every), np.zeros((3, len(every))))
+        flight = fly(source, np.repeat(seeds, len(bodies)).tolist(), changes={0: change})
+        return flight.issued, used(flight)
+
+    def information(self, cycles: int, issued: Array, bodies: Array) -> Array:
+        """(S, K, 13, 13) of :func:`massprop_cli.testbed.bound.information`."""
+        return bound.information(self.scenario((), cycles), issued, bodies)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes that the actuators can drive both ways without disturbing the others."""
+        full = mission.allocation(self.scenario((), 10 + int(self.delay_cycles))).full
+        return tuple(axis for axis, both in zip(AXES, full, strict=True) if (both > 0).all())  # type: ignore[misc]
+
+    @property
+    def delay_cycles(self) -> float:
+        """From command to execution."""
+        own = self.guess.file.actuators.delay_cycles
+        return own if own is not None else float(self.vehicle.cycle.command_delay_cycles)
+
+
+def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> Rehearsal:
+    """With the jets that are off left out; :class:`InputError` where there is nothing to drive the vehicle, or no noise to plan against."""
+    stated = vehicle.vehicle
+    unknown = [name for name in off if name not in [jet.name for jet in stated.jets]]
+    if unknown:
+        raise InputError(
+            f"--without {unknown[0]}: {vehicle.source} has no such jet; it has {', '.join(j.name for j in stated.jets) or 'none'}"
+        )
+    jets = tuple(jet for jet in stated.jets if jet.name not in off)
+    limits = guess.file.actuators
+    if not jets and (stated.jets or not (limits.max_torque_n_m or limits.max_force_n)):
+        raise InputError(
+            f"{vehicle.source}: no jet is left to plan with; leave one on"
+            if stated.jets
+            else f"{vehicle.source}: no actuators to plan with: it has no jets; add [[jets]], or for a vehicle that takes wrench commands "
+            "state its full torque and force in a guess file ([actuators] max_torque_n_m, max_force_n)"
+        )
+    _check_noise(vehicle, guess)
+    if stated.cycle.command_delay_cycles == "auto" and limits.delay_cycles is None:
+        raise InputError(f'{vehicle.source}: cycle.command_delay_cycles is "auto"; state it, or in a guess file actuators.delay_cycles')
+    if stated.thrust.lag_s == "auto" and limits.lag_s is None:
+        raise InputError(f'{vehicle.source}: thrust.lag_s is "auto"; state it, or in a guess file actuators.lag_s')
+    kept = stated.model_copy(update={"jets": jets, "phases": (), "docking": None, "columns": {}})
+    return Rehearsal(kept, guess, _control(kept, guess), guess.source)
+
+
+def _check_noise(vehicle: VehicleSource, guess: Guess) -> None:
+    real, stated = guess.file.sensors, vehicle.vehicle.imu
+    for key in ("gyro_noise_rad_s", "accel_noise_m_s2"):
+        own = getattr(real, key)
+        level = getattr(stated, key) if own is None else own
+        if not level:
+            said = "is 0" if level == 0 else "is not stated"
+            raise InputError(
+                f"{vehicle.source}: imu.{key} {said}; no precision can be planned without the noise: state one sigma of a cycle's mean"
+            )
+
+
+def _control(vehicle: Vehicle, guess: Guess) -> Control:
+    """Critically damped attitude hold: ``D = 2 ω I``, ``K = 2 (ω² I + m g s)``, slow beside delay and lag.
+
+    q_vec is half an angle; m g s is what gravity turns the body away with where its CG lies off an air bearing.
+    """
+    period = vehicle.cycle.period_s
+    real = guess.file.actuators
+    delay = float(vehicle.cycle.command_delay_cycles) if real.delay_cycles is None else real.delay_cycles
+    lag = vehicle.thrust.stated_lag_s if real.lag_s is None else real.lag_s
+    bandwidth = min(BANDWIDTH, PHASE / ((delay + 1.5) * period + lag))
+    inertia = np.diag(guess.file.body.inertia)
+    rate, attitude = 2 * bandwidth * inertia, 2 * (bandwidth**2 * inertia + _topple(vehicle, guess))
+    return Control(rate_gain_n_m_s=_rounded(rate), attitude_gain_n_m=_rounded(attitude))
+
+
+def _rounded(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(f"{value:.3g}") for value in values)
+    return x, y, z
+
+
+def _topple(vehicle: Vehicle, guess: Guess) -> float:
+    """N m/rad."""
+    if not vehicle.on_air_bearing:
+        return 0.0
+    environment, body = vehicle.environment, guess.file.body
+    off = np.linalg.norm(body.values[6:9] - environment.bearing_position_m)
+    return float((body.mass - environment.bearing_mass_kg) * environment.gravity_m_s2 * off)

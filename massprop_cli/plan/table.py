@@ -1,0 +1,85 @@
+"""The tables that ``massprop plan`` prints."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from massprop_cli import foreign
+from massprop_cli.plan import limits as limited
+from massprop_cli.plan.document import PlanFile, QuantityItem
+from massprop_cli.report import words
+from massprop_cli.report.table import fitted
+
+FEW = 4
+"""Quantities that a stretch is said to teach."""
+
+
+def show(found: PlanFile, console: Console) -> None:
+    """What is predicted, the timeline, the limits, and what the numbers mean."""
+    fitted(_quantities(found), console)
+    fitted(_timeline(found), console)
+    fitted(_limits(found), console)
+    for line in legend(found):
+        console.print(foreign.rich(line))
+
+
+def _quantities(found: PlanFile) -> Table:
+    table = Table(title=foreign.rich(f"{found.vehicle}: a plan of {found.duration_s:g} s"), title_justify="left", title_style="bold")
+    for name in ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found)):
+        table.add_column(name, justify="left" if name in ("quantity", "unit") else "right", no_wrap=True)
+    for name, item in found.quantities.items():
+        table.add_row(name, *cells(item), *(f"{sigma:.2g}" if item.told == "well" else "–" for sigma in item.longer.values()))
+    return table
+
+
+def longer(found: PlanFile) -> list[str]:
+    """Headings of what more time would bring."""
+    return [f"± in {float(factor) * found.duration_s:g} s" for factor in next(iter(found.quantities.values())).longer]
+
+
+def cells(item: QuantityItem) -> list[str]:
+    """Guess, predicted, worst, wanted, unit, reached."""
+    wanted = "" if item.wanted_sigma is None else f"{item.wanted_sigma:.2g}"
+    reached = "" if item.wanted is None else "not" if item.reached_at_s is None else f"{item.reached_at_s:.2f} s"
+    if item.told != "well":
+        return [f"{item.guess:g}", item.told, "–", wanted, words.unit(item.unit), reached]
+    return [f"{item.guess:g}", f"{item.sigma:.2g}", f"{item.worst_sigma:.2g}", wanted, words.unit(item.unit), reached]
+
+
+def _timeline(found: PlanFile) -> Table:
+    table = Table(title="timeline", title_justify="left", title_style="bold")
+    table.add_column("from", justify="right", no_wrap=True)
+    table.add_column("to", justify="right", no_wrap=True)
+    table.add_column("motion")
+    table.add_column("teaches (times the sigma without it)")
+    for item in found.timeline:
+        table.add_row(f"{item.start_s:g} s", f"{item.end_s:g} s", item.motion, taught(item.teaches))
+    return table
+
+
+def taught(teaches: dict[str, float]) -> str:
+    """The few that lose most without it."""
+    most = sorted(teaches.items(), key=lambda pair: -pair[1])[:FEW]
+    return ", ".join(f"{name} {'× > 100' if factor > 100 else f'× {factor:.2g}'}" for name, factor in most) or "little"
+
+
+def _limits(found: PlanFile) -> Table:
+    table = Table(title="limits", title_justify="left", title_style="bold")
+    for name in ("limit", "used", "allowed", "unit"):
+        table.add_column(name, justify="right" if name in ("used", "allowed") else "left", no_wrap=True)
+    for name, item in found.limits.items():
+        table.add_row(limited.NAMES[name], f"{item.used:.3g}", "–" if item.allowed is None else f"{item.allowed:.3g}", item.unit)
+    return table
+
+
+def legend(found: PlanFile) -> list[str]:
+    """What the numbers mean."""
+    untold = [name for name, item in found.quantities.items() if item.told == "by no motion of this vehicle"]
+    return [
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = −Σ m x y. CG from O in body axes. ± is one",
+        f"standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
+        f"vehicle may be (guess: {found.guess}).",
+        *([f"No motion of this vehicle can tell {', '.join(untold)}."] if untold else []),
+        *(f"Note: {note}." for note in found.notes),
+    ]
