@@ -10,7 +10,7 @@ from typing import Any
 from massprop_cli import columns as names
 from massprop_cli import vehicle
 
-NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map", "plan", "guess")
+NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map", "plan", "guess", "check")
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -55,6 +55,10 @@ def schema(name: str) -> dict[str, Any]:
         from massprop_cli.plan import guess
 
         found = guess.schema()
+    elif name == "check":
+        from massprop_cli.check import finding
+
+        found = finding.schema()
     else:
         from massprop_cli.report import result
 

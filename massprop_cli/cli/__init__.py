@@ -14,6 +14,7 @@ import typer
 from massprop_cli import __version__, exits, onethread
 from massprop_cli.cli.batch import batch
 from massprop_cli.cli.columns import columns
+from massprop_cli.cli.check import check
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.init import init
@@ -34,7 +35,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, init, plan, schema):
+for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, schema):
     app.command()(_command)
 
 

@@ -26,6 +26,7 @@ class SchemaName(StrEnum):
     map = "map"
     plan = "plan"
     guess = "guess"
+    check = "check"
 
 
 @guarded

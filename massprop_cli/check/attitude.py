@@ -1,0 +1,67 @@
+"""A logged attitude against the gyro that must turn it, and on a bearing against the gravity that the accelerometer feels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.check.finding import Finding
+from massprop_cli.telemetry import Log
+from massprop_cli.vehicle import Vehicle
+
+MISFIT = 0.2
+"""Part of the logged turning that the gyro may leave unexplained."""
+STILL = 1e-3
+"""rad; below this much turning in all, nothing can be said."""
+TILTED = 0.05
+"""rad between the mean specific force and the vertical: pushes of jets average out to less."""
+
+
+def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
+    """Findings of logged quaternions; nothing where none are logged."""
+    if log.attitude_wxyz is None:
+        return []
+    mount = np.array(vehicle.imu.body_from_imu)
+    found = []
+    turned, logged = log.delta_theta_imu_rad[1:] @ mount.T, turns(log.attitude_wxyz)
+    size = float(np.sqrt((logged**2).sum()))
+    # what wanders slowly is the gyro's bias, which has a warning of its own
+    off = turned - logged - (turned - logged).mean(0)
+    noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * vehicle.cycle.period_s / np.sqrt(log.records_per_cycle)
+    left = float(np.sqrt(max((off**2).sum() - off.size * noise**2, 0.0)))
+    if np.sqrt((turned**2).sum()) > STILL and left > MISFIT * size:
+        inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
+        hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
+        said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
+        found.append(_finding("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
+    if vehicle.on_air_bearing:
+        found += _gravity(log, mount)
+    return found
+
+
+def turns(attitude_wxyz: Array) -> Array:
+    """(n − 1, 3) rotation vectors from each attitude to the next, body axes, rad; exact to third order."""
+    before, after = attitude_wxyz[:-1], attitude_wxyz[1:]
+    scalar = (before * after).sum(1)
+    vector = before[:, :1] * after[:, 1:] - after[:, :1] * before[:, 1:] - np.cross(before[:, 1:], after[:, 1:])
+    half = np.arctan2(np.linalg.norm(vector, axis=1), np.abs(scalar))
+    scale = np.where(half > 0, 2 * half / np.maximum(np.sin(half), 1e-300), 2.0)
+    found: Array = vector * (scale * np.where(scalar < 0, -1.0, 1.0))[:, None]
+    return found
+
+
+def _gravity(log: Log, mount: Array) -> list[Finding]:
+    assert log.attitude_wxyz is not None
+    felt = log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]
+    w, v = log.attitude_wxyz[:, :1], log.attitude_wxyz[:, 1:]
+    twice = 2 * np.cross(v, felt)
+    world = (felt + w * twice + np.cross(v, twice)).mean(0)
+    angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))
+    if angle <= TILTED:
+        return []
+    said = f"specific force in world axes is {angle:.3g} rad ({np.degrees(angle):.3g}°) off the vertical on the mean"
+    return [_finding("attitude-gravity", said, "mend the attitude's reference (Z up), imu.body_from_imu, or the accelerometer's signs")]
+
+
+def _finding(code: str, what: str, remedy: str) -> Finding:
+    return Finding(subject="attitude", code=code, grade="fault", what=what, where="", sure="certain", remedy=remedy)

@@ -1,0 +1,77 @@
+"""Commands as they stand: none at all, one that never ends, pairs that work against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.check.finding import Finding, rows
+from massprop_cli.telemetry import Log
+from massprop_cli.vehicle import Vehicle
+
+ALWAYS = 0.98
+"""Part of the cycles, and of each, from which on a jet counts as never off."""
+TOGETHER = 0.05
+"""Part of the cycles in which a jet and its opposite may fire for the same moment."""
+ALIKE = 1e-6
+Place = Callable[[int], str]
+
+
+def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
+    """Findings of jets or wrench; ``place`` names a row."""
+    if not log.command.any():
+        return [
+            _finding(
+                "nothing-commanded",
+                "fault",
+                "no command other than 0 in the whole log",
+                "",
+                "see that commands were recorded, under the vehicle file's names",
+            )
+        ]
+    if log.command_kind != "jets":
+        return []
+    share = log.command / vehicle.cycle.period_s
+    found = []
+    for number, jet in enumerate(vehicle.jets):
+        if (share[:, number] > ALWAYS).mean() > ALWAYS:
+            said = f"jet {jet.name} is on in every cycle, all of it"
+            found.append(_finding("jet-always-on", "fault", said, "", "see whether its column holds what was executed; is it a constant?"))
+    for first, second in _opposed(vehicle):
+        # of two on-times in one cycle at least this much overlaps or wastes thrust
+        both = np.minimum(share[:, first], share[:, second]) > TOGETHER
+        if both.mean() > TOGETHER:
+            names = f"{vehicle.jets[first].name} and {vehicle.jets[second].name}"
+            said = f"jets {names} push against each other in {int(both.sum())} cycles: their errors stay and their thrust cancels"
+            where = rows(np.repeat(both, log.records_per_cycle), place)
+            found.append(_finding("opposed-jets", "note", said, where, "allocate the commands so that only one of them fires"))
+    return found
+
+
+def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
+    """Jets, or components of the wrench, that were not commanded once."""
+    names = (
+        [jet.name for jet in vehicle.jets]
+        if log.command_kind == "jets"
+        else [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"]
+    )
+    return [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
+
+
+def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
+    wrench: Array = vehicle.jet_wrench
+    size = np.abs(wrench).max()
+    return [
+        (i, j)
+        for i in range(len(wrench))
+        for j in range(i + 1, len(wrench))
+        if np.abs(wrench[i] + wrench[j]).max() <= ALIKE * size and wrench[i].any()
+    ]
+
+
+def _finding(code: str, grade: str, what: str, where: str, remedy: str) -> Finding:
+    return Finding.model_validate(
+        {"subject": "commands", "code": code, "grade": grade, "what": what, "where": where, "sure": "certain", "remedy": remedy}
+    )

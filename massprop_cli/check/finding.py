@@ -1,0 +1,90 @@
+"""What a check says. The models below are the schema (``massprop schema check``)."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from massprop_cli import foreign
+from massprop_cli.arrays import BoolArray
+from massprop_cli.conclude import Verdict
+from massprop_cli.report.result import Item
+
+Subject = Literal["sampling", "imu", "commands", "timing", "attitude", "model", "excitation"]
+SUBJECTS: dict[Subject, str] = {
+    "sampling": "time of the records",
+    "imu": "gyro and accelerometer",
+    "commands": "commands",
+    "timing": "delay, lag and clocks",
+    "attitude": "attitude against gyro and gravity",
+    "model": "log against vehicle file",
+    "excitation": "what the motion tells",
+}
+Grade = Literal["unusable", "fault", "note"]
+
+
+class Finding(Item):
+    """One thing that is not as it should be."""
+
+    subject: Subject
+    code: str
+    grade: Grade = Field(description="unusable: no estimate can be made; fault: values or sigmas may be wrong; note: worth knowing")
+    what: str
+    where: str = Field(description='rows, as "row 120 to 130, and 3 more", or a phase; empty for the whole log')
+    sure: str = Field(description='"certain", or what chance or rivals there are')
+    remedy: str
+
+
+class Expected(Item):
+    """What an estimate of this log gives of one quantity."""
+
+    phase: str
+    quantity: str
+    unit: str
+    sigma: float | None = Field(description="one standard deviation; null where nothing can be said")
+    verdict: Verdict
+    wanted: str | None = Field(description='as it was stated, "2%"; empty for converged alone; null where nothing is wanted')
+    wanted_sigma: float | None
+    reached: bool | None = Field(description="converged and that precise; null where nothing is wanted")
+    reason: str
+
+
+class Check(Item):
+    """The whole of what ``massprop check --json`` prints."""
+
+    schema_: Literal["massprop/check/1"] = Field("massprop/check/1", alias="schema")
+    massprop: str
+    log: str
+    input_sha256: str
+    vehicle: str
+    rows: int
+    usable: bool
+    fit: bool = Field(description="usable, and neither a fault nor an unreached want")
+    findings: list[Finding]
+    expected: list[Expected]
+    delay: str = Field(description="what the log shows of its command delay, in words; empty where nothing")
+    exit_code: int
+
+
+def rows(where: BoolArray, place: Any) -> str:
+    """The first run of rows that are True in words, and how many more there are; ``place`` names a row as a person finds it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
+    if not len(edges):
+        return ""
+    first, last = int(edges[0]), int(edges[1]) - 1
+    named = place(first) if first == last else f"{place(first)} to {place(last).partition(' ')[2]}"
+    more = len(edges) // 2 - 1
+    return f"{named}, and {more} more place{'s' if more > 1 else ''}" if more else named
+
+
+def to_json(found: Check) -> str:
+    """Canonical text: same log, same bytes."""
+    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the check."""
+    return Check.model_json_schema(by_alias=True)

@@ -1,0 +1,211 @@
+"""The composed flow: a log's table, its signals, an estimate of it, and what all of them say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli import __version__, analysis, exits, extremes, files, job, tablefile, telemetry
+from massprop_cli import vehicle as vehicles
+from massprop_cli.analysis import Analysis
+from massprop_cli.arrays import Array
+from massprop_cli.check.attitude import attitude
+from massprop_cli.check.commands import commands, never_fired
+from massprop_cli.check.finding import Check, Expected, Finding, Subject
+from massprop_cli.check.sampling import sampling
+from massprop_cli.check.sensors import sensors
+from massprop_cli.errors import InputError
+from massprop_cli.report import result, words
+from massprop_cli.report.result import Result
+from massprop_cli.require import Requirement
+from massprop_cli.tablefile import Table
+from massprop_cli.telemetry import Log, Notice
+from massprop_cli.vehicle import Vehicle
+
+TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval")
+"""Codes of notices that are about time."""
+NOTES = ("noise-floor", "long-interval", "unphysical-inertia", "no-docked-object", "docked-mass", "known-mismatch")
+"""Codes of notices beside which values hold."""
+QUIET = 0.5
+"""Mean squared normalised innovation below which the stated noise is too large: sigmas are too."""
+WANTED_BEFORE = ("not_excited", "unobservable")
+
+
+def check(
+    log_path: Path,
+    vehicle_path: Path | None,
+    wants: Sequence[Requirement],
+    assignments: Sequence[str],
+    say: analysis.Progress | None = None,
+) -> Check:
+    """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
+    files.check_name(str(log_path))
+    table = tablefile.read_table(log_path)
+    source = vehicles.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    vehicle, place = source.vehicle, table.places.of
+    found = sampling(_times(table, vehicle), place)
+    if any(one.grade == "unusable" for one in found):
+        # each is told already, and reading the log would tell the first of them again
+        return _told(table, vehicle, found, [], "", exits.INPUT)
+    with np.errstate(all="ignore"):
+        try:
+            with extremes.refused(table.path, source):
+                log = telemetry.read(table, vehicle)
+                found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle)]
+                estimated = analysis.examine(log, source, assignments, say)
+                told = result.result(estimated)
+        except InputError as error:
+            return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
+    found += _noticed(estimated, {one.code for one in found})
+    found += [] if any(one.grade == "fault" for one in found) else _too_quiet(told, vehicle)
+    expected = _expected(told, wants)
+    found += _idle(log, vehicle, expected)
+    short = any(one.reached is False for one in expected)
+    return _told(table, vehicle, found, expected, _delay(told), exits.NOT_CONVERGED if short else 0)
+
+
+def _times(table: Table, vehicle: Vehicle) -> Array:
+    """The time column where there is one, in seconds; empty where there is none, which reading the log refuses."""
+    column = vehicle.columns.get("time_s")
+    name, scale = (column.from_, column.scale) if column is not None else ("time_s", 1.0)
+    if name not in table.columns:
+        return np.zeros(0)
+    try:
+        return table.columns[name].numbers() * scale
+    except InputError:
+        return np.zeros(0)
+
+
+def _unusable(message: str) -> Finding:
+    return Finding(subject="sampling", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
+
+
+def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
+    """Warnings of the estimate, but for what is told with its rows already."""
+    named = {fault.notice.code for fault in estimated.faults}
+    return [_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in said]
+
+
+def _of_notice(notice: Notice, named: bool) -> Finding:
+    subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(("gyro", "accel", "imu")) else "model"
+    named, _, cure = notice.message.partition(". ")
+    return Finding(
+        subject=subject,
+        code=notice.code,
+        grade="note" if notice.code in NOTES else "fault",
+        what=notice.message if not cure else named,
+        where="",
+        sure="the log passes its test once it is mended; rivals are named with it" if named else "measured in this log",
+        remedy=cure,
+    )
+
+
+def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
+    """Channels that scatter far less than their stated noise."""
+    found = []
+    for kind, key, part in (("gyro", "gyro_noise_rad_s", slice(0, 3)), ("accelerometer", "accel_noise_m_s2", slice(3, 6))):
+        stated = getattr(vehicle.imu, key)
+        ratios = [float(np.mean(phase.innovations.channel_variance[part])) for phase in told.phases if phase.innovations is not None]
+        disturbed = any((vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m, vehicle.thrust.pulse_sigma))
+        if not stated or disturbed or not ratios or max(ratios) >= QUIET:
+            continue
+        level = stated * np.sqrt(np.mean(ratios))
+        found.append(
+            Finding(
+                subject="imu",
+                code=f"{kind}-noise-overstated",
+                grade="note",
+                what=f"the {kind} scatters by {level:.2g}, and {stated:.2g} is stated: sigmas are too large",
+                where="",
+                sure=f"{np.mean(ratios):.2g} of the expected variance",
+                remedy=f"state imu.{key} = {level:.2g}, or leave it out to have it estimated",
+            )
+        )
+    return found
+
+
+def _expected(told: Result, wants: Sequence[Requirement]) -> list[Expected]:
+    asked = {item.quantity: item for item in wants}
+    found = []
+    for phase in told.phases:
+        for name, item in phase.estimates.items():
+            want = asked.get(name)
+            precision = want.precision if want is not None else None
+            limit = precision.sigma(item.value) if precision is not None and item.value is not None else None
+            short = [] if want is None else job.short_of(told.model_copy(update={"phases": [phase]}), [want])
+            found.append(
+                Expected(
+                    phase=phase.name,
+                    quantity=name,
+                    unit=item.unit,
+                    sigma=item.sigma,
+                    verdict=item.verdict,
+                    wanted=None if want is None else precision.written if precision is not None else "",
+                    wanted_sigma=limit,
+                    reached=None if want is None else not short,
+                    reason=short[0] if short else item.reason,
+                )
+            )
+    return found
+
+
+def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Finding]:
+    """Channels that never fired, where a wanted quantity is not told for it."""
+    missing = sorted({one.quantity for one in expected if one.reached is False and one.verdict in WANTED_BEFORE})
+    idle = never_fired(log, vehicle)
+    if not missing or not idle:
+        return []
+    cures = "; ".join(dict.fromkeys(f"{name}: {words.cure(name)}" for name in missing))
+    return [
+        Finding(
+            subject="excitation",
+            code="never-fired",
+            grade="note",
+            what=f"never commanded: {', '.join(idle)}; {', '.join(missing)} can't be told without motion",
+            where="",
+            sure="certain",
+            remedy=f"fly what is missing ({cures}); massprop plan finds it",
+        )
+    ]
+
+
+def _delay(told: Result) -> str:
+    delay = told.delay
+    if delay.detected_cycles is None or delay.sigma_cycles is None:
+        return ""
+    return (
+        f"commands execute {delay.detected_cycles:.4g} ± {delay.sigma_cycles:.2g} cycles after their cycle began (used: {delay.cycles:g})"
+    )
+
+
+def _told(table: Table, vehicle: Vehicle, found: list[Finding], expected: list[Expected], delay: str, code: int) -> Check:
+    usable = code != exits.INPUT
+    return Check(
+        schema="massprop/check/1",
+        massprop=__version__,
+        log=table.path.name,
+        input_sha256=table.sha256,
+        vehicle=vehicle.name,
+        rows=table.rows,
+        usable=usable,
+        fit=usable and code == 0 and not any(one.grade == "fault" for one in found),
+        findings=found,
+        expected=expected,
+        delay=delay,
+        exit_code=code,
+    )
+
+
+def message(found: Check) -> str:
+    """Why the exit code isn't 0, on one line; empty where it is."""
+    if found.exit_code == exits.INPUT:
+        bad = [one for one in found.findings if one.grade == "unusable"]
+        first = bad[0]
+        where = f" ({first.where})" if first.where else ""
+        more = f"; and {len(bad) - 1} more" if len(bad) > 1 else ""
+        said = first.what if first.code == "unusable" else f"{found.log}: {first.what}{where}; {first.remedy}"
+        return f"{said}{more}"
+    short = [one.reason for one in found.expected if one.reached is False]
+    return f"wanted but not reached: {'; '.join(short)}" if short else ""

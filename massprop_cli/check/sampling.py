@@ -1,0 +1,58 @@
+"""Time of the records: duplicates, steps back, gaps, jitter. All that there are, where reading a log stops at the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprop_cli.arrays import Array, median
+from massprop_cli.check.finding import Finding, rows
+from massprop_cli.telemetry import GAP, LONG
+
+JITTER = 0.05
+"""Part of the usual interval that intervals may scatter by (robust): each counts with its own length, commands do not."""
+ROBUST = 1.4826
+"""Median absolute deviation to standard deviation, of a normal distribution."""
+Place = Callable[[int], str]
+
+
+def sampling(time_s: Array, place: Place) -> list[Finding]:
+    """Findings of the time column; ``place`` names a row."""
+    bad = ~np.isfinite(time_s)
+    if len(time_s) < 2 or bad.any():
+        return []  # reading the log says so
+    steps = np.concatenate([[np.nan], np.diff(time_s)])
+    forward = steps[1:][steps[1:] > 0]
+    if not len(forward):
+        return []
+    usual = median(forward)
+    found = []
+    for code, which, what, remedy in (
+        ("duplicate-time", steps == 0, "records with the time of the one before", "drop the copies, or let the recorder write finer times"),
+        ("time-back", steps < 0, "steps of the clock back", "sort the log, or cut it where the clock was set"),
+        ("gap", steps > GAP * usual, f"gaps of more than {GAP:g} usual intervals", "split the log there ([[phases]] or a file each)"),
+    ):
+        if which.any():
+            worst = float(np.max(np.abs(steps[which])))
+            size = "" if code == "duplicate-time" else f", the largest of {worst:.6g} s"
+            said = f"{int(which.sum())} {what} (usual interval {usual:.6g} s{size})"
+            found.append(_finding(code, "unusable", said, rows(which, place), remedy))
+    if found:
+        return found
+    scatter = ROBUST * median(np.abs(steps[1:] - usual)) / usual
+    if scatter > JITTER:
+        off = np.abs(steps - usual) > 3 * scatter * usual
+        remedy = "stamp records by the IMU's own clock, not at arrival; a delay found in this log is an average"
+        found.append(_finding("jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", rows(off, place), remedy))
+    short = steps < usual / LONG
+    if short.any() and scatter <= JITTER:
+        said = f"{int(short.sum())} intervals shorter than {1 / LONG:.2g} of the usual {usual:.6g} s"
+        found.append(_finding("short-interval", "note", said, rows(short, place), "see that the recorder dropped and made up nothing"))
+    return found
+
+
+def _finding(code: str, grade: str, what: str, where: str, remedy: str) -> Finding:
+    return Finding.model_validate(
+        {"subject": "sampling", "code": code, "grade": grade, "what": what, "where": where, "sure": "certain", "remedy": remedy}
+    )

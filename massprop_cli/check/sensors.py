@@ -1,0 +1,133 @@
+"""The IMU's channels as they stand: dead, stuck, repeated, clipped, coarse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.check.finding import Finding, rows
+from massprop_cli.telemetry import Log
+from massprop_cli.vehicle import Vehicle
+
+STUCK = 6
+"""Equal values in a row of a channel that never repeats itself otherwise."""
+CLIPPED = 5
+"""Records at just the same extreme value, where it is a range that nobody stated."""
+UNLIKELY = 1e-9
+"""Chance below which a run of equal values is no chance."""
+COARSE = 3.0
+"""Smallest step over the noise of a record above which values lie on a staircase."""
+ROUNDING = 1e-12
+Place = Callable[[int], str]
+
+
+def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
+    """Findings of gyro and accelerometer."""
+    imu, found = vehicle.imu, []
+    rates = (
+        ("gyro", log.rate_columns, log.delta_theta_imu_rad, imu.gyro_noise_rad_s, imu.gyro_range_rad_s),
+        ("accelerometer", log.force_columns, log.delta_v_imu_m_s, imu.accel_noise_m_s2, imu.accel_range_m_s2),
+    )
+    noisy = all(noise != 0 for _, _, _, noise, _ in rates)
+    repeated = _repeated(log)
+    if noisy and repeated.mean() > 0.01:
+        found.append(
+            _finding(
+                "repeated-record",
+                "fault",
+                f"{100 * repeated.mean():.3g} % of the records repeat the one before in all six channels: the log is faster than the IMU",
+                rows(repeated, place),
+                "log each sample once, or with its own time",
+            )
+        )
+    for name, columns, increments, noise, limit in rates:
+        for axis, column in enumerate(columns):
+            values = increments[:, axis] / log.interval_s
+            found += _channel(name, column, values, noise, limit, repeated, place)
+        found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)
+    return found
+
+
+def _repeated(log: Log) -> BoolArray:
+    both = np.concatenate([log.delta_theta_imu_rad, log.delta_v_imu_m_s], 1)
+    return np.concatenate([[False], _same(both).all(1)])
+
+
+def _same(values: Array) -> BoolArray:
+    """Whether each value is the one before, but for the rounding of a multiplication by its interval."""
+    found: BoolArray = np.abs(np.diff(values, axis=0)) <= ROUNDING * np.abs(values[1:])
+    return found
+
+
+def _channel(
+    name: str, column: str, values: Array, noise: float | None, limit: float | None, repeated: BoolArray, place: Place
+) -> list[Finding]:
+    if _same(values).all():
+        if noise == 0:
+            return []  # a perfect sensor of an axis that is left alone
+        remedy = "see to the sensor and its channel in the recorder"
+        return [_finding("dead-axis", "fault", f"{column} is {values[0]:g} throughout: the {name}'s axis is dead", "", remedy)]
+    found = []
+    if limit is not None:
+        full = np.abs(values) >= 0.999 * limit
+        if full.any():
+            remedy = "fly a gentler motion, or widen the sensor's range; the phase before is good"
+            said = f"{column} at the {name}'s range in {int(full.sum())} records"
+            found.append(_finding(f"{name}-saturated", "fault", said, rows(full, place), remedy))
+    else:
+        found += _clipped(name, column, values, place)
+    run = _stuck(values, repeated)
+    if noise != 0 and run.any():
+        remedy = "see to the sensor; cut these records ([[phases]])"
+        found.append(
+            _finding("stuck", "fault", f"{column} stands still in {int(run.sum())} records while others move", rows(run, place), remedy)
+        )
+    return found
+
+
+def _clipped(name: str, column: str, values: Array, place: Place) -> list[Finding]:
+    """Where the extreme is met again and again, far more than the value next to it."""
+    for extreme in (values.max(), values.min()):
+        tolerance = 1e-9 * abs(extreme)
+        full = np.abs(values - extreme) <= tolerance
+        inside = values[~full]
+        if full.sum() < CLIPPED or not len(inside) or (np.median(values) == extreme):
+            continue
+        next_to = inside[np.argmin(np.abs(inside - extreme))]
+        if full.sum() > 3 * (np.abs(inside - next_to) <= tolerance).sum() + 1:
+            remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
+            said = f"{column} is {extreme:.6g} per second in {int(full.sum())} records and never beyond: clipped"
+            return [_finding("clipped", "fault", said, rows(full, place), remedy)]
+    return []
+
+
+def _stuck(values: Array, repeated: BoolArray) -> BoolArray:
+    """Records in runs of equal values longer than chance makes them of a channel that repeats itself as often as this does elsewhere."""
+    same = np.concatenate([[False], _same(values)]) & ~repeated
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    found = np.zeros(len(values), dtype=bool)
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        elsewhere = (same.sum() - (end - start) + 1) / (len(values) - (end - start) + 1)
+        if end - start >= STUCK - 1 and len(values) * elsewhere ** (end - start) < UNLIKELY:
+            found[start - 1 : end] = True
+    return found
+
+
+def _coarse(name: str, values: Array, noise: float | None, records: int) -> list[Finding]:
+    if not noise:
+        return []
+    steps = [np.diff(np.unique(axis)) for axis in values.T]
+    sizes = [float(step[step > 1e-9 * np.abs(axis).max()].min()) for step, axis in zip(steps, values.T, strict=True) if len(step) > 1]
+    coarsest = max(sizes, default=0.0)
+    if coarsest <= COARSE * noise * np.sqrt(records):
+        return []
+    said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"
+    return [_finding("quantised", "fault", said, "", f"state the noise with the step in it (step / sqrt(12)), or log the {name} finer")]
+
+
+def _finding(code: str, grade: str, what: str, where: str, remedy: str) -> Finding:
+    return Finding.model_validate(
+        {"subject": "imu", "code": code, "grade": grade, "what": what, "where": where, "sure": "certain", "remedy": remedy}
+    )

@@ -1,0 +1,72 @@
+"""``massprop check``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from massprop_cli.cli import options
+from massprop_cli.cli.guard import fail, guarded
+from massprop_cli.cli.terminal import console, progress
+from massprop_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from massprop_cli.check.finding import Check
+
+
+@guarded
+def check(
+    context: typer.Context,
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
+    vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    want: Annotated[
+        str | None,
+        typer.Option(
+            "--want", "--require", metavar='"ixx 1 %, mass"', help="Exit 4 unless these converge, and that precisely.", show_default=False
+        ),
+    ] = None,
+    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the check as JSON on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """Say whether a recording is good: sampling, IMU, commands, delay, attitude, the vehicle file, and what the motion tells.
+
+    Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 4 where a wanted quantity
+    is not reached.
+    """
+    from massprop_cli.require import requirements
+
+    wants = requirements(want, "--want")
+    if junit is not None and (junit.is_dir() or not junit.parent.is_dir()):
+        raise UsageError(f"--junit {junit}: name a file in a folder that exists")
+    assignments = options.assignments(context, {"delay": delay}, assign)
+    from massprop_cli.check import finding, flow
+
+    with progress(quiet or as_json) as told:
+        found = flow.check(log, vehicle, wants, assignments, told)
+    if junit is not None:
+        _write(junit, found)
+    if as_json:
+        sys.stdout.write(finding.to_json(found))
+    elif not quiet:
+        from massprop_cli.check import table
+
+        table.show(found, console(no_color))
+    if found.exit_code:
+        fail(flow.message(found), found.exit_code)
+
+
+def _write(file: Path, found: Check) -> None:
+    from massprop_cli import files
+    from massprop_cli.check import junit as suites
+
+    try:
+        files.text(file, suites.text(found))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None
