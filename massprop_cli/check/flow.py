@@ -90,12 +90,12 @@ def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
 
 def _of_notice(notice: Notice, named: bool) -> Finding:
     subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(("gyro", "accel", "imu")) else "model"
-    named, _, cure = notice.message.partition(". ")
+    what, _, cure = notice.message.partition(". ")
     return Finding(
         subject=subject,
         code=notice.code,
         grade="note" if notice.code in NOTES else "fault",
-        what=notice.message if not cure else named,
+        what=notice.message if not cure else what,
         where="",
         sure="the log passes its test once it is mended; rivals are named with it" if named else "measured in this log",
         remedy=cure,
