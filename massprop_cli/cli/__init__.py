@@ -15,6 +15,7 @@ from massprop_cli import __version__, exits, onethread
 from massprop_cli.cli.batch import batch
 from massprop_cli.cli.columns import columns
 from massprop_cli.cli.check import check
+from massprop_cli.cli.combine import combine
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.init import init
@@ -35,7 +36,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, schema):
+for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, combine, schema):
     app.command()(_command)
 
 

@@ -1,0 +1,70 @@
+"""``massprop combine``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli import exits
+from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
+from massprop_cli.cli.terminal import say, show
+from massprop_cli.errors import UsageError
+
+
+@guarded
+def combine(
+    results: Annotated[
+        list[Path] | None, typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)
+    ] = None,
+    before: Annotated[
+        list[Path] | None, typer.Option(metavar="RESULT", help="Of the vehicle alone; may be repeated.", show_default=False)
+    ] = None,
+    after: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RESULT", help="Of the vehicle with the docked object; may be repeated.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder (default: massprop-out/combined).", envvar="MASSPROP_OUT", show_default=False)
+    ] = None,
+    require: Annotated[
+        str | None, typer.Option(metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase ('all'), and that precisely.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+) -> None:
+    """One joint estimate from the results of several logs of one vehicle, or of an object from logs before and after it docked.
+
+    Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
+    Exit 3 where the results are not of one vehicle, 4 where a required quantity is not converged, or not that precise.
+    """
+    from massprop_cli.require import requirements
+
+    required = requirements(require)
+    folder_of_its_own(out)
+    docked = bool(before or after)
+    if docked and (results or not (before and after)):
+        raise UsageError("name results alone, or those --before and those --after docking")
+    if not docked and len(results or []) < 2:
+        raise UsageError("name two results or more, or those --before and those --after docking")
+    import numpy as np
+
+    from massprop_cli import job
+    from massprop_cli.combine import flow
+    from massprop_cli.report import result
+
+    with np.errstate(all="ignore"):
+        found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
+    flow.write(out or Path("massprop-out") / "combined", found, [*(results or []), *(before or []), *(after or [])])
+    for warning in [] if quiet else found.warnings:
+        say(f"warning: {warning.message} [{warning.code}]")
+    if as_json:
+        sys.stdout.write(result.to_json(found))
+    elif not quiet:
+        show(found, no_color)
+    short = job.short_of(found, required)
+    if short:
+        fail(f"required but not reached: {'; '.join(short)}", exits.NOT_CONVERGED)

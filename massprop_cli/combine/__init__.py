@@ -1,0 +1,1 @@
+"""Several results of one vehicle made one: information adds up, what they share is carried once, and what contradicts is told."""

@@ -1,0 +1,175 @@
+"""Gaussian results of one body added up.
+
+Each is taken to the parameters θ = (J, c, 1/m), J = I⁻¹, in which a log's response is nearly linear, so that a wide result is still
+Gaussian there; what was known from elsewhere and the thrust's common uncertainty are taken out of each and put in once:
+
+    Λ = Σ Λ_i,  θ = Λ⁻¹ Σ Λ_i θ_i .
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.arrays import Array
+from massprop_cli.dynamics import elements, tensor
+
+BEYOND = 4.0
+"""Sigmas by which a result may differ from all others together, as everywhere."""
+TOLD = 1e-9
+"""Information on a quantity below this part of what it had with what is known was no information of the log's."""
+STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One result of one body."""
+
+    name: str
+    values: Array
+    """(10,) NaN where nothing can be said."""
+    covariance: Array
+    """(10, 10) with what is known and the common uncertainty of the thrust; NaN likewise."""
+    known: Mapping[str, tuple[float, float]]
+    """Value and sigma of what entered."""
+    scale_sigma: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What all pieces say together."""
+
+    values: Array
+    covariance: Array
+    chi_square: float
+    freedom: int
+    """Equations beyond the unknowns."""
+    apart: tuple[Array, ...]
+    """(10,) of each piece: its deviate from all others together; NaN where either says nothing."""
+
+
+def joint(pieces: Sequence[Piece]) -> Joint:
+    """Add up; values are NaN where no piece says anything."""
+    curved = all(_is_body(piece.values) for piece in pieces)
+    own = [_bare(piece) for piece in pieces]
+    linear = [_to_linear(values, covariance, curved) for values, covariance in own]
+    told = [_information(values, covariance) for values, covariance in linear]
+    values, covariance = _solved([information for information, _ in told], [vector for _, vector in told])
+    chi_square, ranks = 0.0, 0
+    for (theta, _), (information, _) in zip(linear, told, strict=True):
+        at = np.isfinite(theta)
+        left = (theta - values)[at]
+        chi_square += float(left @ information[np.ix_(at, at)] @ left)
+        ranks += int(at.sum())
+    apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
+    back, spread = _to_quantities(values, covariance, curved)
+    back, spread = _with_shared(back, spread, pieces)
+    return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart)
+
+
+def _is_body(values: Array) -> bool:
+    inertia = values[:6]
+    return not np.isfinite(inertia).all() or bool(np.linalg.eigvalsh(tensor(inertia))[0] > 0)
+
+
+def _bare(piece: Piece) -> tuple[Array, Array]:
+    """By the log alone: without what is known, and with the thrust taken as exact."""
+    values, covariance = piece.values.copy(), piece.covariance.copy()
+    at = np.flatnonzero(np.isfinite(values) & np.isfinite(np.diag(covariance)))
+    values[np.setdiff1d(np.arange(10), at)] = np.nan
+    if piece.known:
+        information = np.linalg.inv(covariance[np.ix_(at, at)])
+        vector = information @ values[at]
+        before = np.diag(information).copy()
+        for name, (value, sigma) in piece.known.items():
+            row = np.flatnonzero(at == QUANTITIES.index(name))
+            information[row, row] -= 1 / sigma**2
+            vector[row] -= value / sigma**2
+        left = np.diag(information) > TOLD * before
+        values[at[~left]] = np.nan
+        at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
+        spread = np.linalg.inv(information)
+        values[at], covariance[np.ix_(at, at)] = spread @ vector, spread
+    scaled = np.concatenate([values[:6], np.zeros(3), values[9:]])
+    covariance = covariance - piece.scale_sigma**2 * np.outer(scaled, scaled)
+    return values, covariance
+
+
+def _to_linear(values: Array, covariance: Array, curved: bool) -> tuple[Array, Array]:
+    """θ and its covariance from the ten quantities; the same way leads back."""
+    theta, slope = values.copy(), np.eye(10)
+    if curved and np.isfinite(values[:6]).all():
+        theta[:6] = _inverse(values[:6])
+        slope[:6, :6] = _slope(values[:6])
+    theta[9] = 1 / values[9]
+    slope[9, 9] = -1 / values[9] ** 2
+    slope[9, 9] = slope[9, 9] if np.isfinite(slope[9, 9]) else 1.0
+    at = np.isfinite(values)
+    found = np.full((10, 10), np.nan)
+    found[np.ix_(at, at)] = (slope[np.ix_(at, at)] @ covariance[np.ix_(at, at)]) @ slope[np.ix_(at, at)].T
+    return theta, found
+
+
+_to_quantities = _to_linear
+"""I = J⁻¹ and m = 1/(1/m): the transformation is its own inverse."""
+
+
+def _inverse(six: Array) -> Array:
+    return elements(np.linalg.inv(tensor(six)))
+
+
+def _slope(six: Array) -> Array:
+    """(6, 6) derivative of :func:`_inverse`: d(I⁻¹) = −I⁻¹ dI I⁻¹."""
+    inverse = np.linalg.inv(tensor(six))
+    return np.array([elements(-inverse @ tensor(unit) @ inverse) for unit in np.eye(6)]).T
+
+
+def _information(values: Array, covariance: Array) -> tuple[Array, Array]:
+    """(10, 10) and (10,) information and its product with the values; zero of what is not told."""
+    at = np.flatnonzero(np.isfinite(values))
+    information, vector = np.zeros((10, 10)), np.zeros(10)
+    if len(at):
+        size = np.sqrt(np.diag(covariance)[at])
+        scaled = np.linalg.inv(covariance[np.ix_(at, at)] / np.outer(size, size)) / np.outer(size, size)
+        information[np.ix_(at, at)] = scaled
+        vector[at] = scaled @ values[at]
+    return information, vector
+
+
+def _solved(information: Sequence[Array], vectors: Sequence[Array]) -> tuple[Array, Array]:
+    total, vector = sum(information, np.zeros((10, 10))), sum(vectors, np.zeros(10))
+    at = np.flatnonzero(np.diag(total) > 0)
+    values, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
+    if len(at):
+        size = 1 / np.sqrt(np.diag(total)[at])
+        spread = np.linalg.inv(total[np.ix_(at, at)] * np.outer(size, size)) * np.outer(size, size)
+        values[at], covariance[np.ix_(at, at)] = spread @ vector[at], spread
+    return values, covariance
+
+
+def _apart(number: int, linear: Sequence[tuple[Array, Array]], told: Sequence[tuple[Array, Array]]) -> Array:
+    rest = [one for i, one in enumerate(told) if i != number]
+    others, spread = _solved([information for information, _ in rest], [vector for _, vector in rest])
+    values, covariance = linear[number]
+    with np.errstate(invalid="ignore"):
+        found: Array = (values - others) / np.sqrt(np.diag(covariance) + np.diag(spread))
+    return found
+
+
+def _with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:
+    """With the thrust's common uncertainty, and each thing that is known, once."""
+    scaled = np.nan_to_num(np.concatenate([values[:6], np.zeros(3), values[9:]]))
+    covariance = covariance + pieces[0].scale_sigma ** 2 * np.outer(scaled, scaled)
+    shared = dict.fromkeys((name, value, sigma) for piece in pieces for name, (value, sigma) in piece.known.items())
+    for name, value, sigma in shared:
+        i = QUANTITIES.index(name)
+        if not np.isfinite(values[i]):
+            values[i], covariance[i, i] = value, sigma**2
+            continue
+        gain = np.nan_to_num(covariance[:, i]) / (covariance[i, i] + sigma**2)
+        values = values + gain * (value - values[i])
+        covariance = covariance - np.outer(gain, np.nan_to_num(covariance[i]))
+    return values, covariance
