@@ -140,6 +140,18 @@ def test_what_is_predicted_is_what_the_plans_own_logs_give(made: Made) -> None:
         assert most["travel_m"] <= 1.0
 
 
+@pytest.mark.thorough
+def test_what_no_bound_counts_is_in_what_is_predicted(folder: Path) -> None:
+    settings = ("thrust.pulse_sigma=0.03", "environment.disturbance_torque_n_m=0.002", "thrust.scale_sigma=0.01")
+    asked = Asked(precise("ixx 2 %, mass 5 %"), max_time_s=6.0)
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, settings)
+    assert made.plan.reached
+    assert made.plan.beyond_bound["ixx"] > 2
+    ratio, errors, _ = flown(made, [4, 5, 6, 7])
+    assert 0.85 < np.sqrt((ratio**2).mean(0)).min() <= np.sqrt((ratio**2).mean(0)).max() < 1.15
+    assert np.abs(errors).max() < 4.5
+
+
 def test_the_course_falls_to_what_is_predicted(made: Made) -> None:
     for name, item in made.plan.quantities.items():
         told = [sigma for sigma in made.plan.course[name] if sigma is not None]

@@ -10,13 +10,13 @@ import numpy as np
 
 from massprop_cli import exits, files, foldername
 from massprop_cli import vehicle as vehicles
-from massprop_cli.arrays import Array
 from massprop_cli.errors import InputError
 from massprop_cli.plan import document, guess, limits, planner, proof, rehearsal
 from massprop_cli.plan.choose import Criterion, Wanted
 from massprop_cli.plan.document import PlanFile
 from massprop_cli.plan.planner import Order, Planned, Say
 from massprop_cli.plan.rehearsal import Rehearsal
+from massprop_cli.posterior import alone
 from massprop_cli.require import Requirement
 from massprop_cli.vehicle import VehicleSource
 
@@ -24,8 +24,6 @@ STEADY = 2
 """Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""
 LEAST = 4
 """Cycles, after those whose commands are not known yet."""
-WIDER = 1.02
-"""A factor on the bound from here on makes another plan."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +65,10 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
     uncounted = proof.uncounted(flown.vehicle)
     if uncounted:
         say("estimating the plan's log", 1.0)
-        wanted = replace(found.wanted, beyond=_beyond(flown, found))
         notes.append(f"the bound doesn't count {', '.join(uncounted)}: sigmas are widened to what an estimate of the plan's own log has")
-        if wanted.beyond.max() > WIDER:
-            found = planner.plan(flown, replace(order, wanted=wanted), say)
+        found = _widened(flown, found)
+        if not found.reached:
+            found = _widened(flown, planner.plan(flown, replace(order, wanted=found.wanted), say))
     if asked.off:
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
     made = document.document(found, flown, source, asked.criterion.value, asked.max_time_s, notes)
@@ -97,9 +95,13 @@ def _order(flown: Rehearsal, guessed: guess.Guess, asked: Asked) -> Order:
     return Order(wanted, allowed, cycles, asked.criterion, min(steady, cycles))
 
 
-def _beyond(flown: Rehearsal, found: Planned) -> Array:
-    bound = found.wanted.sigmas(found.information.sum(1))[0]
-    return proof.beyond_bound(flown, found.segments, found.cycles, bound)
+def _widened(flown: Rehearsal, found: Planned) -> Planned:
+    """With sigmas as the estimate of the plan's own log has them."""
+    plain = replace(found.wanted, beyond=np.ones(10), vehicle=alone(flown.vehicle))
+    bound = plain.sigmas(found.information.sum(1))[0]
+    beyond = proof.beyond_bound(flown, found.segments, found.cycles, bound)
+    widened = replace(found, wanted=replace(found.wanted, beyond=beyond))
+    return replace(widened, reached=bool(widened.ratios()[-1].max() <= 1))
 
 
 def _name(source: VehicleSource) -> str:

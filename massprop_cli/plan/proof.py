@@ -31,12 +31,15 @@ def uncounted(vehicle: Vehicle) -> list[str]:
 
 
 def beyond_bound(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int, bound: Array) -> Array:
-    """(10,) sigmas of the estimate over those of the ``bound`` (10,), at least 1; 1 where an estimate says nothing."""
+    """(10,) sigmas of an estimate by the log alone over those of the ``bound`` (10,), at least 1; 1 where it says nothing.
+
+    Root mean square over :data:`SEEDS`: what the log's own pulses and noise do to it differs.
+    """
     source = rehearsal.scenario(segments, cycles)
     flight = fly(source, SEEDS)
     found = []
     for member in range(len(SEEDS)):
         estimated = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
-        found.append(np.sqrt(np.diag(estimated.conclusions[0].covariance)) / bound)
+        found.append(np.sqrt(np.diag(estimated.conclusions[0].bare[1])) / bound)
     ratio = np.sqrt((np.array(found) ** 2).mean(0))
     return np.asarray(np.where(np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0))
