@@ -173,6 +173,21 @@ def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_pa
         assert found[name]["sigma"] == pytest.approx(own[name]["sigma"], rel=1e-4)
 
 
+def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: Path) -> None:
+    """The thesis's proposal (5.3): the vehicle alone on one bearing, then joined with the object on one at their common CG."""
+    for name in ("testbed", "testbed-joined"):
+        assert massprop(tmp_path, "simulate", name, "--seed", "5", "--out", f"log-{name}", "-q").returncode == 0
+        assert massprop(tmp_path, "estimate", f"log-{name}/log.parquet", "--out", name, "-q").returncode == 0
+    done = massprop(tmp_path, "combine", "--before", "testbed", "--after", "testbed-joined", "--out", "object", "-q")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "object" / "result.json").read_text())["docked_object"]["estimates"]
+    truth = dict(zip(QUANTITIES, (0.5, 0.0, 0.0, 0.5, 0.0, 0.5, 0.8, 0.0, 0.0, 12.0), strict=True))
+    for name, item in told.items():
+        assert abs(item["value"] - truth[name]) < 4 * item["sigma"]
+    assert told["mass"]["sigma"] < 0.8
+    assert told["cg_x"]["sigma"] < 0.05
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
