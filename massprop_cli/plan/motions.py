@@ -8,9 +8,10 @@ from typing import Literal
 
 from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
 
-SHARES = {"alternating": (12, 6, 2), "random": (12, 4), "steady": (1,)}
-"""Pulses in a block: short ones keep the vehicle still, long ones build up the rates that tell an inertia best."""
-SINGLE = {"alternating": (6, 2), "random": (4,), "steady": (1,)}
+SHARES = {"alternating": (12, 6, 2), "random": (12,), "steady": (1,)}
+"""Pulses in a block: short ones keep the vehicle still, long ones build up the rates that tell an inertia best. A few random ones would
+tell another thing in each flight."""
+SINGLE = {"alternating": (6, 2), "random": (12,), "steady": (1,)}
 """Of one axis alone, which is flown where impulse is short or one quantity is wanted."""
 Kind = Literal["alternating", "random", "steady", "hold"]
 KINDS: tuple[Kind, ...] = ("alternating", "random", "steady")

@@ -193,6 +193,11 @@ def _rehearsed(rehearsal: Rehearsal, order: Order, stretches: Sequence[Stretch],
     bodies = rehearsal.guess.bodies
     issued, used = rehearsal.flown(segments, cycles, bodies, SEEDS)
     told = rehearsal.information(cycles, issued[: len(bodies)], bodies)
+    if any(segment.motion == "random" for segment in segments):
+        # what is told of the guess is the mean over draws of its pulses
+        drawn = issued[len(bodies) :: len(bodies)]
+        again = rehearsal.information(cycles, drawn, np.repeat(bodies[:1], len(drawn), 0))
+        told[0] = np.concatenate([told[:1], again]).mean(0)
     # an estimate begins with the first cycle whose command is known
     told[:, : int(np.ceil(rehearsal.delay_cycles))] = 0.0
     return Planned(tuple(stretches), cycles, order.wanted, told, used.most(), order.limits, tuple(tried), block, reached=False)
