@@ -13,8 +13,8 @@ import typer
 
 from massprop_cli import __version__, exits, onethread
 from massprop_cli.cli.batch import batch
-from massprop_cli.cli.columns import columns
 from massprop_cli.cli.check import check
+from massprop_cli.cli.columns import columns
 from massprop_cli.cli.combine import combine
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
