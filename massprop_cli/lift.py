@@ -201,6 +201,14 @@ class Lift:
             found[..., 6:9, MU] = -kappa * by_mass
         return found
 
+    def response(self, theta: Array) -> Array:
+        """(3, C) Φ of θ."""
+        inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]
+        lever, gyro = inverse @ cross_matrix(moment), inverse @ gamma(np.linalg.inv(inverse))
+        if isinstance(self.plant, BearingBody):
+            return np.hstack([inverse, -self.plant.gravity * lever, -mu * lever, -gyro])
+        return np.hstack([inverse, -lever, -gyro])
+
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(N,) φ of θ, and (N, 10) its derivative."""
         inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]

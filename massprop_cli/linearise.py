@@ -90,7 +90,7 @@ class Linear(_Steps):
 
 @dataclass(frozen=True)
 class Lifted(_Steps):
-    """The same response with the N coefficients φ of :mod:`massprop_cli.lift` left free.
+    """The same response with the N coefficients φ of :mod:`massprop_cli.lift` left free, or c combinations of them.
 
     Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
     """
@@ -101,25 +101,24 @@ class Lifted(_Steps):
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
 
 
-def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Lifted:
+def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None) -> Lifted:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
-    ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors.
+    ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
+    (N, c) there is a column for each of these combinations of coefficients instead.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
-    within = motion_within(here, reference, lift)
-    motion = within.motion
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
+    within = motion_within(here, reference, lift, theta, response)
+    motion = within.motion
     inverse = tensor(theta[J])
     duration = here.executed.duration_s
     bin_s = duration / motion.rate.shape[1]
     step, whole, known = integrals(here, lift, theta, within)
     steps = times(response, step) + known
-    growth = np.zeros((len(step), 3, lift.size))
-    for axis in range(3):
-        growth[:, axis, axis * lift.channels : (axis + 1) * lift.channels] = step
+    combined = lift.size if onto is None else onto.shape[1]
 
     rate = here.rate_rad_s - reference.gyro_bias
     # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
@@ -133,9 +132,14 @@ def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     transition = np.zeros((len(step), states, states))
     transition[:] = np.eye(states)
     transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
-    drive = np.zeros((len(step), states, 1 + lift.size))
+    drive = np.zeros((len(step), states, 1 + combined))
     drive[:, turning, 0] = times(solve, known - times(leaving, rate[:-1]) - times(entering, rate[1:]))
-    drive[:, turning, 1:] = solve @ growth
+    if onto is None:
+        each = drive[:, turning, 1 : 1 + 3 * lift.channels].reshape(len(step), 3, 3, lift.channels)
+        np.multiply(solve[..., None], step[:, None, None, :], out=each)
+        drive[:, turning, 1 : 1 + 3 * lift.channels] = each.reshape(len(step), 3, -1)
+    else:
+        drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if torque.stop > torque.start:
         transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
     tilting = np.zeros((len(duration), 3, 3))
@@ -148,7 +152,7 @@ def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
         transition[:, tilt, turning] = np.eye(3) * duration[:-1, None, None]
         drive[:, tilt, 0] = -here.rate_rad_s[:-1] * duration[:-1, None]
 
-    euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m))
+    euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m), onto)
     observation = np.zeros((len(duration), 6, states))
     observation[:, :3, turning] = np.eye(3)
     for rows, columns, matrix in (
@@ -159,10 +163,10 @@ def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     ):
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
-    measured = np.zeros((len(duration), 6, 1 + lift.size))
+    measured = np.zeros((len(duration), 6, 1 + combined))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
-    measured[:, 3:, 1:] = -felt
+    np.negative(felt, out=measured[:, 3:, 1:])
     return Lifted(transition, observation, to_rate, steps, drive, measured)
 
 
@@ -196,48 +200,60 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
 
 
-def _felt(whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array) -> tuple[Array, Array, Array]:
-    """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N) by the coefficients, (K, 3) the rest."""
+def _by_axis(channels: Array, onto: Array) -> Array:
+    """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
+    count = 3 * channels.shape[1]
+    by_channel = onto[:count].reshape(3, -1, onto.shape[1])
+    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
+    return found
+
+
+def _felt(
+    whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array, onto: Array | None
+) -> tuple[Array, Array, Array]:
+    """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N or c) by the coefficients, (K, 3) the rest."""
     plant, channels = lift.plant, lift.channels
     rate_dot = times(response, whole)
     square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
     centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     rotation = centripetal + cross_matrix(rate_dot)
-    felt = np.zeros((len(whole), 3, lift.size))
+    own = np.empty((len(whole), 3, 4))
     if isinstance(plant, BearingBody):
         theta = lift.theta(reference)
         arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
         onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
         euler = onto_level @ along - cross_matrix(arm)
-        felt[..., -4], felt[..., -3:] = whole[:, 6:9], -onto_level @ rotation
+        own[..., 0], own[..., 1:] = whole[:, 6:9], -onto_level @ rotation
         offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(onto_level @ along, rate_dot)
     else:
         euler = np.broadcast_to(-cross_matrix(position - reference.cg), rotation.shape)
-        felt[..., -4], felt[..., -3:] = whole[:, 3:6], -rotation
+        own[..., 0], own[..., 1:] = whole[:, 3:6], -rotation
         offset = times(centripetal, position) + cross(rate_dot, reference.cg)
-    felt[..., : 3 * channels] = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
-    return euler, felt, offset
+    if onto is not None:
+        return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * channels :], offset
+    by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
+    return euler, np.concatenate([by_response, own], -1), offset
 
 
 def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
     """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
-    free = lifted(samples, cycles, reference, vehicle)
     lift, layout = Lift(plant_of(vehicle)), Layout.of(samples, vehicle)
     theta = lift.theta(reference)
     phi, slopes = lift.coefficients(theta)
     by_parameter = slopes @ np.linalg.inv(lift.slopes(theta))
     about = phi - by_parameter @ parameters(reference)
+    free = lifted(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
     states = slice(RATE.start, None)
     transition = np.zeros((len(free.drive), layout.size, layout.size))
     transition[:, PARAMETERS, PARAMETERS] = np.eye(10)
     transition[:, states, states] = free.transition
-    transition[:, RATE, PARAMETERS] = free.drive[:, :3, 1:] @ by_parameter
+    transition[:, RATE, PARAMETERS] = free.drive[:, :3, 2:]
     drive = np.zeros((len(free.drive), layout.size))
-    drive[:, states] = free.drive[..., 0] + free.drive[..., 1:] @ about
+    drive[:, states] = free.drive[..., 0] + free.drive[..., 1]
     observation = np.zeros((len(free.measured), 6, layout.size))
     observation[..., states] = free.observation
-    observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 1:] @ by_parameter
-    measured = free.measured[..., 0] + free.measured[..., 1:] @ about
+    observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
+    measured = free.measured[..., 0] + free.measured[..., 1]
     return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
 
 

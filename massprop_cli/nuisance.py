@@ -16,6 +16,9 @@ from massprop_cli.arrays import Array
 from massprop_cli.kalman import State, predict, update
 from massprop_cli.system import System
 
+STRETCH = 16
+"""Steps that a known motion is carried through at a time."""
+
 
 @dataclass(frozen=True)
 class Taken:
@@ -68,13 +71,40 @@ def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
 def _known_motion(state: State, system: System, new: bool) -> tuple[State, Taken]:
     """The same where nothing is uncertain but the beginnings, which are columns: nothing is gained on the way."""
     given, first = system.measured.shape[2], int(not new)
-    means = np.empty((len(system.measured), *state.mean.shape))
-    means[0] = mean = state.mean
-    for k, (transition, drive) in enumerate(zip(system.transition, system.drive, strict=True)):
-        mean = transition @ mean
-        mean[:, :given] += drive
-        means[k + 1] = mean
-    left = -system.observation @ means
-    left[..., :given] += system.measured
-    white = np.linalg.solve(system.noise, left)
-    return State(mean, state.root), Taken(white[first:], system.noise[first:], ())
+    means = _carried(state.mean, system.transition, system.drive)
+    left = -system.observation[first:] @ means[first:]
+    left[..., :given] += system.measured[first:]
+    noise = system.noise[first:]
+    return State(means[-1].copy(), state.root), Taken(_whitened(noise, left), noise, ())
+
+
+def _carried(mean: Array, transition: Array, drive: Array) -> Array:
+    """(K, n, c) a mean carried through steps (K − 1, n, n), driven (K − 1, n, g) in its first columns.
+
+    Stretches of :data:`STRETCH` steps side by side, each from nothing on, with what it makes of where it begins; then one after the other.
+    """
+    steps, n, given = drive.shape
+    count = -(-steps // STRETCH)
+    turn = np.zeros((count * STRETCH, n, n))
+    push = np.zeros((count * STRETCH, n, n + given))
+    turn[:steps], turn[steps:], push[:steps, :, n:] = transition, np.eye(n), drive
+    turn, push = turn.reshape(count, STRETCH, n, n), push.reshape(count, STRETCH, n, -1)
+    push[:, 0, :, :n] = turn[:, 0]
+    for k in range(1, STRETCH):
+        push[:, k] += turn[:, k] @ push[:, k - 1]
+    found = np.empty((1 + count * STRETCH, *mean.shape))
+    found[0] = mean
+    for k, stretch in enumerate(push):
+        first = 1 + k * STRETCH
+        found[first : first + STRETCH] = stretch[..., :n] @ found[first - 1]
+        found[first : first + STRETCH, :, :given] += stretch[..., n:]
+    return found[: steps + 1]
+
+
+def _whitened(root: Array, left: Array) -> Array:
+    """(K, 6, c) what is left (K, 6, c), over the root (K, 6, 6) of its noise."""
+    own = np.einsum("kii->ki", root)
+    if np.count_nonzero(root) == np.count_nonzero(own):
+        alone: Array = left / own[..., None]
+        return alone
+    return np.linalg.solve(root, left)

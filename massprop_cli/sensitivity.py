@@ -98,11 +98,11 @@ def thrust_columns(
 
 def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
-    free = lifted(side.samples, cycles, reference, vehicle)
     lift = Lift(plant_of(vehicle))
     phi, _ = lift.coefficients(lift.theta(reference))
-    then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive[..., 0] + free.drive[..., 1:] @ phi
-    return then, free.measured[..., 0] + free.measured[..., 1:] @ phi - np.einsum("kij,kj->ki", free.observation, state)
+    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None])
+    then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
+    return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)
 
 
 def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | None:
