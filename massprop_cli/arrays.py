@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,17 @@ MUCH = 1e6
 
 def triangle_of(rows: Array) -> Array:
     """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
-    upper = np.linalg.qr(rows, mode="r")
-    return np.asarray(upper)
+    if rows.ndim > 2:
+        return np.asarray(np.linalg.qr(rows, mode="r"))
+    # "raw" has the triangle's transpose in its lower left, and Householder vectors, which are not wanted, beside it
+    packed, _ = np.linalg.qr(rows, mode="raw")
+    upper = packed[:, : min(rows.shape)].T
+    return np.where(_upper(*upper.shape), upper, 0.0)
+
+
+@cache
+def _upper(rows: int, columns: int) -> BoolArray:
+    return ~np.tri(rows, columns, -1, dtype=bool)
 
 
 def root_beside_unit(ahead: Array) -> Array:

@@ -156,7 +156,7 @@ def settle(
     told = _Told(cycles, vehicle, every=vehicle.estimator.refine)
     for before, taken, after in last.held or _blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
-        rows = regression.rows(about, taken, regression.posed(about, taken), told.every)
+        rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
     return Settled(_history(samples, phase, told, last.run.estimate), last.stands)
 

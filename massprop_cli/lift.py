@@ -99,12 +99,14 @@ class Lift:
 
     def sizes(self, theta: Array) -> Array:
         """(10,) the size that each of θ has by nature: the largest J, sqrt(trace I · mu), times m_r on a bearing, and mu."""
-        reference = self.reference(theta)
-        sizes = np.full(10, np.linalg.eigvalsh(tensor(theta[J]))[-1])
-        sizes[MOMENT] = np.sqrt(float(np.trace(reference.inertia)) * reference.mu)
+        principal = np.linalg.eigvalsh(tensor(theta[J]))
+        trace, factor = (1 / principal).sum(), 1.0
         if isinstance(self.plant, BearingBody):
-            sizes[MOMENT] *= self.plant.rotating_mass(reference)
-        sizes[MU] = reference.mu
+            factor = float(self._rotating(theta))
+            trace -= 2 * theta[MOMENT] @ theta[MOMENT] / factor
+        sizes = np.full(10, principal[-1])
+        sizes[MOMENT] = factor * np.sqrt(trace * theta[MU])
+        sizes[MU] = theta[MU]
         return sizes
 
     def scales(self, theta: Array) -> Array:

@@ -101,17 +101,19 @@ class Lifted(_Steps):
     """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
 
 
-def lifted(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None) -> Lifted:
+def lifted(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
+) -> Lifted:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
-    (N, c) there is a column for each of these combinations of coefficients instead.
+    (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
-    within = motion_within(here, reference, lift, theta, response)
+    within = motion_within(here, reference, lift, theta, response) if rebuilt is None else rebuilt
     motion = within.motion
     inverse = tensor(theta[J])
     duration = here.executed.duration_s

@@ -21,7 +21,7 @@ from massprop_cli.lift import MOMENT, Lift
 from massprop_cli.linearise import RATE, Layout
 from massprop_cli.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.plant import Reference, plant_of
-from massprop_cli.rows import Posed, Response, Rows
+from massprop_cli.rows import Posed, Response, Rows, Told
 from massprop_cli.sensitivity import Consider
 from massprop_cli.system import System, drift, prior, system_of
 from massprop_cli.vehicle import Vehicle
@@ -87,11 +87,14 @@ class Regression:
         self.prior = prior(samples, vehicle)
         self.free = int((self.prior > 0).sum())
         """m, the states whose beginning is unknown."""
+        self.assumed = len(consider.variants) + consider.thrust * len(samples.wrench)
+        """e, the assumptions."""
+        self._last: tuple[Run, Array, Array, Array] | None = None
+        self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        assumed = len(self.consider.variants) + self.consider.thrust * len(self.samples.wrench)
-        size = self.free + self.lift.size + 1 + assumed
+        size = self.free + self.lift.size + 1 + self.assumed
         known = known_rows(self.prior, size)
         triangle = np.vstack([known, np.zeros((size - len(known), size))])
         return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
@@ -187,18 +190,22 @@ class Regression:
         estimate = replace(lift.reference(theta, bias), response=response)
         return replace(run, estimate=estimate, bound=bound)
 
-    def _pull(self, theta: Array, centre: Array) -> Array:
-        """(10,) one sigma of the pull towards ``centre``."""
+    def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
+        """(10,) where the search began, and (10,) one sigma of the pull towards it."""
+        if self._begun is None or self._begun[0] is not run.centre:
+            centre = self.lift.theta(run.centre)
+            self._begun = run.centre, centre, self.lift.sizes(centre)
+        _, centre, sizes = self._begun
         cg = PULL["balanced cg" if self.vehicle.on_air_bearing else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
-        pull *= np.maximum(self.lift.sizes(theta), self.lift.sizes(centre))
-        return pull
+        pull *= np.maximum(self.lift.sizes(theta), sizes)
+        return centre, pull
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
         """Gauss–Newton on the triangle from ``theta``: θ, the states' beginnings, Φ (3, C), and chi-square of what is left."""
-        centre, count = self.lift.theta(run.centre), self._nuisances(bound)
+        count = self._nuisances(bound)
         for _ in range(STEPS):
-            scale = self._pull(theta, centre)
+            centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, bound)
             solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
             before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
@@ -216,19 +223,24 @@ class Regression:
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
-        scale, count = self.vehicle.estimator.prior_scale * self.lift.sizes(theta), self._nuisances(run.bound)
-        own = self._posed(run, theta, scale)[count : count + 10, count : count + 10]
+        scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+        return self._sigma_of(self._posed(run, theta, scale), scale)
+
+    def _sigma_of(self, triangle: Array, scale: Array) -> Array:
+        """(10,) of the departures that end a triangle's unknowns."""
+        count = triangle.shape[1] - 11 - self.assumed
+        own = triangle[count : count + 10, count : count + 10]
         sigma: Array = scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
         return sigma
 
     def stands(self, run: Run, most: float = STALE) -> bool:
         """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
-        lift, reference = self.lift, run.reference
+        reference = run.reference
         elapsed = self.samples.part(slice(run.at - 1, run.at)).executed.end_s[0] - self.begun_s
         if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * (self.vehicle.imu.gyro_noise_rad_s or 0.0)):
             return False
-        theta = lift.theta(run.estimate)
-        return not self._stale(theta[None], self._sigmas(run, theta)[None], reference, most).any()
+        theta, scale, triangle = self._about(run)
+        return not self._stale(theta[None], self._sigma_of(triangle, scale)[None], reference, most).any()
 
     def still(self, run: Run, most: float) -> bool:
         """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
@@ -247,48 +259,52 @@ class Regression:
 
     def row(self, run: Run) -> tuple[Array, Array]:
         """(10,) and (10, 10) the estimate of a run."""
-        theta, scale = self._about(run)
-        triangle = self._posed(run, theta, scale)[None, : self._nuisances(run.bound) + 10]
-        mean, covariance = self._told(run, theta, scale, triangle, () if run.state is None else (run.state,))
+        theta, scale, whole = self._about(run)
+        triangle = whole[None, : self._nuisances(run.bound) + 10]
+        told = self._sensed(run, theta, scale, triangle)
+        mean, covariance = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
         return mean[0], covariance[0]
 
-    def _about(self, run: Run) -> tuple[Array, Array]:
-        """(10,) θ of a run's estimate, and its prior's sigmas."""
-        theta = self.lift.theta(run.estimate)
-        return theta, self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+    def _about(self, run: Run) -> tuple[Array, Array, Array]:
+        """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
+        if self._last is None or self._last[0] is not run:
+            theta = self.lift.theta(run.estimate)
+            scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+            self._last = run, theta, scale, self._posed(run, theta, scale)
+        return self._last[1:]
 
     def response(self, run: Run) -> Response:
         """What each assumption does to the estimate and to the fit."""
-        theta, scale = self._about(run)
-        triangle, own = self._posed(run, theta, scale), self._nuisances(run.bound)
+        (_, scale, triangle), own = self._about(run), self._nuisances(run.bound)
+        theta = self.lift.theta(run.estimate)
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
         return Response(self.lift.slopes(theta) @ shift, left.T @ left)
 
-    def posed(self, before: Run, taken: Taken) -> Posed:
-        """A block's rows about the estimate before it, and the triangle after each of its cycles."""
-        theta, scale = self._about(before)
+    def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
+        """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""
+        theta, scale, triangle = self._about(before)
         white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
         each = self._reduced(white, theta, scale, before.bound)
         count = self._nuisances(before.bound) + 10
-        return Posed(theta, scale, each, grown(self._posed(before, theta, scale)[:count], each))
+        triangles = grown(triangle[:count], each)
+        return Posed(theta, scale, each, triangles, self._sensed(before, theta, scale, triangles[1:]) if told else None)
 
     def astray(self, before: Run, posed: Posed) -> int | None:
         """The first cycle of a block whose estimate is too far from the reference about which the block was taken in."""
-        count = posed.triangles.shape[1] - 10
-        own = posed.triangles[1:, count:, count:]
-        sensible, sigma = self._sensible(before, posed.theta, posed.scale, own)
-        far = np.flatnonzero(self._stale(sensible, sigma, before.reference, ASTRAY))
+        if posed.told is None:
+            return None
+        far = np.flatnonzero(self._stale(posed.told.theta, posed.told.sigma, before.reference, ASTRAY))
         return int(far[0]) if far.size else None
 
-    def rows(self, before: Run, taken: Taken, posed: Posed, told: bool = True) -> Rows:
-        """Estimates after each cycle of a block, about the one before it; of what is not ``told``, innovations alone."""
+    def rows(self, before: Run, taken: Taken, posed: Posed) -> Rows:
+        """Estimates after each cycle of a block, about the one before it; of what is not told, innovations alone."""
         reference, count = before.estimate, self._nuisances(before.bound)
         each, triangles = posed.rows, posed.triangles
         mean, covariance = np.full((len(each), 10), np.nan), np.full((len(each), 10, 10), np.nan)
-        if told:
-            mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], taken.states)
+        if posed.told is not None:
+            mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
         spread = root_beside_unit(ahead)
@@ -303,24 +319,24 @@ class Regression:
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
         return Rows(mean, covariance, innovation, sigma, normalised)
 
-    def _sensible(self, run: Run, theta: Array, scale: Array, own: Array) -> tuple[Array, Array]:
-        """(K, 10) θ of triangles (K, 10, 11 + …), what isn't told kept near where the search began; and its sigma by the data alone."""
-        root = scale[:, None] * np.linalg.inv(own[..., :10])
-        step = root @ own[..., 10:11]
-        covariance = root @ root.transpose(0, 2, 1)
-        centre = self.lift.theta(run.centre)
-        pull = np.diag(self._pull(theta, centre) ** 2)
-        sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
-        return self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance))
-
-    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, states: tuple[State, ...]) -> tuple[Array, Array]:
-        """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
+    def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:
+        """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
         root = scale[:, None] * np.linalg.inv(own[..., :10])
-        step = root @ own[..., 10:]
+        steps = root @ own[..., 10:]
+        step = steps[..., :1]
+        covariance = root @ root.transpose(0, 2, 1)
+        centre, sigmas = self._pull(theta, run)
+        pull = np.diag(sigmas**2)
+        sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
+        return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
+
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, told: Told, states: tuple[State, ...]) -> tuple[Array, Array]:
+        """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
+        count = triangles.shape[1] - 10
         # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
-        at, sigma = self._sensible(run, theta, scale, own)
+        root, step, at, sigma = told
         slopes = self.lift.slopes(at)
         mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
         slopes = _curved(at, sigma)[..., None] * slopes

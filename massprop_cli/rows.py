@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,6 +52,19 @@ class Rows:
         return replace(self, mean=mean, covariance=covariance)
 
 
+class Told(NamedTuple):
+    """What K triangles on θ's departure tell of it."""
+
+    root: Array
+    """(K, 10, 10) of the covariance by the data alone."""
+    step: Array
+    """(K, 10, 1 + e) the departure, and what assumptions do to it."""
+    theta: Array
+    """(K, 10) θ, what isn't told kept near where the search began."""
+    sigma: Array
+    """(K, 10) of each by the data alone."""
+
+
 @dataclass(frozen=True)
 class Posed:
     """What K cycles say about θ, linear about one."""
@@ -63,7 +77,10 @@ class Posed:
     """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
     triangles: Array
     """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
+    told: Told | None
+    """Of the triangles after each cycle, where that is wanted."""
 
     def first(self, count: int) -> Posed:
         """Of so many cycles."""
-        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1])
+        told = None if self.told is None else Told(*(part[:count] for part in self.told))
+        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], told=told)

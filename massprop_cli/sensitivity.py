@@ -22,6 +22,7 @@ from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
+from massprop_cli.within import Within, motion_within, response_of
 
 STEP = 0.02
 """Cycles; half the difference behind the derivative with respect to delay and lag."""
@@ -61,10 +62,11 @@ def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehi
     state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
     driven, measured = [], []
     read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
+    moved: dict[tuple[int, int], Within] = {}
     for variant in consider.variants:
         for side in (variant.low, variant.high):
             if id(side) not in read:
-                read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle)
+                read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle, moved)
         low, high = read[id(variant.low)], read[id(variant.high)]
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
@@ -96,11 +98,20 @@ def thrust_columns(
     return growth, push * whole[:, None, :] / executed.duration_s[:, None, None]
 
 
-def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
+def _expected(
+    side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, moved: dict[tuple[int, int], Within]
+) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log.
+
+    Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
+    """
     lift = Lift(plant_of(vehicle))
-    phi, _ = lift.coefficients(lift.theta(reference))
-    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None])
+    theta = lift.theta(reference)
+    phi, _ = lift.coefficients(theta)
+    same = id(side.samples), id(vehicle.environment)
+    if same not in moved:
+        moved[same] = motion_within(side.samples.part(cycles), reference, lift, theta, response_of(reference, lift, theta))
+    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same])
     then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
     return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)
 
