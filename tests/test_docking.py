@@ -1,16 +1,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 
 from massprop_cli import QUANTITIES, docking
-from massprop_cli.analysis import analyse
 from massprop_cli.arrays import Array
 from massprop_cli.dynamics import elements
-
-LOG = Path(__file__).parents[1] / "sample_logs" / "docking" / "log.parquet"
+from tests.analysed import SAMPLES, analysed
 
 
 def body(points: Array, masses: Array) -> Array:
@@ -39,9 +36,9 @@ def test_published_docked_cube_follows_from_the_true_phases() -> None:
 
 
 def test_docked_object_of_the_recorded_docking_is_covered_by_its_sigmas() -> None:
-    found = analyse(LOG).docked
+    found = analysed("docking").docked
     assert found is not None
-    truth = json.loads((LOG.parent / "truth.json").read_text())
+    truth = json.loads((SAMPLES / "docking" / "truth.json").read_text())
     for name in QUANTITIES:
         estimate = found.estimates[name]
         assert estimate.value is not None
@@ -53,7 +50,7 @@ def test_docked_object_of_the_recorded_docking_is_covered_by_its_sigmas() -> Non
 
 def test_covariance_is_that_of_sampled_phases() -> None:
     """Draw both phases from their covariances and difference the draws: the sample covariance is the propagated one."""
-    analysis = analyse(LOG)
+    analysis = analysed("docking")
     assert analysis.docked is not None
     rng = np.random.default_rng(0)
     draws = [rng.multivariate_normal(c.values, c.covariance, 20_000, method="eigh") for c in analysis.conclusions]

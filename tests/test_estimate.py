@@ -2,26 +2,19 @@ from __future__ import annotations
 
 import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from massprop_cli import QUANTITIES, estimate
-from massprop_cli.analysis import Analysis, analyse
 from massprop_cli.arrays import Array
 from massprop_cli.history import History
 from massprop_cli.vehicle import Phase
 from tests import flight
+from tests.analysed import SAMPLES, analysed
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
 WITH_TRUTH = ("free-flyer", "air-bearing", "docking", "high-rate")
-
-
-@cache
-def analysed(name: str, method: str = "default") -> Analysis:
-    return analyse(SAMPLES / name / "log.parquet", assignments=(f"estimator.method={method}",))
 
 
 def z_scores(history: History, truth: Array) -> Array:
@@ -29,6 +22,7 @@ def z_scores(history: History, truth: Array) -> Array:
     return z
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize("name", WITH_TRUTH)
 def test_logs_of_the_independent_engine_are_matched_at_their_bound(name: str) -> None:
     """Errors within 4.5 sigma and sigmas between 0.9 and 1.25 of the log's own Cramér–Rao bound, everything converged."""
@@ -85,6 +79,7 @@ def test_sigmas_mean_what_they_say_over_noise_seeds(kind: str, count: int) -> No
     assert (np.abs(z.mean(0)) < 3.5 / np.sqrt(len(z))).all()
 
 
+@pytest.mark.numerical
 def test_estimates_depend_on_earlier_cycles_only() -> None:
     flown = flight.standard("free", 200)
     samples = flown.samples(np.random.default_rng(0))
@@ -124,6 +119,7 @@ def test_an_unexcited_first_half_changes_nothing_but_the_wait() -> None:
     assert (np.abs(late.values[-1] - early.values[-1]) < 3 * explained + 0.1 * early.sigmas[-1]).all()
 
 
+@pytest.mark.numerical
 def test_the_prior_does_not_pull() -> None:
     flown = flight.standard("free", 200)
     samples, phase = flown.samples(np.random.default_rng(7)), Phase(name="all", start_s=0, end_s=99)
@@ -135,6 +131,7 @@ def test_the_prior_does_not_pull() -> None:
         assert (np.abs(other.values[-1] - finals[0].values[-1]) < 0.1 * finals[0].sigmas[-1]).all()
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize("factor", [1e-5, 1e4])
 def test_nothing_assumes_a_vehicle_of_a_certain_size(factor: float) -> None:
     """All masses, forces and torques scaled together: the motion is the same, so the scaled estimates are too."""
@@ -149,6 +146,7 @@ def test_nothing_assumes_a_vehicle_of_a_certain_size(factor: float) -> None:
     np.testing.assert_allclose(other.sigmas[-1] / proportional, one.sigmas[-1], rtol=1e-4)
 
 
+@pytest.mark.numerical
 def test_gyro_and_accelerometer_bias_are_estimated_away_where_stated() -> None:
     used = flight.vehicle(imu={"gyro_bias_sigma_rad_s": 0.01, "accel_bias_sigma_m_s2": 0.1})
     flown = flight.standard("free")
@@ -160,6 +158,7 @@ def test_gyro_and_accelerometer_bias_are_estimated_away_where_stated() -> None:
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.numerical
 def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
     torque = 0.02
     used = flight.vehicle(environment={"disturbance_torque_n_m": torque})
@@ -178,6 +177,7 @@ def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
     assert 0.65 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.numerical
 def test_a_mass_that_is_said_to_drift_is_known_no_better_than_it_drifts() -> None:
     """The body of the flight is constant: its mass still holds, with a sigma that no averaging brings below the walk."""
     flown = flight.standard("free")

@@ -20,6 +20,8 @@ from massprop_cli.start import first_reference
 from massprop_cli.vehicle import Phase
 from tests import flight
 
+pytestmark = pytest.mark.numerical
+
 CYCLES = slice(2, 320)
 PHASE = Phase(name="all", start_s=0.0, end_s=16.0)
 

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from massprop_cli.arrays import Array
 from massprop_cli.kalman import State, predict, update
+
+pytestmark = pytest.mark.numerical
 
 
 def run(z: Array, H: Array, prior: Array, noise: float) -> list[State]:

@@ -101,7 +101,7 @@ def test_stated_pulse_errors_are_noise_and_hide_nothing() -> None:
         assert [c.contradiction for c in found.conclusions] == [""]
 
 
-@pytest.mark.parametrize("seed", [7008, 7028])
+@pytest.mark.parametrize("seed", [pytest.param(7008, marks=pytest.mark.numerical), 7028])
 def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
     """After docking the body spins: beside the constant, hardly more than noise is left of its rate, which is in the residual as well."""
     flown = simulate.fly(scenario.load("docking"), [seed])

@@ -12,6 +12,8 @@ from massprop_cli.linearise import parameters
 from massprop_cli.plant import BearingBody, FreeBody, Plant, Reference
 from tests.test_plant import BODY, moment_about_cg, motion
 
+pytestmark = pytest.mark.numerical
+
 PLANTS: list[Plant] = [FreeBody(), BearingBody(np.array([0.005, 0.01, -0.004]), 5.0, 9.80665)]
 BOTH = pytest.mark.parametrize("plant", PLANTS, ids=["free", "air_bearing"])
 

@@ -12,6 +12,8 @@ from massprop_cli.linearise import PARAMETERS, RATE, linearise, parameters, step
 from massprop_cli.plant import Reference
 from tests import flight
 
+pytestmark = pytest.mark.numerical
+
 KINDS = ("free", "air_bearing")
 
 

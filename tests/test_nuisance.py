@@ -9,6 +9,8 @@ from massprop_cli.kalman import State
 from massprop_cli.nuisance import filtered, ordered, unknown_beginnings
 from massprop_cli.system import System
 
+pytestmark = pytest.mark.numerical
+
 CYCLES, STATES, COLUMNS = 40, 6, 5
 
 

@@ -20,6 +20,8 @@ from massprop_cli.vehicle import Phase
 from tests import flight
 from tests.test_linearise import reference
 
+pytestmark = pytest.mark.numerical
+
 ALL = Phase(name="all", start_s=0, end_s=1e9)
 
 

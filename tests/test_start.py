@@ -7,6 +7,8 @@ from massprop_cli.dynamics import elements
 from massprop_cli.start import first_reference
 from tests import flight
 
+pytestmark = pytest.mark.numerical
+
 
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])
 def test_first_reference_is_near_the_truth_from_nothing(kind: str) -> None:

@@ -86,6 +86,7 @@ def test_another_imu_shares_the_commands() -> None:
     same(plain.changed(gyro=1.01), Timing(2.0, 0.0).of(scaled, used))
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize("size", [1e-2, 1.0, 1e5])
 def test_a_triangle_grown_by_products_is_that_of_all_rows(size: float) -> None:
     """A block that tells little, as much, and far more than what is known."""

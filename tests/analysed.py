@@ -1,0 +1,16 @@
+"""Sample logs estimated once for all tests that look at the same result."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from massprop_cli.analysis import Analysis, analyse
+
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
+
+
+@cache
+def analysed(name: str, method: str = "default") -> Analysis:
+    """What is found in a sample log."""
+    return analyse(SAMPLES / name / "log.parquet", assignments=(f"estimator.method={method}",))
