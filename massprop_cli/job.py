@@ -5,7 +5,8 @@ The command, a campaign and Python all come through here, so that the same log w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -73,7 +74,11 @@ def of_file(
     if progress is not None:
         progress("reading", 0.0)
     table = tablefile.read_table(log, map_file)
-    return of_table(table, vehicles.find(log, vehicle, table.embedded_vehicle, assignments), assignments, demands, progress)
+    source = vehicles.find(log, vehicle, table.embedded_vehicle, assignments)
+    with _guarded(table.path, source):
+        read = telemetry.read(table, source.vehicle)
+        del table  # as large as the log once more
+        return _judged(analysis.examine(read, source, assignments, progress), demands or Demands())
 
 
 def of_table(
@@ -84,9 +89,15 @@ def of_table(
     progress: Progress | None = None,
 ) -> Judged:
     """The same of a log and a vehicle at hand."""
-    # what overflows or divides by zero ends as "nothing can be said", not as noise on stderr
-    with np.errstate(all="ignore"), extremes.refused(table.path, source):
+    with _guarded(table.path, source):
         return _judged(analysis.examine(telemetry.read(table, source.vehicle), source, assignments, progress), demands or Demands())
+
+
+@contextmanager
+def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
+    """What overflows or divides by zero ends as "nothing can be said", not as noise on stderr."""
+    with np.errstate(all="ignore"), extremes.refused(log, source):
+        yield
 
 
 def _judged(found: Analysis, demands: Demands) -> Judged:
