@@ -273,11 +273,11 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
     # a bin goes on as it begins; events within it add what they change from there on
     since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
     begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))
-    last = np.searchsorted(time, edges_s[:-1])
-    first_slope = rising[last]
-    first = begun[last] + first_slope * (edges_s[:-1] - since[last])
     length = np.diff(edges_s)
     bin_of = np.searchsorted(edges_s, time, "right") - 1
+    last = np.cumsum(np.bincount(bin_of + 1, minlength=len(length)))[: len(length)]  # events before each edge
+    first_slope = rising[last]
+    first = begun[last] + first_slope * (edges_s[:-1] - since[last])
     inside, before = (bin_of >= 0) & (bin_of < len(length)), bin_of < 0
 
     def per_bin(added: Array) -> Array:

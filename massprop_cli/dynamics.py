@@ -43,6 +43,14 @@ def cross(a: Array, b: Array) -> Array:
     return found
 
 
+def inverse(matrix: Array) -> Array:
+    """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
+    cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
+    determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
+    found: Array = cofactors.transpose(0, 2, 1) / determinant[:, None, None]
+    return found
+
+
 def rotation(vector: Array) -> Array:
     """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
     angle = np.sqrt((vector**2).sum(-1))[..., None, None]

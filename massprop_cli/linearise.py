@@ -25,12 +25,12 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples, Source
-from massprop_cli.dynamics import cross, cross_matrix, elements, tensor, times
+from massprop_cli.dynamics import cross, cross_matrix, elements, inverse, tensor, times
 from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.lift import MU as LIFT_MU
 from massprop_cli.plant import BearingBody, Motion, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
-from massprop_cli.within import STEEP, Windows, Within, level, motion_within, multiplied, response_of, swing, windows
+from massprop_cli.within import STEEP, Windows, Within, level, motion_within, response_of, swing, windows
 
 PARAMETERS = slice(0, 10)
 INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
@@ -115,7 +115,6 @@ def lifted(
     response = response_of(reference, lift, theta)
     within = motion_within(here, reference, lift, theta, response) if rebuilt is None else rebuilt
     motion = within.motion
-    inverse = tensor(theta[J])
     duration = here.executed.duration_s
     bin_s = duration / motion.rate.shape[1]
     step, whole, known = integrals(here, lift, theta, within)
@@ -126,9 +125,11 @@ def lifted(
     # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
     # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
     mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
-    leaving, entering = (_bounded(response[:, -6:] @ products_by_rate(part)) for part in (mean.rising[:-1], mean.falling[1:]))
-    solve = np.linalg.inv(np.eye(3) - entering)
-    to_rate = solve @ inverse
+    by_rate = response[:, -6:] @ products_by_rate(np.eye(3))
+    leaving, entering = (_bounded(np.einsum("kl,lij->kij", part, by_rate)) for part in (mean.rising[:-1], mean.falling[1:]))
+    solve = inverse(np.eye(3) - entering)
+    own = tensor(theta[J])
+    to_rate = solve @ own
     states = layout.size - RATE.start
     turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
     transition = np.zeros((len(step), states, states))
@@ -160,8 +161,8 @@ def lifted(
     for rows, columns, matrix in (
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
-        (slice(3, 6), layout.torque, euler @ inverse),
-        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ inverse @ tilting),
+        (slice(3, 6), layout.torque, euler @ own),
+        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting),
     ):
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
@@ -186,18 +187,17 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     bin_s = duration / motion.rate.shape[1]
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
-    lateness = np.zeros((len(duration), lift.channels))
-    lateness[:, -6:] = (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12
-    if isinstance(plant, BearingBody):
-        lateness[:, 3:6] = (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12
-        lateness[:, 6:9] = level(motion.up, executed.skew_bins[..., 3:]).sum(1)
-    all_channels = np.concatenate([multiplied(lift, motion.wrench, motion.up), second], -1)
-    rising, _, whole = windows(all_channels, bin_s, lateness)
-    # the commands' own, exactly
-    jets = np.concatenate([executed.rising, executed.impulse], -1).reshape(len(duration), 2, 6)
+    # the commands' own exactly, the rest by its bins
+    jets = np.stack([executed.rising, executed.impulse])
+    parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
     if isinstance(plant, BearingBody):
         jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
-    rising[:, : jets.shape[2]], whole[:, : jets.shape[2]] = jets[:, 0], jets[:, 1]
+        force = motion.wrench[..., 3:]
+        parts.insert(0, (motion.up, (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12))
+        parts.insert(1, (level(motion.up, force), level(motion.up, executed.skew_bins[..., 3:]).sum(1)))
+    each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
+    rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)
+    whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
     known = windows(swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
     return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
 
