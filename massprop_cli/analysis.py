@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +16,6 @@ from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
 from massprop_cli.conclude import Conclusion, conclude, contradicted
 from massprop_cli.contradict import SATURATED, Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
-from massprop_cli.cures import Cure
-from massprop_cli.diagnose import Diagnosis, diagnose
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
 from massprop_cli.estimates import Progress, as_stated, by_thesis, estimates
@@ -28,6 +27,10 @@ from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
 from massprop_cli.timing import Found, Timing
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
+
+if TYPE_CHECKING:
+    from massprop_cli.cures import Cure
+    from massprop_cli.diagnose import Diagnosis
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
@@ -115,15 +118,17 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     samples = Stream.of(log, stated, used_timing)
     phases = _phases(log, stated, samples)
     consider = _considered(log, stated, used_timing)
-    diagnosis = Diagnosis()
+    diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
         answer = by_thesis(samples, phases, stated)
     else:
         plain = as_stated(samples, phases, stated, consider)
         if check and plain.dubious and not _saturated(log):
             say("looking for the cause", 1.0)
+            from massprop_cli.diagnose import diagnose  # nine modules that a clean log does without
+
             diagnosis = diagnose(log, plain.used, used_timing, [cycles for _, cycles in phases])
-        size = stated.estimator.adapt_noise and not diagnosis.explanations
+        size = stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
         answer = estimates(samples, phases, plain, size, consider, say)
     histories, settled, used = answer.histories, answer.settled, answer.used
     if stated.estimator.refine and settled:
@@ -132,7 +137,8 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     if settled and check:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled)
-    if detected is None:
+    explanations, unknown = (diagnosis.explanations, diagnosis.unknown) if diagnosis else ((), "")
+    if detected is None and diagnosis:
         detected = diagnosis.detected
     if detected is None and examination is not None and used == _undisturbed(used, stated):
         detected = _checked_timing(settled, used_timing, examination)
@@ -148,18 +154,18 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         settled=tuple(settled) or histories,
         conclusions=tuple(conclude(history, used) for history in histories),
         docked=None,
-        notices=(*log.notices, *_unexplained(diagnosis, answer.notices), *answer.notices, *(n for h in histories for n in h.notices)),
+        notices=(*log.notices, *_unexplained(unknown, answer.notices), *answer.notices, *(n for h in histories for n in h.notices)),
         assignments=tuple(assignments),
         examination=examination,
-        faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in diagnosis.explanations)),
-        unknown=diagnosis.unknown,
+        faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in explanations)),
+        unknown=unknown,
     )
 
 
-def _unexplained(diagnosis: Diagnosis, others: Sequence[Notice]) -> list[Notice]:
+def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:
     """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
     known = all(notice.code != "noise-floor" for notice in others)
-    return [Notice("cause-unknown", diagnosis.unknown)] if diagnosis.unknown and known else []
+    return [Notice("cause-unknown", unknown)] if unknown and known else []
 
 
 def _saturated(log: Log) -> list[Notice]:

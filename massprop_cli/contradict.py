@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +21,13 @@ from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.compensate import Source
 from massprop_cli.conclude import POSITIVE, Conclusion, Estimate
-from massprop_cli.cures import Cure
 from massprop_cli.history import History
 from massprop_cli.lackoffit import hidden_error, innovation_test
 from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from massprop_cli.cures import Cure
 
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 HIDDEN = 5.0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli import estimate, noise, thesis
+from massprop_cli import estimate, noise
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Source
 from massprop_cli.estimate import Led
@@ -93,6 +93,8 @@ def estimates(
 
 def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
     """The thesis's own filters, one after the other, with its own matrices."""
+    from massprop_cli import thesis
+
     histories: list[History] = []
     filters = None
     for phase, cycles in phases:

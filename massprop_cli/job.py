@@ -9,18 +9,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli import analysis, exits, extremes, files, judge, tablefile, telemetry
+from massprop_cli import analysis, exits, extremes, files, tablefile, telemetry
 from massprop_cli import vehicle as vehicles
 from massprop_cli.analysis import Analysis, Progress
-from massprop_cli.expect import Expectations
 from massprop_cli.report import result
 from massprop_cli.report.result import Result
 from massprop_cli.require import Requirement
 from massprop_cli.tablefile import Table
 from massprop_cli.vehicle import VehicleSource
+
+if TYPE_CHECKING:
+    from massprop_cli.expect import Expectations
 
 
 @dataclass(frozen=True)
@@ -102,10 +105,14 @@ def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
 
 def _judged(found: Analysis, demands: Demands) -> Judged:
     told = result.result(found)
-    held = told if demands.expected is None else judge.judge(told, demands.expected)
-    required = demands.required + (demands.expected.required if demands.expected is not None else ())
-    late, coarse = unconverged(held, [item.quantity for item in required]), imprecise(held, required)
-    return Judged(held, found, tuple(late), tuple(judge.missed(held)), tuple(coarse))
+    required, missed = demands.required, ()
+    if demands.expected is not None:
+        from massprop_cli import judge
+
+        told = judge.judge(told, demands.expected)
+        required, missed = required + demands.expected.required, tuple(judge.missed(told))
+    late, coarse = unconverged(told, [item.quantity for item in required]), imprecise(told, required)
+    return Judged(told, found, tuple(late), missed, tuple(coarse))
 
 
 def unconverged(found: Result, required: Sequence[str]) -> list[str]:

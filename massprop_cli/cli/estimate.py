@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
+
+if TYPE_CHECKING:
+    from massprop_cli.expect import Expectations
 
 
 @guarded
@@ -58,11 +61,10 @@ def estimate(
 
     required = requirements(require)
     folder_of_its_own(out)
-    from massprop_cli import expect as expectations
     from massprop_cli import job, store
     from massprop_cli.report import result
 
-    demands = job.Demands(required, expectations.load(expect) if expect is not None else None)
+    demands = job.Demands(required, _expected(expect))
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
@@ -77,3 +79,11 @@ def estimate(
         show(judged.result, no_color)
     if judged.exit_code:
         fail(judged.message, judged.exit_code)
+
+
+def _expected(file: Path | None) -> Expectations | None:
+    if file is None:
+        return None
+    from massprop_cli import expect
+
+    return expect.load(file)
