@@ -21,7 +21,7 @@ def frozen(array: Array) -> Array:
 
 
 MUCH = 1e6
-"""Growth of information within a block, as part of what was there, up to which products hold it to ten digits."""
+"""Growth of information, as part of what was there, up to which products hold it to ten digits."""
 
 
 def triangle_of(rows: Array) -> Array:
@@ -50,22 +50,30 @@ def root_beside_unit(ahead: Array) -> Array:
 def grown(triangle: Array, rows: Array) -> Array:
     """(K + 1, n, n + c) a triangle (n, n + c) on n unknowns and c columns beside, and the same with rows (K, …, n + c) added one by one.
 
-    In unknowns of which the triangle makes a unit matrix, a block that tells little beside what is known already is added by products;
-    one that tells far more, by an orthogonal factorisation for each, since products would lose the rest in their rounding.
+    In unknowns of which the triangle makes a unit matrix, rows that tell little beside what is known already are added by products; one
+    that tells far more, by an orthogonal factorisation, since products would lose the rest in their rounding. Which it is depends on no
+    later row.
     """
-    count = len(triangle)
     found = np.empty((len(rows) + 1, *triangle.shape))
     found[0] = triangle
-    by_unit = rows[..., :count] @ np.linalg.inv(triangle[:, :count])
-    if not np.vdot(by_unit, by_unit) < MUCH:
-        for k, row in enumerate(rows):
-            found[k + 1] = triangle_of(np.vstack([found[k], row]))[:count]
-        return found
-    left = rows[..., count:] - by_unit @ triangle[:, count:]
-    transposed = by_unit.transpose(0, 2, 1)
-    root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
-    found[1:] = root.transpose(0, 2, 1) @ triangle
-    found[1:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
+    known, count = 0, len(triangle)
+    while known < len(rows):
+        own = found[known]
+        by_unit = rows[known:, ..., :count] @ np.linalg.inv(own[:, :count])
+        told = np.cumsum(np.einsum("kij,kij->k", by_unit, by_unit))
+        few = len(told) if told[-1] < MUCH else int(np.argmin(told < MUCH))
+        if few:
+            by_unit = by_unit[:few]
+            transposed = by_unit.transpose(0, 2, 1)
+            left = rows[known : known + few, ..., count:] - by_unit @ own[:, count:]
+            root = np.linalg.cholesky(np.eye(count) + np.cumsum(transposed @ by_unit, 0))
+            part = found[known + 1 : known + few + 1]
+            np.matmul(root.transpose(0, 2, 1), own, out=part)
+            part[:, :, count:] += np.linalg.solve(root, np.cumsum(transposed @ left, 0))
+            known += few
+        if known < len(rows):
+            found[known + 1] = triangle_of(np.vstack([found[known], rows[known]]))[:count]
+            known += 1
     return found
 
 

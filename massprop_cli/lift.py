@@ -58,12 +58,12 @@ def gamma(inertia: Array) -> Array:
 
 def products(rate: Array) -> Array:
     """(..., 6) s of rates (..., 3)."""
-    own = np.moveaxis(rate, -1, 0)
+    own = rate.transpose(-1, *range(rate.ndim - 1))
     found = np.empty((6, *own.shape[1:]))
     np.multiply(own, own[0], out=found[:3])
     np.multiply(own[1:], own[1], out=found[3:5])
     np.multiply(own[2], own[2], out=found[5])
-    return np.moveaxis(found, 0, -1)
+    return found.transpose(*range(1, rate.ndim), 0)
 
 
 def products_by_rate(rate: Array) -> Array:
