@@ -54,6 +54,8 @@ def rich(text: str, longest: int = LONGEST) -> str:
 
 def json(text: str) -> str:
     r"""JSON text with what can't be shown as its escape (``\u202e``): it reads back the same, and may stand on a terminal."""
+    if text.replace("\n", "").isprintable():
+        return text
     return "".join(_escaped(c) if not c.isprintable() and unicodedata.category(c) in _HIDDEN and c != "\n" else c for c in text)
 
 

@@ -47,7 +47,7 @@ def _gyroscopic() -> Array:
 
 
 _GAMMA = _gyroscopic()
-_UNIT = tensor(np.eye(6))
+_UNIT, _TURN = tensor(np.eye(6)), cross_matrix(np.eye(3))
 
 
 def gamma(inertia: Array) -> Array:
@@ -218,23 +218,24 @@ class Lift:
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(N,) φ of θ, and (N, 10) its derivative."""
         inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]
-        inertia = np.linalg.inv(inverse)
-        d_inverse = np.zeros((10, 3, 3))
-        d_inverse[J] = _UNIT
-        d_inertia = -inertia @ d_inverse @ inertia
-        d_moment = np.zeros((10, 3))
-        d_moment[MOMENT] = np.eye(3)
-        d_mu = np.zeros(10)
-        d_mu[MU] = 1.0
-        turn, d_turn = cross_matrix(moment), cross_matrix(d_moment)
-        lever, d_lever = inverse @ turn, d_inverse @ turn + inverse @ d_turn
-        gyro, d_gyro = inverse @ gamma(inertia), d_inverse @ gamma(inertia) + inverse @ gamma(d_inertia)
+        inertia, turn = np.linalg.inv(inverse), cross_matrix(moment)
+        coupling = gamma(inertia)
+        lever, gyro = inverse @ turn, inverse @ coupling
+        by_inverse = _UNIT @ turn, _UNIT @ coupling + inverse @ gamma(-inertia @ _UNIT @ inertia)
+        by_moment = inverse @ _TURN
+        # rows of Φ, then mu, and c or mu κ; by J, by c or κ, by mu
+        slopes = np.zeros((10, 3 * self.channels + 4))
+        rows = slopes[:, : 3 * self.channels].reshape(10, 3, self.channels)
+        rows[J, :, :3], rows[J, :, -6:] = _UNIT, -by_inverse[1]
+        slopes[MU, -4], scale = 1.0, 1.0
         if isinstance(self.plant, BearingBody):
-            gravity = self.plant.gravity
+            gravity, scale = self.plant.gravity, float(mu)
             phi = np.hstack([inverse, -gravity * lever, -mu * lever, -gyro])
-            d_phi = np.concatenate([d_inverse, -gravity * d_lever, -mu * d_lever - d_mu[:, None, None] * lever, -d_gyro], -1)
-            moment, d_moment = mu * moment, mu * d_moment + np.outer(d_mu, moment)
+            rows[J, :, 3:6], rows[J, :, 6:9] = -gravity * by_inverse[0], -mu * by_inverse[0]
+            rows[MOMENT, :, 3:6], rows[MOMENT, :, 6:9] = -gravity * by_moment, -mu * by_moment
+            rows[MU, :, 6:9], slopes[MU, -3:] = -lever, moment
         else:
             phi = np.hstack([inverse, -lever, -gyro])
-            d_phi = np.concatenate([d_inverse, -d_lever, -d_gyro], -1)
-        return np.concatenate([phi.ravel(), [mu], moment]), np.hstack([d_phi.reshape(10, -1), d_mu[:, None], d_moment]).T
+            rows[J, :, 3:6], rows[MOMENT, :, 3:6] = -by_inverse[0], -by_moment
+        slopes[MOMENT, -3:] = scale * np.eye(3)
+        return np.concatenate([phi.ravel(), [mu], scale * moment]), slopes.T

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.conclude import Conclusion
+
+_PAIRS = 1 - np.eye(3)
+"""Principal moments from second moments."""
 
 
 def physical_note(conclusion: Conclusion) -> str:
@@ -29,11 +33,13 @@ def nearest_consistent(inertia: Array) -> Array:
     unknowns, solved by trying which of them are zero (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, chapter 23).
     """
     moments, axes = np.linalg.eigh(inertia)
-    pairs = 1 - np.eye(3)
-    candidates = []
-    for keep in product((1.0, 0.0), repeat=3):
-        second = np.linalg.pinv(pairs * keep) @ moments
-        candidates.append(pairs @ np.maximum(second, 0.0))
+    candidates = [_PAIRS @ np.maximum(solver @ moments, 0.0) for solver in _solvers()]
     nearest = min(candidates, key=lambda sums: float(((sums - moments) ** 2).sum()))
     consistent: Array = (axes * nearest) @ axes.T
     return consistent
+
+
+@cache
+def _solvers() -> tuple[Array, ...]:
+    """Second moments from principal ones, with some of them kept at zero."""
+    return tuple(np.linalg.pinv(_PAIRS * keep) for keep in product((1.0, 0.0), repeat=3))
