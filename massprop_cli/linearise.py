@@ -30,7 +30,7 @@ from massprop_cli.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.lift import MU as LIFT_MU
 from massprop_cli.plant import BearingBody, Motion, Reference, plant_of
 from massprop_cli.vehicle import Vehicle
-from massprop_cli.within import STEEP, Windows, Within, level, motion_within, response_of, swing, windows
+from massprop_cli.within import STEEP, Windows, Within, level, motion_within, swing, windows
 
 PARAMETERS = slice(0, 10)
 INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
@@ -111,10 +111,8 @@ def lifted(
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
-    theta = lift.theta(reference)
-    response = response_of(reference, lift, theta)
-    within = motion_within(here, reference, lift, theta, response) if rebuilt is None else rebuilt
-    motion = within.motion
+    within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
+    theta, response, motion = within.theta, within.response, within.motion
     duration = here.executed.duration_s
     bin_s = duration / motion.rate.shape[1]
     step, whole, known = integrals(here, lift, theta, within)

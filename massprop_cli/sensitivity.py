@@ -22,7 +22,7 @@ from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
-from massprop_cli.within import Within, motion_within, response_of
+from massprop_cli.within import Within, motion_within
 
 STEP = 0.02
 """Cycles; half the difference behind the derivative with respect to delay and lag."""
@@ -106,11 +106,10 @@ def _expected(
     Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
     """
     lift = Lift(plant_of(vehicle))
-    theta = lift.theta(reference)
-    phi, _ = lift.coefficients(theta)
+    phi, _ = lift.coefficients(lift.theta(reference))
     same = id(side.samples), id(vehicle.environment)
     if same not in moved:
-        moved[same] = motion_within(side.samples.part(cycles), reference, lift, theta, response_of(reference, lift, theta))
+        moved[same] = motion_within(side.samples.part(cycles), reference, lift)
     free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same])
     then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
     return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)

@@ -60,6 +60,10 @@ def by_component(vectors: Array) -> Array:
 class Within(NamedTuple):
     """The motion in each bin, and what of it is needed beyond."""
 
+    theta: Array
+    """(10,) θ of the reference by which it was rebuilt."""
+    response: Array
+    """(3, C) Φ of it."""
     motion: Motion
     """Means over each bin."""
     rates: tuple[Array, Array]
@@ -68,11 +72,10 @@ class Within(NamedTuple):
     """(K, 3) the vertical there."""
 
 
-def motion_within(samples: Samples, reference: Reference, lift: Lift, theta: Array, response: Array) -> Within:
-    """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them.
-
-    By θ and Φ (3, C) of the reference (:func:`response_of`).
-    """
+def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
+    """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
+    theta = lift.theta(reference)
+    response = response_of(reference, lift, theta)
     executed = samples.executed
     mean = samples.rate_rad_s - reference.gyro_bias
     impulse, skew = executed.impulse_bins, executed.skew_bins
@@ -107,7 +110,7 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift, theta: Arr
             up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
             ups = up_start, end[:, 0]
         motion = Motion(motion.wrench, rate, rate_dot, up)
-    return Within(motion, (start, start + change[:, -1]), ups)
+    return Within(theta, response, motion, (start, start + change[:, -1]), ups)
 
 
 def _summed(per_bin: Array) -> Array:
