@@ -120,11 +120,9 @@ def estimate_log(
 
     ``vehicle`` names a vehicle file and ``map_file`` a map file (else the log's own), ``expected`` an expect file, ``require`` quantities
     that must converge ("all"), and how precisely ("mass<2%, ixx"); what misses either doesn't raise, but stands in ``exit_code`` and
-    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, e.g. ``{"imu.gyro_noise_rad_s": 1e-4}``.
-
-    Raises
-    ------
-    :class:`massprop_cli.errors.InputError`, whose message names file, place, value and remedy, where the input can't be used.
+    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, e.g.
+    ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose message names file, place, value and remedy,
+    where the input can't be used.
     """
     demands = Demands(requirements(require), expect.load(Path(expected)) if expected is not None else None)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]

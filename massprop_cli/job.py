@@ -105,7 +105,7 @@ def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
 
 def _judged(found: Analysis, demands: Demands) -> Judged:
     told = result.result(found)
-    required, missed = demands.required, ()
+    required, missed = demands.required, tuple[str, ...]()
     if demands.expected is not None:
         from massprop_cli import judge
 
