@@ -69,6 +69,8 @@ class Aligned:
     """(r, 6) wrenches that this vehicle can command."""
     usable: BoolArray
     """(K,) false where the executing command was issued before the log began."""
+    ignored: BoolArray
+    """(K, 2) whose gyro, whose accelerometer is not used."""
 
     @property
     def end_s(self) -> Array:
@@ -102,6 +104,7 @@ _PER_CYCLE = (
     "rising",
     "falling",
     "usable",
+    "ignored",
 )
 
 
@@ -142,6 +145,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
         pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
         usable=start >= usable_s,
+        ignored=np.zeros((count, 2), dtype=bool) if log.ignored is None else log.ignored[of],
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli import columns, noise, timing, vehicle
+from massprop_cli import columns, noise, outliers, timing, vehicle
 from massprop_cli.align import cycle_edges
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
@@ -117,6 +117,12 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     stated = _with_timing(source.vehicle, used_timing, detected)
     samples = Stream.of(log, stated, used_timing)
     phases = _phases(log, stated, samples)
+    read, told = log, list[Notice]()
+    if stated.estimator.method == "default":
+        stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
+        log = outliers.without(log, stated)
+    if log is not read:
+        samples = Stream.of(log, stated, used_timing)
     consider = _considered(log, stated, used_timing)
     diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
@@ -143,7 +149,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     if detected is None and examination is not None and used == _undisturbed(used, stated):
         detected = _checked_timing(settled, used_timing, examination)
     return Analysis(
-        log=log,
+        log=read,
         source=source,
         vehicle=used,
         stated=stated,
@@ -154,7 +160,13 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         settled=tuple(settled) or histories,
         conclusions=tuple(conclude(history, used) for history in histories),
         docked=None,
-        notices=(*log.notices, *_unexplained(unknown, answer.notices), *answer.notices, *(n for h in histories for n in h.notices)),
+        notices=(
+            *log.notices,
+            *told,
+            *_unexplained(unknown, answer.notices),
+            *answer.notices,
+            *(n for h in histories for n in h.notices),
+        ),
         assignments=tuple(assignments),
         examination=examination,
         faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in explanations)),

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.align import Aligned, align
-from massprop_cli.arrays import Array, IntArray, triangle_of
+from massprop_cli.arrays import Array, BoolArray, IntArray, triangle_of
 from massprop_cli.compensate import Samples
 from massprop_cli.dynamics import rotation
 from massprop_cli.errors import InputError
@@ -99,6 +99,8 @@ class Design:
     """Mean length of a cycle."""
     level: Array
     """(3, 3) mean projector on the level plane, body axes."""
+    used: BoolArray
+    """(K, 2) whether gyro and accelerometer are."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ def beside_torques(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, the
 def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
     slow = _waves(count, SLOW if "east" in design.places else 0)
-    felt = _reduced(np.hstack([slow, design.mean]), design.force, slow.shape[1])
+    felt = _reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
     return Free(design.places, design.fired, design.level, signal, turning, felt, beside)
 
@@ -193,6 +195,7 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
         samples.specific_force_m_s2[cycles],
         cycle_s,
         np.eye(3) - up.T @ up / len(up),
+        ~samples.executed.ignored[cycles],
     )
 
 
@@ -375,6 +378,9 @@ def _each(design: Design, disturbances: Sequence[Disturbance]) -> list[_Beside]:
         if k > 0:
             now[:, 0] += now[:, 1] + driven[k]
             kept = step @ kept @ step.T + added
+        if not design.used[k, 0]:
+            rows[k], spread[k] = 0.0, 1.0
+            continue
         rows[k], spread[k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
         gain = kept[:, :, 0] / spread[k, :, None]
         now += gain[:, :, None] * rows[k][:, None]
@@ -382,7 +388,7 @@ def _each(design: Design, disturbances: Sequence[Disturbance]) -> list[_Beside]:
     found = []
     for i, beside in enumerate(disturbances):
         began = 2 if beside.walk > 0 else 1
-        white = np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None])
+        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[design.used[:, 0]]
         told = _reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
         found.append(_Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
     return found

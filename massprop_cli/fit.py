@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array, triangle_of
+from massprop_cli.arrays import Array, BoolArray, triangle_of
 from massprop_cli.compensate import Source
 from massprop_cli.linearise import PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
 from massprop_cli.plant import Reference
@@ -101,7 +101,8 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
     count = 0 if extra is None else extra.growth.shape[-1]
-    stacked = _stacked(system, vehicle, extra)
+    used = ~samples.part(cycles).executed.ignored.repeat(3, 1)
+    stacked = _stacked(system, vehicle, extra, used)
     if stacked is None:
         return None
     rows, target = stacked
@@ -126,7 +127,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     return Fit(reference, float(channels.mean()), float(standing), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
 
 
-def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Array, Array] | None:
+def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None, used: BoolArray) -> tuple[Array, Array] | None:
     """Whitened rows (6 K, n + e) and target (6 K,) in terms of the state at the start; None where that grows beyond ``GROWTH``."""
     cycles, size = len(system.measured), system.drive.shape[1]
     count = 0 if extra is None else extra.growth.shape[-1]
@@ -145,7 +146,8 @@ def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None) -> tuple[Arr
     if extra is not None:
         rows[:, 3:, size:] += extra.force
     noise = np.repeat([vehicle.imu.gyro_noise_rad_s or 1.0, vehicle.imu.accel_noise_m_s2 or 1.0], 3)
-    return (rows / noise[:, None]).reshape(-1, size + count), (target / noise).ravel()
+    weight = used / noise
+    return (rows * weight[..., None]).reshape(-1, size + count), (target * weight).ravel()
 
 
 def _prior(layout: Layout, reference: Reference, vehicle: Vehicle) -> Array:

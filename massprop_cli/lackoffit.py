@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprop_cli.align import Aligned
-from massprop_cli.arrays import Array, triangle_of
+from massprop_cli.arrays import Array, BoolArray, triangle_of
 from massprop_cli.compensate import BLOCK, Source, blocks
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
@@ -104,9 +104,10 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
     felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
     turning, pushing = _weights(here.executed, reference, vehicle)
+    ignored = here.executed.ignored
     rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))
     forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole), len(felt))
-    return rates.weighted(turning), forces.weighted(pushing)
+    return rates.weighted(turning).without(ignored[1:, 0] | ignored[:-1, 0]), forces.weighted(pushing).without(ignored[:, 1])
 
 
 def _weights(executed: Aligned, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
@@ -137,6 +138,14 @@ class _Rows:
             residual=self.residual * weight[:, None],
             probes=self.probes * weight[:, None],
         )
+
+    def without(self, ignored: BoolArray) -> _Rows:
+        """In the place of each row that is not used the one before it once more, so that what wanders goes on."""
+        if not ignored.any():
+            return self
+        used = np.flatnonzero(~ignored)
+        held = used[np.maximum(np.searchsorted(used, np.arange(len(ignored)), "right") - 1, 0)]
+        return _Rows(self.regressors[held], self.residual[held], self.probes[held], self.count)
 
     def quick(self) -> _Rows:
         return replace(self, regressors=_quick(self.regressors), residual=_quick(self.residual), probes=_quick(self.probes))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli.arrays import Array, median
+from massprop_cli.arrays import Array, BoolArray, median
 from massprop_cli.compensate import Samples, Source, acceleration, duration_s, gathered
 from massprop_cli.dynamics import times
 from massprop_cli.history import History
@@ -97,7 +97,8 @@ def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
     found = []
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
-        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:])[1])
+        used = ~samples.part(stretch).executed.ignored[:, 1]
+        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:], used)[1])
     return np.concatenate(found)
 
 
@@ -108,8 +109,9 @@ def _stretches(cycles: slice) -> list[slice]:
     return [slice(int(first), int(end)) for first, end in pairwise(edges)]
 
 
-def _fit(regressors: Array, target: Array) -> tuple[Array, Array]:
-    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): coefficients (10,) and what is left (K, 3)."""
+def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
+    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K,) rows."""
+    regressors, target = regressors * used[:, None, None], target * used[:, None]
     rows = regressors.reshape(-1, regressors.shape[-1])
     size = np.sqrt((rows**2).sum(0))
     size = np.where(size > 0, size, 1.0)
@@ -272,10 +274,11 @@ def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehic
     found = []
     for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
         piece, near = slice(stretch.start, stretch.stop + 1), reference
-        growth = np.diff(samples.part(piece).rate_rad_s, axis=0)
+        here = samples.part(piece)
+        growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)
-            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps)
+            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps, used[1:] & used[:-1])
             near = stepped(near, parameters(near) + step) or near
         found.append(left)
     return np.concatenate(found)

@@ -309,7 +309,8 @@ class Regression:
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
         spread = root_beside_unit(ahead)
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
-        duration = self.samples.part(slice(before.at, before.at + len(each))).executed.duration_s
+        executed = self.samples.part(slice(before.at, before.at + len(each))).executed
+        duration = executed.duration_s
         unit = np.zeros((len(each), 6, 6))
         unit[:, :3, :3] = reference.inertia / duration[:, None, None]
         unit[:, 3:, 3:] = np.eye(3) / reference.mu
@@ -317,6 +318,8 @@ class Regression:
         innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
         if before.state is None:  # nothing was expected of the first cycle
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
+        for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
+            innovation[ignored, part], sigma[ignored, part], normalised[ignored, part] = np.nan, np.nan, np.nan
         return Rows(mean, covariance, innovation, sigma, normalised)
 
     def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:

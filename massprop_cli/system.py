@@ -24,6 +24,8 @@ STEADY = 1e3
 """A slowly varying torque may begin at this many of its changes per cycle, or at what the jets can do."""
 WIDE = 1e3
 """rad/s; of a rate of which nothing is known."""
+DEAF = 1e8
+"""By how much louder the noise is of a reading that is not used."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Veh
         rate, force = _pulse_noise(executed.pulse_covariance, reference, vehicle, free, duration)
         roots.append(_in_rate(rate, states))
         measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + force)
+    for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
+        measurement[ignored, part, part] *= DEAF
     return roots, measurement
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.arrays import Array, frozen, median
+from massprop_cli.arrays import Array, BoolArray, frozen, median
 from massprop_cli.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATERNION, WRENCH, jet
 from massprop_cli.configfile import nearest
 from massprop_cli.errors import InputError
@@ -62,6 +62,8 @@ class Log:
     """The same of the accelerometer's."""
     made: Made | None = None
     """How a map made it of another recording."""
+    ignored: BoolArray | None = None
+    """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
 
     @property
     def cycles(self) -> int:
@@ -79,6 +81,7 @@ class Log:
             delta_v_imu_m_s=self.delta_v_imu_m_s[rows],
             command=self.command[first:stop],
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
+            ignored=None if self.ignored is None else self.ignored[first:stop],
         )
 
     @property

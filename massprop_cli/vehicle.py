@@ -71,6 +71,12 @@ class Imu(Section):
     accel_bias_sigma_m_s2: NonNegative = 0.0
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None
+    gyro_outliers_s: tuple[FiniteFloat, ...] | None = Field(
+        None, description="time_s of records whose gyro readings are not used; absent: found in the log"
+    )
+    accel_outliers_s: tuple[FiniteFloat, ...] | None = Field(
+        None, description="time_s of records whose accelerometer readings are not used; absent: found in the log"
+    )
 
     @field_validator("body_from_imu")
     @classmethod
