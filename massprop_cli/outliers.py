@@ -171,7 +171,8 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
     windowed = executed.channels.rising[:-1] + falling[1:]
 
     def left(rate: Array, used: BoolArray) -> Array:
-        middle = (rate[1:] + rate[:-1]) / 2
+        usual = _usual(rate)
+        middle = (usual[1:] + usual[:-1]) / 2
         beside = np.hstack([products(middle) * lasting, middle * lasting, up, lasting])
         return _residual(np.diff(rate, axis=0), windowed, falling[:1], beside, used[1:] & used[:-1])
 
@@ -189,7 +190,8 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
     executed, rate = here.executed, here.rate_rad_s
     whole = executed.channels.whole / executed.duration_s[:, None]
     up = (here.up_b[1:] + here.up_b[:-1]) / 2
-    beside = np.hstack([products(rate), rate, up, np.ones((len(rate), 1))])
+    usual = _usual(rate)
+    beside = np.hstack([products(usual), usual, up, np.ones((len(rate), 1))])
 
     def left(force: Array, used: BoolArray) -> Array:
         return _residual(force, whole, np.zeros_like(whole[:1]), beside, used)
@@ -199,6 +201,13 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
         return rest - around, np.ones(rest.shape, dtype=bool)
 
     return _taken_out(here.specific_force_m_s2, left, size, _busy(whole)[:-1], noise, first)
+
+
+def _usual(rate: Array) -> Array:
+    """(K, 3) the middle one of each rate and its neighbours, so that an outlier explains nothing by what it makes of the regressors."""
+    before, after = np.vstack([rate[1:2], rate[:-1]]), np.vstack([rate[1:], rate[-2:-1]])
+    middle: Array = np.sort(np.stack([before, rate, after]), axis=0)[1]
+    return middle
 
 
 def _busy(commands: Array) -> BoolArray:

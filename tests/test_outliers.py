@@ -59,7 +59,7 @@ def test_spikes_are_told_and_each_value_is_that_of_the_log_without_them(flight: 
 
 def test_no_value_depends_on_how_far_out_a_reading_is(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
-    found = [examined(spiked(log, "gyro", ROWS, size), used) for size in (0.01, 0.1)]
+    found = [examined(spiked(log, "gyro", ROWS[:4], size), used) for size in (0.01, 0.1)]
     assert found[0].vehicle.imu == found[1].vehicle.imu
     one, other = (analysis.histories[0] for analysis in found)
     np.testing.assert_array_equal(one.values, other.values)
