@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli import columns, noise, outliers, timing, vehicle
+from massprop_cli import clipped, columns, noise, outliers, timing, vehicle
 from massprop_cli.align import cycle_edges
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
@@ -98,6 +98,7 @@ def _read(log_path: Path, vehicle_path: Path | None, assignments: Sequence[str])
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
     """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
     say = progress or (lambda *_: None)
+    log = clipped.with_unstated(log)
     found = _estimated(log, source, assignments, say)
     change_s = next((fault.change_s for fault in found.faults if fault.change_s is not None), None)
     if change_s is not None and source.vehicle.estimator.split_on_change:
