@@ -17,9 +17,9 @@ from commit import commit
 
 from massprop_cli import __version__, estimate, noise
 from massprop_cli.arrays import Array
+from massprop_cli.delays import Timing
 from massprop_cli.history import phase_cycles
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Phase
 
 SCENARIOS = ("preliminary", "refined", "free-flyer", "testbed", "docking")

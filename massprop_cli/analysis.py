@@ -25,12 +25,13 @@ from massprop_cli.sensitivity import Consider, late
 from massprop_cli.stream import Stream
 from massprop_cli.tablefile import read_table
 from massprop_cli.telemetry import Log, Notice, read
-from massprop_cli.timing import Found, Timing
+from massprop_cli.timing import Found
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 if TYPE_CHECKING:
     from massprop_cli.cures import Cure
-    from massprop_cli.diagnose import Diagnosis
+    from massprop_cli.delays import Timing, with_lag
+from massprop_cli.diagnose import Diagnosis
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
@@ -188,7 +189,7 @@ def _saturated(log: Log) -> list[Notice]:
 def _with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
     """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
     period = stated.cycle.period_s
-    resolved = timing.with_lag(stated, used.lag * period)
+    resolved = with_lag(stated, used.lag * period)
     if detected is None:
         return resolved
     cycle, thrust = {}, {}
@@ -339,7 +340,7 @@ def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | Non
     coarse = timing.search(log, source.vehicle, lags, timing.DELAYS if automatic["delay"] else (given.delay,))
     found = None
     if coarse is not None:
-        vehicle = timing.with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
+        vehicle = with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
         samples = Stream.of(log, vehicle, coarse)
         pieces = [cycles for _, cycles in _phases(log, vehicle, samples)]
         used, _ = noise.with_noise_levels(samples, pieces, vehicle)

@@ -17,6 +17,7 @@ from massprop_cli import CG, QUANTITIES
 from massprop_cli.arrays import Array, BoolArray
 from massprop_cli.columns import WRENCH
 from massprop_cli.conclude import Conclusion
+from massprop_cli.delays import Timing
 from massprop_cli.estimate import respond
 from massprop_cli.history import History
 from massprop_cli.linearise import MU
@@ -24,7 +25,6 @@ from massprop_cli.rows import Response
 from massprop_cli.sensitivity import Consider, Side, Variant, late
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 
 DEGREE = float(np.pi / 180)

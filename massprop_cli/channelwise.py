@@ -19,13 +19,13 @@ import numpy as np
 from massprop_cli.align import Aligned, align
 from massprop_cli.arrays import Array, BoolArray, IntArray, triangle_of
 from massprop_cli.compensate import Samples
+from massprop_cli.delays import Timing, with_lag
 from massprop_cli.dynamics import rotation
 from massprop_cli.errors import InputError
 from massprop_cli.lift import Lift, products
 from massprop_cli.linearise import integrals
 from massprop_cli.plant import plant_of
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing, with_lag
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.within import motion_within
 

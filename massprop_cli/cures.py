@@ -10,9 +10,9 @@ import numpy as np
 from massprop_cli.arrays import Array, IntArray
 from massprop_cli.compensate import quaternion_of, quaternion_product
 from massprop_cli.contest import Fitted
+from massprop_cli.delays import Timing, with_lag
 from massprop_cli.dynamics import rotation
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing, with_lag
 from massprop_cli.vehicle import Jet, Vehicle
 
 Matrix = tuple[tuple[float, ...], ...]

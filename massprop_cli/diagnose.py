@@ -15,11 +15,12 @@ import numpy as np
 from massprop_cli import causes, change
 from massprop_cli.contest import Fitted, fitted
 from massprop_cli.cures import Case, Cure, cure_of
+from massprop_cli.delays import Timing
 from massprop_cli.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.start import first_reference
 from massprop_cli.suppositions import Supposition
 from massprop_cli.telemetry import Log, Notice
-from massprop_cli.timing import Found, Timing, near, search
+from massprop_cli.timing import Found, near, search
 from massprop_cli.trial import Trial, hopeless, refined, tried
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.wording import alone, words_of

@@ -14,13 +14,13 @@ import numpy as np
 
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Source
+from massprop_cli.delays import Timing
 from massprop_cli.errors import InputError
 from massprop_cli.lift import Lift
 from massprop_cli.linearise import Lifted, lifted
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 from massprop_cli.within import Within, motion_within
 

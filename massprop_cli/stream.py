@@ -9,9 +9,9 @@ import numpy as np
 from massprop_cli.align import Aligned, align, capability, channel_wrench, cycle_edges, first_usable_s
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
+from massprop_cli.delays import Timing, with_lag
 from massprop_cli.dynamics import times
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing, with_lag
 from massprop_cli.vehicle import Vehicle
 
 GRID = 1024

@@ -6,15 +6,16 @@ A coarse search asks which whole delay and which lag let commands explain the mo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.align import LAGS_FORGOTTEN, align
+from massprop_cli.align import LAGS_FORGOTTEN
 from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, acceleration, compensate
+from massprop_cli.compensate import Samples, acceleration
+from massprop_cli.delays import Timing
 from massprop_cli.errors import InputError
 from massprop_cli.fit import PASSES, Extra, fit, response
 from massprop_cli.plant import Reference
@@ -46,21 +47,6 @@ MISMATCH = 0.1
 """Cycles by which a stated delay may be off and what the log says of it still be linear."""
 
 
-class Timing(NamedTuple):
-    """Delay and first-order lag, control cycles each."""
-
-    delay: float
-    lag: float
-
-    def of(self, log: Log, vehicle: Vehicle) -> Samples:
-        """The log's samples under this timing."""
-        return compensate(align(log, with_lag(vehicle, self.lag * vehicle.cycle.period_s), self.delay), vehicle)
-
-    def moved(self, unknown: Sequence[str], steps: Iterable[float]) -> Timing:
-        """With some entries changed, none below zero."""
-        return self._replace(**{name: max(getattr(self, name) + float(step), 0.0) for name, step in zip(unknown, steps, strict=True)})
-
-
 @dataclass(frozen=True)
 class Found:
     """The timing that the log shows, control cycles."""
@@ -74,11 +60,6 @@ class Found:
     """The same where the search began."""
     correlation: float = 0.0
     """Of the errors of delay and lag, where both were sought."""
-
-
-def with_lag(vehicle: Vehicle, lag_s: float) -> Vehicle:
-    """The vehicle with this lag of its thrust."""
-    return vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"lag_s": lag_s})})
 
 
 def detect(log: Log, vehicle: Vehicle, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:

@@ -7,11 +7,11 @@ import pytest
 
 from massprop_cli import change
 from massprop_cli.compensate import Samples
+from massprop_cli.delays import Timing
 from massprop_cli.dynamics import tensor
 from massprop_cli.lift import Lift
 from massprop_cli.plant import Reference, plant_of
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 from tests import flight
 from tests.test_linearise import reference

@@ -9,11 +9,11 @@ from massprop_cli import channelwise
 from massprop_cli.arrays import Array
 from massprop_cli.channelwise import Design, Disturbance
 from massprop_cli.compensate import compensate
+from massprop_cli.delays import Timing
 from massprop_cli.dynamics import tensor
 from massprop_cli.errors import InputError
 from massprop_cli.lift import Lift
 from massprop_cli.plant import Reference, plant_of
-from massprop_cli.timing import Timing
 from tests import flight
 
 DELAY = Timing(2.0, 0.0)

@@ -8,12 +8,12 @@ import pytest
 from massprop_cli import estimate
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Samples
+from massprop_cli.delays import Timing
 from massprop_cli.dynamics import tensor
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.lackoffit import hidden_error, innovation_test
 from massprop_cli.plant import Reference
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Phase, Vehicle
 from tests import faulty
 

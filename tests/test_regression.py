@@ -9,13 +9,13 @@ import pytest
 
 from massprop_cli import QUANTITIES, estimate, noise, nuisance, regression
 from massprop_cli.arrays import Array
+from massprop_cli.delays import Timing
 from massprop_cli.history import History, phase_cycles
 from massprop_cli.regression import Regression
 from massprop_cli.sensitivity import Consider
 from massprop_cli.start import fallback
 from massprop_cli.system import System, system_of
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Phase
 from tests import flight
 from tests.test_linearise import reference

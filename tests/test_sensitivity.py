@@ -9,11 +9,11 @@ from massprop_cli import QUANTITIES, estimate, timing
 from massprop_cli.analysis import Analysis
 from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, examined
+from massprop_cli.delays import Timing
 from massprop_cli.history import History
 from massprop_cli.sensitivity import Consider, late
 from massprop_cli.settings import effective_settings
 from massprop_cli.stream import Stream
-from massprop_cli.timing import Timing
 from tests import faulty
 
 

@@ -10,9 +10,9 @@ from massprop_cli import stream
 from massprop_cli.align import Aligned
 from massprop_cli.arrays import grown, triangle_of
 from massprop_cli.compensate import Samples
+from massprop_cli.delays import Timing
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 from tests import flight
 

@@ -11,10 +11,10 @@ import pytest
 from massprop_cli.arrays import Array
 from massprop_cli.channelwise import free_response
 from massprop_cli.contest import _Rows, fitted
+from massprop_cli.delays import Timing
 from massprop_cli.dynamics import elements, rotation, tensor
 from massprop_cli.suppositions import Model, Supposition
 from massprop_cli.telemetry import Log
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Vehicle
 from tests import flight
 
