@@ -16,6 +16,7 @@ from massprop_cli.arrays import Array
 from massprop_cli.assumptions import Assumption, Examined, assumptions, examined
 from massprop_cli.conclude import Conclusion, conclude, contradicted
 from massprop_cli.contradict import SATURATED, Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
+from massprop_cli.delays import Timing, with_lag
 from massprop_cli.docking import Docked, docked_object, masses_apart
 from massprop_cli.errors import InputError
 from massprop_cli.estimates import Progress, as_stated, by_thesis, estimates
@@ -30,7 +31,6 @@ from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 if TYPE_CHECKING:
     from massprop_cli.cures import Cure
-    from massprop_cli.delays import Timing, with_lag
 from massprop_cli.diagnose import Diagnosis
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}

@@ -16,7 +16,7 @@ import numpy as np
 from massprop_cli import analysis, exits, extremes, files, tablefile, telemetry
 from massprop_cli import vehicle as vehicles
 from massprop_cli.analysis import Analysis, Progress
-from massprop_cli.report import result
+from massprop_cli.report import build
 from massprop_cli.report.result import Result
 from massprop_cli.require import Requirement
 from massprop_cli.tablefile import Table
@@ -104,7 +104,7 @@ def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
 
 
 def _judged(found: Analysis, demands: Demands) -> Judged:
-    told = result.result(found)
+    told = build.result(found)
     required, missed = demands.required, tuple[str, ...]()
     if demands.expected is not None:
         from massprop_cli import judge

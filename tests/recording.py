@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli import analysis, store
 from massprop_cli.arrays import Array
-from massprop_cli.report import read, result
+from massprop_cli.report import build, read, result
 from massprop_cli.report.read import Recorded
 from massprop_cli.report.result import EstimateItem
 
@@ -23,7 +23,7 @@ def record(folder: Path, log: str, *assignments: str) -> Recorded:
     """Estimate a sample log into ``folder`` and read the result back."""
     with np.errstate(all="ignore"):
         found = analysis.analyse(SAMPLES / log, None, list(assignments), None)
-    store.write(folder, found, result.to_json(result.result(found)))
+    store.write(folder, found, result.to_json(build.result(found)))
     return read.read(folder)
 
 

@@ -16,7 +16,7 @@ from pyarrow import csv
 
 from massprop_cli import QUANTITIES, schemas
 from massprop_cli.analysis import Analysis, analyse
-from massprop_cli.report import result
+from massprop_cli.report import build, result
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_logs"
@@ -89,7 +89,7 @@ def test_csv_and_parquet_of_one_log_differ_in_hash_and_path_alone(tmp_path: Path
     found = []
     for suffix in (".parquet", ".csv"):
         log = short(tmp_path, rows=4000 if name == "high-rate" else 400, suffix=suffix, name=name)
-        found.append(json.loads(result.to_json(result.result(analyse(log)))))
+        found.append(json.loads(result.to_json(build.result(analyse(log)))))
     assert found[0]["log"].pop("path") == "log.parquet"
     assert found[1]["log"].pop("path") == "log.csv"
     assert found[0]["provenance"].pop("input_sha256") != found[1]["provenance"].pop("input_sha256")
@@ -107,9 +107,9 @@ def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> 
 @pytest.mark.parametrize("name", [pytest.param("roll-pitch", marks=pytest.mark.slow), pytest.param("yaw", marks=pytest.mark.thorough)])
 def test_settings_given_back_reproduce_the_result(name: str) -> None:
     """Also where a first pass found disturbances: what it found stands in the settings."""
-    first = result.result(crazyflie(name))
+    first = build.result(crazyflie(name))
     given = [f"{key}={json.dumps(value)}" for key, value in first.provenance.settings.items()]
-    again = result.result(analyse(SAMPLES / "crazyflie" / f"{name}.parquet", assignments=given))
+    again = build.result(analyse(SAMPLES / "crazyflie" / f"{name}.parquet", assignments=given))
     assert again.phases == first.phases
     assert again.provenance.settings == first.provenance.settings
 
@@ -247,7 +247,7 @@ def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path
     cad = 'nominal={poi_convention="positive_integral", ixx=5.0, ixy=-3.0}'
     shown = analyse(log, assignments=(cad,))
     np.testing.assert_array_equal(shown.histories[0].values, plain.histories[0].values)
-    estimates = result.result(shown).phases[0].estimates
+    estimates = build.result(shown).phases[0].estimates
     assert (estimates["ixx"].nominal, estimates["ixy"].nominal, estimates["izz"].nominal) == (5.0, 3.0, None)
     run = massprop("estimate", str(log), "--set", cad, "--out", str(tmp_path / "o"))
     assert "nominal" in run.stdout

@@ -17,7 +17,7 @@ from massprop_cli import estimate_log, foldername, store
 from massprop_cli.analysis import Analysis
 from massprop_cli.cli.guard import folder_of_its_own
 from massprop_cli.errors import UsageError
-from massprop_cli.report import result
+from massprop_cli.report import build, result
 from tests.campaigns import contents, simulate
 from tests.commandline import massprop
 
@@ -42,7 +42,7 @@ def of(found: Analysis, path: str) -> Analysis:
 
 def stored(found: Analysis, path: str) -> Path:
     one = of(found, path)
-    folder = store.write(None, one, result.to_json(result.result(one))).folder
+    folder = store.write(None, one, result.to_json(build.result(one))).folder
     assert (folder / "result.json").exists()
     return folder
 
@@ -195,7 +195,7 @@ def test_a_run_file_that_was_tampered_with_removes_nothing(listed: object, found
     (here / "out" / "mine.txt").write_text("mine")
     said = json.dumps({"log": "x", "rendered": listed}).replace("{digest}", digest(here / "mine.txt"))
     (here / "out" / "run.json").write_text(said)
-    stored = store.write(Path("out"), found, result.to_json(result.result(found)))
+    stored = store.write(Path("out"), found, result.to_json(build.result(found)))
     assert stored.pages.removed == ()
     assert (here / "mine.txt").read_text() == (here / "out" / "mine.txt").read_text() == "mine"
 

@@ -17,7 +17,7 @@ from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.errors import InputError
-from massprop_cli.report import result, words
+from massprop_cli.report import build, words
 from massprop_cli.report.result import Result
 from massprop_cli.require import Requirement
 from massprop_cli.tablefile import Table
@@ -55,7 +55,7 @@ def check(
                 log = telemetry.read(table, vehicle)
                 found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle)]
                 estimated = analysis.examine(log, source, assignments, say)
-                told = result.result(estimated)
+                told = build.result(estimated)
         except InputError as error:
             return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
     found += _noticed(estimated, {one.code for one in found})
