@@ -1,0 +1,245 @@
+"""Members of a scenario on their way: one control cycle after the other, from what is commanded to what the IMU senses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.arrays import Array
+from massprop_cli.errors import InputError
+from massprop_cli.testbed import imu, mission, truth
+from massprop_cli.testbed.actuators import Actuators
+from massprop_cli.testbed.motion import (
+    Bearing,
+    Bodies,
+    CycleMotion,
+    Dynamics,
+    Wrench,
+    compose,
+    compose_all,
+    cross,
+    quaternions,
+    rotation_vectors,
+    vertical,
+)
+from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
+from massprop_cli.testbed.timeline import Event
+from massprop_cli.vehicle import Vehicle
+
+BINS = 20
+"""At least this many bins in a cycle."""
+STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance")
+"""Each has random numbers of its own, so that switching one off leaves the others as they were."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Members made different from the scenario, to see what difference it makes."""
+
+    bodies: Bodies
+    """One per member, in place of what the scenario has."""
+    rate: Array
+    """(3, S) added to the body rate, rad/s."""
+
+
+class Cycles:
+    """S members, K cycles of N records, body axes; :meth:`fly` takes one cycle after the other, in their order."""
+
+    def __init__(self, source: ScenarioSource, seeds: Sequence[int], issued: Array | None, changes: Mapping[int, Change]) -> None:
+        """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown."""
+        self.source, self.seeds, self.changes = source, seeds, changes
+        scenario = self.scenario = source.scenario
+        rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
+        self.members, self.period = len(seeds), scenario.vehicle.cycle.period_s
+        bins = _bins(scenario)
+        self.width = self.period / bins
+        self.allocated = mission.allocation(source)
+        self.plan = mission.plan(scenario, self.allocated, rngs["plan"]) if issued is None else None
+        self.actuators = _actuators(scenario, rngs["pulses"], self.width * np.arange(bins + 1), issued)
+        self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
+        self.torque, self.drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
+        self.bearing = _bearing(scenario.vehicle)
+        self.body = truth.bodies(scenario.truth, self.members)
+        self.events = {event.at(self.period): event for event in scenario.events}
+        self.records = scenario.sensors.records_per_cycle
+        self.attitude = np.empty((self.members, scenario.cycles * self.records + 1, 4))
+        """(S, K N + 1, 4) at the start and after each record."""
+        self.rate = np.empty((self.members, scenario.cycles + 1, 3))
+        """(S, K + 1, 3) at the edges of cycles, rad/s."""
+        initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
+        self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
+        self.onboard = _Onboard(scenario.control, np.repeat(initial[:, None], self.members, 1))
+        self.position = np.array(scenario.vehicle.imu.position_m)
+
+    def truth(self) -> Array:
+        """(S, 10) quantities of the bodies as they are now."""
+        return truth.values(self.body)
+
+    def fly(self, k: int) -> None:
+        """Cycle k: events, commands, what executes, motion, what the IMU senses, fuel."""
+        jump = self._begin(k)
+        self._command(k)
+        mean, gathered, burn_s = self.actuators.execute(k)
+        disturbing = (self.torque[:, :, k] - (self.drag * self.rate[:, k]).T)[..., None]
+        mean[:3] += disturbing
+        gathered[:3] += disturbing * (self.width / 2)
+        here = self.attitude[:, k * self.records].T
+        up = vertical(here) if self.bearing else np.zeros((3, self.members))
+        dynamics = Dynamics(self.body, self.bearing)
+        motion = dynamics.advance(self.rate[:, k].T, up, Wrench(mean, gathered), self.width)
+        self.rate[:, k + 1] = motion.rate_end.T
+        self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
+        self._sense(k, motion.rate, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
+        self._burn(k, burn_s)
+
+    def check_motion(self, k: int) -> None:
+        """:class:`InputError` where a member turns too fast at the end of cycle k."""
+        wild = ~(np.abs(self.rate[:, k + 1]).max(1) <= 1 / self.period)
+        if wild.any():
+            raise InputError(
+                f"{self.source.source}, seed {self.seeds[int(np.argmax(wild))]}: the vehicle turns faster than one radian per cycle at "
+                f"{self.period * (k + 1):g} s; check gains, delay, torques, disturbance and inertia"
+            )
+
+    def _begin(self, k: int) -> Array | float:
+        """What happens at the start of a cycle; the jump of the IMU's velocity there."""
+        jump: Array | float = 0.0
+        if k in self.events:
+            self.body, after, jump = _happen(self.events[k], self.scenario, self.body, self.rate[:, k].T, self.position)
+            self.rate[:, k] = after.T
+        if k in self.changes:
+            self.body = self.changes[k].bodies
+            self.rate[:, k] += self.changes[k].rate.T
+        return jump
+
+    def _command(self, k: int) -> None:
+        """By the plan, with the attitude control where that holds; nothing where commands were recorded."""
+        if self.plan is None:
+            return
+        demand = self.plan.demand[:, k]
+        if self.plan.held[k].any():
+            demand = demand + np.pad(self.onboard.torque() * self.plan.held[k], ((0, 0), (0, 3)))
+        self.actuators.issue(k, self.allocated.commands(demand))
+
+    def _sense(self, k: int, rate: Array, felt: Array, jump: Array | float) -> None:
+        """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
+        per_record = (3, self.members, self.records, -1)
+        angle = self.gyro.sense(k, rate.reshape(per_record).mean(-1))
+        self.accelerometer.sense(k, felt.reshape(per_record).mean(-1), jump)
+        self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
+
+    def _burn(self, k: int, burn_s: Array) -> None:
+        """What the fuel of a cycle leaves; :class:`InputError` where that is no body."""
+        bearing, fuel = self.bearing, self.scenario.fuel
+        if fuel is None:
+            return
+        impulse = np.abs(burn_s) @ np.linalg.norm(self.actuators.wrench[:, 3:], axis=1)
+        body = self.body = truth.burnt(self.body, fuel, impulse, bearing.mass if bearing else 0.0)
+        left = body.mass - (bearing.mass if bearing else 0.0)
+        least = np.linalg.eigvalsh(np.moveaxis(body.inertia, -1, 0))[:, 0]
+        gone = ~((left > 0) & (least > 0))
+        if gone.any():
+            member = int(np.argmax(gone))
+            raise InputError(
+                f"{self.source.source}, seed {self.seeds[member]}: at {self.period * (k + 1):g} s the fuel burnt leaves no body (mass "
+                f"{left[member]:.4g} kg, least moment of inertia {least[member]:.4g} kg m^2); raise fuel.specific_impulse_s, or mend "
+                "fuel.tank_position_m"
+            )
+
+
+@dataclass
+class _Onboard:
+    """The vehicle's own attitude control: attitude integrated from the gyro, PD law with the rates of the cycle before."""
+
+    control: Control | None
+    attitude: Array
+
+    def __post_init__(self) -> None:
+        self.target = self.attitude.copy()
+        self.rate = np.zeros((3, self.attitude.shape[1]))
+
+    def sense(self, angle_imu: Array, body_from_imu: Array, period_s: float) -> None:
+        """Take a cycle's angle increment, (3, S) IMU axes."""
+        if self.control is None:
+            return
+        angle = np.einsum("ij,js->is", body_from_imu, angle_imu)
+        self.rate = angle / period_s
+        self.attitude = compose(self.attitude, quaternions(angle))
+
+    def torque(self) -> Array:
+        """(S, 3) ``ω × Î ω − D ω − K q_vec``, N m."""
+        assert self.control is not None
+        inertia, rate_gain, attitude_gain = (
+            np.array(gains)[:, None] for gains in (self.control.inertia_kg_m2, self.control.rate_gain_n_m_s, self.control.attitude_gain_n_m)
+        )
+        error = compose(self.target * np.array([1.0, -1.0, -1.0, -1.0])[:, None], self.attitude)
+        error = error * np.where(error[0] < 0, -1.0, 1.0)
+        torque: Array = cross(self.rate, inertia * self.rate) - rate_gain * self.rate - attitude_gain * error[1:]
+        return torque.T
+
+
+def _bins(scenario: Scenario) -> int:
+    """Bins in a cycle: a multiple of the records, and of the ticks where there are a moderate number of them."""
+    records, tick = scenario.sensors.records_per_cycle, scenario.tick_s
+    ticks = round(scenario.vehicle.cycle.period_s / tick) if tick else 1
+    base = int(np.lcm(records, ticks)) if ticks <= 4 * BINS and np.lcm(records, ticks) <= 10 * BINS else records
+    return base * -(-BINS // base)
+
+
+def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Array, issued: Array | None) -> Actuators:
+    vehicle, real = scenario.vehicle, scenario.actuators
+    wrench = vehicle.jet_wrench if vehicle.jets else np.eye(6)
+    shape = (scenario.cycles, len(wrench))
+    sigma = vehicle.thrust.pulse_sigma if real.pulse_sigma is None else real.pulse_sigma
+    strength = real.scale * np.stack([1 + sigma * rng.standard_normal(shape) if sigma else np.ones(shape) for rng in rngs])
+    start = vehicle.cycle.period_s * (np.arange(scenario.cycles) + scenario.delay_cycles)  # of execution
+    for failure in real.failures:
+        failed = (start >= failure.start_s - 1e-9) & (start < (np.inf if failure.end_s is None else failure.end_s) - 1e-9)
+        strength[:, failed, [jet.name for jet in vehicle.jets].index(failure.jet)] *= failure.thrust
+    actuators = Actuators(scenario, wrench, strength, edges_s)
+    if issued is not None:
+        actuators.issued[:] = issued
+    return actuators
+
+
+def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
+    """(3, S, K) torque that does not depend on the motion, N m."""
+    stated, real = scenario.vehicle.environment, scenario.disturbance
+    white = stated.disturbance_torque_n_m if real.torque_n_m is None else real.torque_n_m
+    walk = stated.disturbance_walk_n_m if real.walk_n_m is None else real.walk_n_m
+    shape = (scenario.cycles, 3)
+    drawn = np.stack([white * rng.standard_normal(shape) + np.cumsum(walk * rng.standard_normal(shape), 0) for rng in rngs])
+    middle = scenario.vehicle.cycle.period_s * (np.arange(scenario.cycles) + 0.5)
+    periodic = np.sin(2 * np.pi / real.periodic_s * middle)[:, None] * np.array(real.periodic_n_m)
+    return np.moveaxis(drawn + periodic + np.array(real.constant_n_m), -1, 0)
+
+
+def _bearing(vehicle: Vehicle) -> Bearing | None:
+    if not vehicle.on_air_bearing:
+        return None
+    environment = vehicle.environment
+    return Bearing(np.array(environment.bearing_position_m), environment.bearing_mass_kg, environment.gravity_m_s2)
+
+
+def _happen(event: Event, scenario: Scenario, body: Bodies, rate: Array, position: Array) -> tuple[Bodies, Array, Array | float]:
+    """Body, rate and jump of the IMU's velocity after an event."""
+    if event.kind == "reset" or scenario.docked is None:
+        return body, rate, 0.0
+    other = truth.bodies(scenario.docked, rate.shape[1])
+    fixed = scenario.vehicle.environment.bearing_mass_kg if scenario.vehicle.on_air_bearing else 0.0
+    combined = truth.joined(body, other, fixed)
+    return combined, *truth.docked_motion(body, other, combined, rate, position, event)
+
+
+def _attitudes(attitude: Array, motion: CycleMotion, width_s: float, records: int) -> Array:
+    """(S, N, 4) after each record of a cycle that begins at ``attitude`` (4, S)."""
+    turns = quaternions(rotation_vectors(motion, width_s))
+    turns = compose_all(turns.reshape(4, attitude.shape[1], records, -1))
+    found = np.empty((attitude.shape[1], records, 4))
+    for record in range(records):
+        attitude = compose(attitude, turns[..., record])
+        attitude = attitude / np.sqrt((attitude * attitude).sum(0))
+        found[:, record] = attitude.T
+    return found
