@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
 from massprop_cli.arrays import Array, BoolArray
-from massprop_cli.dynamics import tensor
+from massprop_cli.dynamics import parallel_axis, tensor
 from massprop_cli.history import History
 from massprop_cli.vehicle import Phase, Vehicle
 
@@ -82,10 +82,8 @@ class Conclusion:
 
     @property
     def inertia_about_origin(self) -> Array:
-        """(3, 3) about O: ``I + m (c·c 1 − c cᵀ)``, kg m²."""
-        c = self.values[6:9]
-        about: Array = self.inertia + self.rotating_mass * ((c @ c) * np.eye(3) - np.outer(c, c))
-        return about
+        """(3, 3) about O, kg m²."""
+        return self.inertia + parallel_axis(self.rotating_mass, self.values[6:9])
 
     @property
     def principal_moments(self) -> Array:

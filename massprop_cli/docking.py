@@ -9,7 +9,7 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES, UNITS
 from massprop_cli.arrays import Array
 from massprop_cli.conclude import Conclusion, Estimate, Verdict
-from massprop_cli.dynamics import elements, tensor
+from massprop_cli.dynamics import elements, parallel_axis, tensor
 from massprop_cli.posterior import condition
 from massprop_cli.vehicle import Vehicle
 
@@ -116,7 +116,7 @@ def difference(alone: Array, combined: Array) -> Array:
     cg = (combined[9] * combined[6:9] - alone[9] * alone[6:9]) / mass
     inertia = tensor(combined[:6]) - tensor(alone[:6])
     for body_mass, offset in ((alone[9], alone[6:9] - combined[6:9]), (mass, cg - combined[6:9])):
-        inertia = inertia - body_mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+        inertia = inertia - parallel_axis(body_mass, offset)
     return np.concatenate([elements(inertia), cg, [mass]])
 
 

@@ -59,6 +59,12 @@ def rotation(vector: Array) -> Array:
     return found
 
 
+def parallel_axis(mass: float, offset: Array) -> Array:
+    """``m (d·d 1 − d dᵀ)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
+    added: Array = mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+    return added
+
+
 def inertia_regressor(v: Array) -> Array:
     """L(v), shape (..., 3, 6): ``L(v) @ elements(I) = I v``."""
     matrix = np.zeros((*v.shape, 6))

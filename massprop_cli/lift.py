@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.arrays import Array
-from massprop_cli.dynamics import cross_matrix, elements, tensor
+from massprop_cli.dynamics import cross_matrix, elements, parallel_axis, tensor
 from massprop_cli.plant import BearingBody, Plant, Reference
 
 J, MOMENT, MU = slice(0, 6), slice(6, 9), 9
@@ -97,7 +97,7 @@ class Lift:
         if isinstance(plant, BearingBody):
             rotating = plant.rotating_mass(reference)
             offset = reference.cg - plant.bearing
-            inertia = inertia + rotating * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+            inertia = inertia + parallel_axis(rotating, offset)
             moment = rotating * offset
         return np.concatenate([elements(np.linalg.inv(inertia)), moment, [reference.mu]])
 

@@ -66,3 +66,16 @@ def test_torque_free_motion_keeps_momentum_and_energy() -> None:
 def test_elements_and_tensor_are_inverse() -> None:
     six = RNG.standard_normal((4, 6))
     np.testing.assert_array_equal(dynamics.elements(dynamics.tensor(six)), six)
+
+
+def test_an_inertia_about_another_point_is_that_of_the_points_of_mass() -> None:
+    """Against the definition, Σ m (r·r 1 − r rᵀ), summed over a cloud of points about its own CG and about a point away from it."""
+    weights, points, away = RNG.uniform(0.1, 1.0, 50), RNG.standard_normal((50, 3)), RNG.standard_normal(3)
+
+    def about(origin: Array) -> Array:
+        r = points - origin
+        inertia: Array = np.einsum("n,ij->ij", weights * (r**2).sum(1), np.eye(3)) - np.einsum("n,ni,nj->ij", weights, r, r)
+        return inertia
+
+    cg = weights @ points / weights.sum()
+    np.testing.assert_allclose(about(cg) + dynamics.parallel_axis(float(weights.sum()), cg - away), about(away), rtol=1e-12)
