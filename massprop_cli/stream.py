@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.align import Aligned, align, capability, channel_wrench, cycle_edges, first_usable_s
+from massprop_cli.actuators import capability, channel_wrench
+from massprop_cli.align import Aligned, align, cycle_edges, first_usable_s
 from massprop_cli.arrays import Array
 from massprop_cli.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
 from massprop_cli.delays import Timing, with_lag

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from massprop_cli.align import Signal, held, pulses, window_integrals
+from massprop_cli.actuators import Signal, held, pulses, window_integrals
 from massprop_cli.arrays import Array
 from massprop_cli.vehicle import Jet
 from tests import flight
