@@ -6,7 +6,7 @@ The flow
 
     telemetry.read ─ Log ─ align ─ Aligned ─ compensate ─ Samples ─ estimate ─ History ─ conclude ─ Conclusion ─ report
 
-One frozen type per stage, arrays with time first. ``analysis`` composes the flow.
+One frozen type per stage, arrays with time first. :mod:`massprop_cli.analysis` composes the flow.
 
 Frames
 ------

@@ -57,7 +57,7 @@ def replay(
     consider: Consider = Consider(),  # noqa: B008  a constant: it is frozen
     progress: Callable[[float], None] | None = None,
 ) -> History:
-    """Run the estimator through ``cycles`` (non-empty). Noise levels must be set in ``vehicle`` (:mod:`massprop_cli.noise`).
+    """Run the estimator through ``cycles`` (non-empty). ``vehicle`` must state noise levels (:mod:`massprop_cli.noise`).
 
     What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, after every block.
     """

@@ -29,7 +29,7 @@ class Reference:
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) rad/s, body axes; taken off the measured rate."""
     response: Array | None = None
-    """(3, C) the matrix Φ of :mod:`massprop_cli.lift` where the log tells it better than the inertia does; None: what these make it."""
+    """(3, C) the matrix Φ of :mod:`massprop_cli.lift` where the log tells it better than the inertia; None: what these make it."""
 
 
 @dataclass(frozen=True)

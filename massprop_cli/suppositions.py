@@ -1,4 +1,4 @@
-"""What could be wrong with log or vehicle file, each as what it makes of the free coefficients of :mod:`massprop_cli.channelwise`.
+"""What could be wrong with log or vehicle file, as what it makes of the free coefficients of :mod:`massprop_cli.channelwise`.
 
 One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.lift`, and beside
 them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
