@@ -359,7 +359,9 @@ def test_names_with_markup_mathematics_or_control_signs_are_only_text(docking: R
 
 def test_figures_leave_pyplot_alone_and_matplotlib_until_one_is_drawn(tmp_path: Path, flyer: Recorded) -> None:
     code = (
-        "import sys; from pathlib import Path\nfrom massprop_cli.report import figures, html, read\nassert 'matplotlib' not in sys.modules;"
+        "import sys; from pathlib import Path\n"
+        "from massprop_cli.report import figures, html, read\n"
+        "assert 'matplotlib' not in sys.modules\n"
         f"figures.draw('correlation', read.read(Path({str(flyer.path)!r})), 'svg'); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
