@@ -346,7 +346,7 @@ def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | Non
         used, _ = noise.with_noise_levels(samples, pieces, vehicle)
         found = timing.detect(log, used, pieces, coarse, unknown)
     if found is None:
-        remedy = {"delay": "the delay in cycles (--delay 2.0, or cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
+        remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise InputError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
             f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"

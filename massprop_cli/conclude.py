@@ -96,7 +96,7 @@ class Conclusion:
 def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     """Decide each quantity's value and verdict.
 
-    ``--method default``: the values at the phase's end; the rule decides the verdict. ``--method thesis``: the latched value, taken
+    By the default method the values at the phase's end; the rule decides the verdict. By the thesis's method the latched value, taken
     when the count is reached and anew each time it is reached again after a larger change (thesis, chapter 4).
     """
     thesis = vehicle.estimator.method == "thesis"

@@ -85,8 +85,8 @@ def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
-            raise InputError(f"--set {assignment}: not KEY=VALUE; write for instance --set convergence.count=50")
-        _assign(data, key.strip().split("."), literal(text.strip()), f"--set {assignment}")
+            raise InputError(f"setting {assignment}: not KEY=VALUE; write for instance convergence.count=50")
+        _assign(data, key.strip().split("."), literal(text.strip()), f"setting {assignment}")
     return data
 
 
@@ -119,7 +119,7 @@ def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -
 def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
     """Check ``data`` against ``model``.
 
-    Raises :class:`InputError` with ``source`` and the line in ``text`` (or the ``--set`` assignment at fault), the dotted key, the
+    Raises :class:`InputError` with ``source`` and the line in ``text`` (or the assignment at fault), the dotted key, the
     value, and for an unknown key the nearest known one.
     """
     bounded(data, source)
@@ -133,7 +133,7 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str
         path += [str(first["ctx"][KEY])] if KEY in first.get("ctx", {}) else []
         blamed = [a for a in assignments if path[: len(_path(a))] == _path(a) or _path(a)[: len(path)] == path]
         line = _line_of(text, path)
-        where = f"--set {blamed[-1]}" if blamed else f"{source}, line {line}" if line else source
+        where = f"setting {blamed[-1]}" if blamed else f"{source}, line {line}" if line else source
         raise InputError(f"{where}: {_explain(model, first, path)}") from None
 
 

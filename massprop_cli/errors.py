@@ -2,7 +2,14 @@
 
 
 class InputError(Exception):
-    """Unusable input or configuration (exit 3). The message names file, place, value and remedy."""
+    """Unusable input or configuration (exit 3). The message names file, place, value and remedy.
+
+    ``option`` is that of the command line, or the keyword of the Python interface, by which it is mended; empty where there is none.
+    """
+
+    def __init__(self, message: str, option: str = "") -> None:
+        super().__init__(message)
+        self.option = option
 
 
 class UsageError(Exception):

@@ -100,7 +100,7 @@ def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
     try:
         holding.acquire()
     except Timeout:
-        raise InputError(f"{folder}: another massprop is at work there; wait for it, or choose another folder with --out") from None
+        raise InputError(f"{folder}: another massprop is at work there; wait for it, or choose another folder", option="out") from None
     try:
         yield
     finally:

@@ -67,7 +67,7 @@ class PhaseLimits(Limits):
 
 
 class ToleranceFile(Section):
-    """A whole tolerance file. What it does not name is held to ``--max-sigma``."""
+    """A whole tolerance file. What it does not name is held to so many sigmas."""
 
     schema_: Literal["massprop/tolerance/1"] = Field("massprop/tolerance/1", alias="schema")
     all: Limits = Field(Limits(), description="in every phase")
@@ -101,7 +101,7 @@ class Gate:
 
 
 def load(path: Path | None, max_sigma: float) -> Gate:
-    """The gate of ``--tolerance`` and ``--max-sigma``; :class:`InputError` names file, line and key."""
+    """The gate of a tolerance file, and of so many sigmas beside it; :class:`InputError` names file, line and key."""
     fallback = Tolerance(max_sigma, "sigma")
     if path is None:
         return Gate(fallback)

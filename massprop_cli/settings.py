@@ -10,7 +10,7 @@ from massprop_cli.configfile import literal
 
 
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
-    """Dotted keys and values which, given back with ``--set``, reproduce the result."""
+    """Dotted keys and values which, given back as settings, reproduce the result."""
     used = analysis.vehicle
     keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": used.thrust.lag_s}
     timing_sigmas = {

@@ -42,7 +42,7 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
         with files.held(folder), files.staged(folder) as stage:
             pages = _placed(stage, analysis, result_json)
     except OSError as error:
-        raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+        raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
     return Stored(folder, pages)
 
 
@@ -51,7 +51,7 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     folder = stage.folder
     for name in ("history.parquet", RUN, "result.json"):
         if (folder / name).is_dir():
-            raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
+            raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
     file = folder / "result.json"
     unchanged = file.exists() and file.read_bytes() == result_json.encode()
     told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
@@ -88,7 +88,7 @@ def _claimed(log: Path) -> Path:
             # named at once, so that a process that comes next finds whose it is
             rendered.write_run(folder, _run(log, ""), {})
             return folder
-    raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder with --out")
+    raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder", option="out")
 
 
 def _is_free(folder: Path) -> bool:

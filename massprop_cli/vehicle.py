@@ -359,7 +359,7 @@ def load(path: Path, assignments: Sequence[str] = ()) -> VehicleSource:
 
 
 def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSource:
-    """Check a vehicle file's text, with ``--set`` assignments on top."""
+    """Check a vehicle file's text, with ``KEY=VALUE`` assignments on top."""
     data = configfile.parse_toml(text, source)
     data = configfile.override(data, assignments)
     vehicle = configfile.validate(Vehicle, data, source, text, assignments)
@@ -367,14 +367,14 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
 
 
 def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
-    """The vehicle with ``--set`` assignments on top."""
+    """The vehicle with ``KEY=VALUE`` assignments on top."""
     data = vehicle.model_dump(by_alias=True, exclude_none=True)
     data["jets"] = list(data["jets"])
     return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
 
 
 def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:
-    """The vehicle of a log: ``--vehicle``, the Parquet file's own metadata, LOGSTEM.vehicle.toml, vehicle.toml beside it."""
+    """The vehicle of a log: ``explicit``, the Parquet file's own metadata, LOGSTEM.vehicle.toml, vehicle.toml beside it."""
     if explicit is not None:
         return load(explicit, assignments)
     if embedded is not None:
@@ -384,7 +384,7 @@ def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Se
     for path in beside:
         if path.exists():
             return load(path, assignments)
-    raise InputError(f"{log}: no vehicle file; looked for {beside[0].name} and {beside[1].name} beside it. Name one with --vehicle")
+    raise InputError(f"{log}: no vehicle file; looked for {beside[0].name} and {beside[1].name} beside it. Name one", option="vehicle")
 
 
 def schema() -> dict[str, Any]:
@@ -393,7 +393,7 @@ def schema() -> dict[str, Any]:
 
 
 def flat(section: Section, prefix: str) -> dict[str, Any]:
-    """A section as dotted keys and JSON values, so that each can be given back with ``--set``."""
+    """A section as dotted keys and JSON values, so that each can be given back as ``KEY=VALUE``."""
     found: dict[str, Any] = {}
     for key, value in json.loads(section.model_dump_json(by_alias=True, exclude_none=True)).items():
         child = getattr(section, key)

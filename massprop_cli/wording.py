@@ -96,7 +96,7 @@ def _delay(said: Said) -> str:
     shown = said.mended.timing.delay
     return (
         f"commands act later or earlier than cycle.command_delay_cycles = {said.stated.timing.delay:g}: the log shows {shown:.4g} ± "
-        f"{said.spread:.2g} cycles; mend it, or let --delay auto find it"
+        f'{said.spread:.2g} cycles; mend it, or state "auto" to have it found'
     )
 
 

@@ -498,15 +498,15 @@ def test_a_log_without_commands_is_refused(tmp_path: Path) -> None:
 
 
 BAD_SETTINGS = [
-    (["--vehicle", "vehicle.toml", "--set", "cycle.perod_s=1"], ["--set", "unknown key 'cycle.perod_s'", "nearest", "'period_s'"]),
-    (["--set", "estimatr.method=thesis"], ["--set", "unknown key 'estimatr'", "nearest", "'estimator'"]),
-    (["--set", "convergence.count"], ["--set convergence.count", "KEY=VALUE", "--set convergence.count=50"]),
-    (["--set", "=5"], ["--set =5", "KEY=VALUE"]),
-    (["--set", "convergence.count=many"], ["--set", "convergence.count", "'many'", "integer"]),
-    (["--set", "convergence.count.x=1", "--set", "convergence.count=5"], ["--set", "convergence.count"]),
-    (["--set", "name.x=1"], ["--set name.x=1", "'name'", "is a value, not a table"]),
-    (["--set", "jets.99.rise_s=0.003"], ["--set jets.99.rise_s=0.003", "'99'", "a list of 18", "count from 0"]),
-    (["--set", "cycle.period_s=nan"], ["--set", "cycle.period_s = nan", "finite"]),
+    (["--vehicle", "vehicle.toml", "--set", "cycle.perod_s=1"], ["setting", "unknown key 'cycle.perod_s'", "nearest", "'period_s'"]),
+    (["--set", "estimatr.method=thesis"], ["setting", "unknown key 'estimatr'", "nearest", "'estimator'"]),
+    (["--set", "convergence.count"], ["setting convergence.count", "KEY=VALUE", "instance convergence.count=50"]),
+    (["--set", "=5"], ["setting =5", "KEY=VALUE"]),
+    (["--set", "convergence.count=many"], ["setting", "convergence.count", "'many'", "integer"]),
+    (["--set", "convergence.count.x=1", "--set", "convergence.count=5"], ["setting", "convergence.count"]),
+    (["--set", "name.x=1"], ["setting name.x=1", "'name'", "is a value, not a table"]),
+    (["--set", "jets.99.rise_s=0.003"], ["setting jets.99.rise_s=0.003", "'99'", "a list of 18", "count from 0"]),
+    (["--set", "cycle.period_s=nan"], ["setting", "cycle.period_s = nan", "finite"]),
     (["--delay", "soon"], ["--delay", "'soon'", "number"]),
     (["--delay", "-1"], ["--delay", "-1", "0"]),
 ]
@@ -524,7 +524,7 @@ def test_a_result_folder_with_a_file_in_the_way_is_refused(below: str, tmp_path:
     log = save(flight(), tmp_path / "log.parquet")
     (tmp_path / "taken").write_text("mine", encoding="utf-8")
     out = tmp_path / "taken" / below
-    refused(tmp_path, log, "-q", out=out, names=[out, "cannot be written", "choose another folder with --out"])
+    refused(tmp_path, log, "-q", out=out, names=[out, "cannot be written", "choose another folder (--out)"])
 
 
 BAD_LINES = [

@@ -181,9 +181,7 @@ def test_a_second_batch_on_one_folder_says_so_and_stops(here: Path) -> None:
         before = contents(out)
         done = batch(here, "logs")
         assert done.returncode == 3
-        assert done.stderr == (
-            "massprop: massprop-out: another massprop is at work there; wait for it, or choose another folder with --out\n"
-        )
+        assert done.stderr == ("massprop: massprop-out: another massprop is at work there; wait for it, or choose another folder (--out)\n")
         assert contents(out) == before
     (out / ".lock").touch()
     assert batch(here, "logs", "-q").returncode == 0, "a lock file that nobody holds is no lock"

@@ -182,7 +182,7 @@ def test_a_changed_vehicle_file_version_or_method_is_a_note() -> None:
     notes = " | ".join(between(changed(provenance=settings), recorded.result()).notes)
     assert "vehicle files differ" in notes
     assert "massprop 0.2.0 and 0.1.0" in notes
-    assert "--method thesis and default" in notes
+    assert "made by the methods thesis and default" in notes
     assert "are no errors" in notes
     assert "one log" not in notes
 

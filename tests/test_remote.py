@@ -256,5 +256,5 @@ def test_without_the_extras_a_batch_runs_here_and_names_the_extra_otherwise(logs
     done = base("logs", "--cluster", "tcp://127.0.0.1:9")
     assert (done.returncode, done.stderr) == (
         3,
-        "massprop: --cluster tcp://127.0.0.1:9: needs the package distributed; pip install 'massprop[cluster]'\n",
+        "massprop: cluster tcp://127.0.0.1:9: needs the package distributed; pip install 'massprop[cluster]'\n",
     )

@@ -129,7 +129,7 @@ class _Flight:
                 return self._done.get(timeout=_LOOK_S)
             idle_s = 0.0 if self._threads() else idle_s + _LOOK_S
             if idle_s >= NO_WORKER_S:
-                raise InputError(f"--cluster {self._address}: no worker is left; {_start(self._address)}. What is done stays; run again")
+                raise InputError(f"cluster {self._address}: no worker is left; {_start(self._address)}. What is done stays; run again")
 
     def _taken(self, future: Any, task: Task) -> Produced | None:
         from distributed import KilledWorker
@@ -180,16 +180,14 @@ def _connected(address: str) -> Iterator[Any]:
         import distributed
         from distributed.comm import resolve_address
     except ImportError:
-        raise InputError(f"--cluster {address}: needs the package distributed; {EXTRA}") from None
+        raise InputError(f"cluster {address}: needs the package distributed; {EXTRA}") from None
     try:
         resolve_address(address)  # raises for what is no address; a client would take 20 s more to go away
         with _quiet():
             client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"--cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or mend the address"
-        ) from None
+        raise InputError(f"cluster {address}: no scheduler answers ({said}); start one with dask scheduler, or mend the address") from None
     with _quiet():
         try:
             yield client
@@ -220,7 +218,7 @@ def _check_versions(client: Any, address: str, report: bool) -> None:
     try:
         client.wait_for_workers(1, timeout=FIRST_WORKER_S)
     except TimeoutError:
-        raise InputError(f"--cluster {address}: the scheduler has no workers; {_start(address)}") from None
+        raise InputError(f"cluster {address}: the scheduler has no workers; {_start(address)}") from None
     expected = work.versions(report)
     # a function of the standard library is there whatever is installed
     try:
@@ -231,7 +229,7 @@ def _check_versions(client: Any, address: str, report: bool) -> None:
     for place, answer in answers.items():
         if not isinstance(answer, str):
             said = f"massprop {expected['massprop']} is not installed on {place}"
-            raise InputError(f"--cluster {address}: {said}; install it there: pip install 'massprop[cluster]=={expected['massprop']}'")
+            raise InputError(f"cluster {address}: {said}; install it there: pip install 'massprop[cluster]=={expected['massprop']}'")
     for place, found in client.run(work.versions, report, on_error="return").items():
         if found != expected:
             raise _other_versions(address, place, found if isinstance(found, dict) else {}, expected)
@@ -242,12 +240,12 @@ def _other_versions(address: str, place: str, found: Mapping[str, str], expected
         f"{name} {found.get(name, 'unknown')} (here {version})" for name, version in expected.items() if found.get(name) != version
     ]
     said = f"{place} has {', '.join(differing)}, so that results would differ from those made here"
-    return InputError(f"--cluster {address}: {said}; install the same versions there, massprop=={expected['massprop']} among them")
+    return InputError(f"cluster {address}: {said}; install the same versions there, massprop=={expected['massprop']} among them")
 
 
 def _lost(address: str) -> InputError:
     return InputError(
-        f"--cluster {address}: the scheduler is lost; start it again. What is done stays, and the same command goes on from there"
+        f"cluster {address}: the scheduler is lost; start it again. What is done stays, and the same command goes on from there"
     )
 
 

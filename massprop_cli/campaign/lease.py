@@ -62,7 +62,8 @@ class Lease:
             found = _content(files, path)
             if found is not None and self._is_alive(files, path, found):
                 raise InputError(
-                    f"{self.url}: another batch is at work there ({_holder(found)}); wait for it, or choose another folder with --out"
+                    f"{self.url}: another batch is at work there ({_holder(found)}); wait for it, or choose another folder",
+                    option="out",
                 )
             if found is not None and _content(files, path) == found:
                 files.rm_file(path)

@@ -50,7 +50,7 @@ class LocalPlace:
         try:
             (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror}); choose another folder with --out") from None
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror}); choose another folder", option="out") from None
         try:
             with files.lock(self.folder / _LOCK, self.folder, 0.0):
                 try:
@@ -60,7 +60,7 @@ class LocalPlace:
                 finally:
                     shutil.rmtree(self._aside, ignore_errors=True)
         except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
 
     def folders(self) -> dict[str, frozenset[str]]:
         """See :class:`Place`."""

@@ -182,7 +182,7 @@ def row(job: Job, outcome: Outcome | None) -> Row:
 def pooled(rows: Iterable[Row]) -> list[Pool]:
     """By vehicle, method and part, in the order in which they first appear.
 
-    A log that stands in the campaign twice, by its bytes, counts once. ``--method thesis`` claims no sigmas, so nothing is pooled of it.
+    A log that stands in the campaign twice, by its bytes, counts once. The thesis's method claims no sigmas, so nothing is pooled of it.
     """
     groups: dict[tuple[object, ...], _Group] = {}
     seen = set()

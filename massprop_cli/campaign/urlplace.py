@@ -16,7 +16,7 @@ LOCK = ".lock"
 
 
 def at(out: str) -> Place:
-    """The place that ``--out`` names: a folder of this machine, or a URL."""
+    """The place that is named: a folder of this machine, or a URL."""
     if not location.is_url(out):
         return LocalPlace(Path(out))
     if out.startswith(("file://", "local://")):

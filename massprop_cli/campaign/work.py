@@ -196,7 +196,8 @@ def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     if inputs.vehicle is None:
         raise InputError(
             f"{job.log}: no vehicle file; looked for {location.stem(job.log)}.vehicle.toml and vehicle.toml beside it. "
-            "Name one with --vehicle, or in a campaign file"
+            "Name one for all, or in a campaign file",
+            option="vehicle",
         )
     place, content = inputs.vehicle
     return vehicle.parse(location.text(content, place, "vehicle file"), place, stated)

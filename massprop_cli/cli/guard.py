@@ -23,7 +23,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except InputError as error:
-            fail(str(error), exits.INPUT)
+            fail(f"{error} (--{error.option})" if error.option else str(error), exits.INPUT)
         except UsageError as error:
             fail(str(error), exits.USAGE)
         except (typer.Exit, typer.Abort):

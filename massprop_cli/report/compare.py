@@ -158,11 +158,9 @@ def _notes(new: Result, old: Result) -> list[str]:
     if made.massprop != before.massprop:
         notes.append(f"made by massprop {made.massprop} and {before.massprop}")
     if methods[0] != methods[1]:
-        notes.append(f"made by --method {methods[0]} and {methods[1]}")
+        notes.append(f"made by the methods {methods[0]} and {methods[1]}")
     if "thesis" in methods:
-        notes.append(
-            "sigmas of --method thesis shrink with noise alone and are no errors: give tolerances in units or per cent (--tolerance)"
-        )
+        notes.append("sigmas of the thesis's method shrink with noise alone and are no errors: give tolerances in units or per cent")
     return notes
 
 

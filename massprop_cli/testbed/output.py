@@ -47,7 +47,7 @@ def simulate(
             return f"log.{kind}, vehicle.toml and truth.json"
         return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
 
 
 def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, progress: Callable[[str, float], None] | None) -> str:
@@ -55,7 +55,9 @@ def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, pr
     names = [f"seed-{seed:0{max(4, len(str(seeds[-1])))}d}" for seed in seeds]
     strangers = sorted({path.name for path in folder.iterdir()} - set(names)) if folder.is_dir() else []
     if strangers:
-        raise InputError(f"{folder}: already holds {strangers[0]!r}, which is no part of this campaign; choose another folder with --out")
+        raise InputError(
+            f"{folder}: already holds {strangers[0]!r}, which is no part of this campaign; choose another folder", option="out"
+        )
     batch = max(1, min(200, MEMORY // (source.scenario.cycles * (6 * source.scenario.sensors.records_per_cycle + 20))))
     with _aside(folder) as aside:
         for start in range(0, len(seeds), batch):
@@ -142,7 +144,7 @@ def write(flight: Flight, member: int, scenario: Scenario, folder: Path, kind: K
     """Write one member's files; truth.json comes last."""
     other = folder / f"log.{'csv' if kind == 'parquet' else 'parquet'}"
     if other.exists():
-        raise InputError(f"{other}: another log is in the way; move it, or choose another folder with --out")
+        raise InputError(f"{other}: another log is in the way; move it, or choose another folder", option="out")
     folder.mkdir(parents=True, exist_ok=True)
     with files.staged(folder) as stage:
         _save(stage, flight, member, scenario, kind)

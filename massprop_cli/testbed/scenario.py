@@ -349,7 +349,7 @@ def _is_file(path: Path) -> bool:
 
 
 def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path | None = None) -> ScenarioSource:
-    """Check a scenario's text, with ``--set`` assignments on top. ``vehicle`` may name a vehicle file, seen from ``folder``."""
+    """Check a scenario's text, with ``KEY=VALUE`` assignments on top. ``vehicle`` may name a vehicle file, seen from ``folder``."""
     named = [assignment for assignment in assignments if assignment.partition("=")[0].strip() == "vehicle"]
     data = configfile.override(configfile.parse_toml(text, source), named)
     if isinstance(data.get("vehicle"), str):
