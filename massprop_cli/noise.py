@@ -23,16 +23,34 @@ from massprop_cli.telemetry import Notice
 from massprop_cli.vehicle import Vehicle
 
 FLOOR = 1e-6
-"""A noise level found in the log is not below this part of its signal's root mean square."""
-EXCESS = 0.2
-"""Mean squared normalised innovation above 1 + this (and above six of its own sigmas) is a misfit of the stated noise; a quarter of it
-(and three sigmas) of a disturbance that was sized here."""
+"""A noise level found in the log is not below this part of its signal's root mean square: sensors resolve some twenty
+bits of it, and what is left of a log without noise is rounding."""
+QUIET, BLOCK, STRIDE = 20, 16, 8
+"""The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
+louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
+EXCESS, CERTAIN = 0.2, 6.0
+"""Mean squared normalised innovation above 1 + this, and above so many of its own sigmas √(2 / N), is a misfit of the stated noise: sigmas
+would be 10 % too small, and chance does that once in a billion. Below it the file's statement is believed."""
+EXCESS_SIZED, CERTAIN_SIZED = EXCESS / 4, 3.0
+"""The same of a disturbance that was sized here: nobody stated it, so it is held to 2.5 % of sigma."""
+EXCESS_SLOW = 0.5
+"""The same of the long-run variance, whose own sigma is √(4/3 lags / N) for a Bartlett window (M. B. Priestley, Spectral Analysis and Time
+Series, 1981): it matters to what is told by slow motion alone, whose sigmas would be a fifth too small."""
+LEAST = 20
+"""Cycles that say anything of a variance: it scatters by a third of itself over so many."""
 CLIP = 4.0
-"""Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance."""
+"""Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance. One normal deviate in 16,000
+is beyond it."""
+GROSS, GROSS_LEAST = 1.5, 50
+"""Disturbances are sized at once, before any fit, where the differenced rates vary by this many times what is stated, over more cycles than
+this: a variance scatters by a fifth of itself over so many."""
+MEDIAN = 0.6745
+"""The median of a normal deviate's size, in sigmas."""
 STRETCH = 4096
 """Most cycles over which one body is to explain what it can, before what is left is looked at."""
 LAGS = (2, 10)
-"""Cycles over which the residual torque is compared with itself to tell a slow torque from a white one."""
+"""Cycles over which the residual torque is compared with itself to tell a slow torque from a white one: at least two, since a residual is
+a mean over two cycles; five times as far, so that what a walk adds in between outweighs the scatter."""
 
 
 def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
@@ -67,11 +85,11 @@ def white_level(signal: Array, cycles: Sequence[slice]) -> float:
     found = []
     for piece in cycles:
         differences = np.diff(signal[piece], 3, axis=0) / np.sqrt(20.0)
-        for start in range(0, max(len(differences) - 15, 1), 8):
-            block = differences[start : start + 16]
+        for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
+            block = differences[start : start + BLOCK]
             if len(block):
-                found.append(median(np.abs(block)) / 0.6745)
-    return float(np.percentile(found, 20)) if found else 0.0
+                found.append(median(np.abs(block)) / MEDIAN)
+    return float(np.percentile(found, QUIET)) if found else 0.0
 
 
 def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
@@ -126,7 +144,7 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
     The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
     """
     rows = [np.clip(h.normalised[np.isfinite(h.normalised).all(1)], -CLIP, CLIP) for h in histories]
-    rows = [z for z in rows if len(z) >= 20]
+    rows = [z for z in rows if len(z) >= LEAST]
     if not rows:
         return np.full(6, np.nan)
     count = sum(len(z) for z in rows)
@@ -134,9 +152,9 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
     white = np.sum([(z**2).sum(0) for z in rows], 0) / count
     long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
-    least, sigmas = (EXCESS / 4, 3) if adapted else (EXCESS, 6)  # a size that was guessed is held to more than one that was stated
+    least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if adapted else (EXCESS, CERTAIN)
     over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
-    over_long = np.where(long_run > 1 + max(0.5, 6 * np.sqrt(4 * lags / 3 / count)), long_run, 0.0)
+    over_long = np.where(long_run > 1 + max(EXCESS_SLOW, CERTAIN * np.sqrt(4 * lags / 3 / count)), long_run, 0.0)
     if adapted:
         over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
@@ -163,10 +181,10 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
     noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
     for piece in cycles:
         reference = beginning(samples, piece, vehicle)
-        if reference is not None and piece.stop - piece.start > 50:
+        if reference is not None and piece.stop - piece.start > GROSS_LEAST:
             e = _residual_growth(samples, piece, reference, vehicle)
             left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
-            excess[:3][left > 1.5 * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
+            excess[:3][left > GROSS * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
     return excess
 
 
