@@ -153,10 +153,6 @@ class Model:
         response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
         by_product = -inverse @ gamma(inertia)
         arm = self.imu + get("imu") - centre
-        command, gyro_lag, accel_lag = (
-            [get(name)[..., 0] for name in names] for names in (("delay", "lag"), ("gyro_lag",), ("accel_lag",))
-        )
-        later, variance, rise = command[0] + command[1], command[1] ** 2, get("rise")[..., 0]
         spin: dict[str, Array] = {
             "channels": np.einsum("...ij,...cj->...ic", inverse, about),
             "products": by_product,
@@ -174,12 +170,7 @@ class Model:
         through = self._felt(response, arm, moment, mu)
         thrust = through.copy()
         thrust[..., 3:] += mu[..., None, None] * _UNIT
-        for own, parts, sensor in ((response, spin, gyro_lag[0]), (thrust, push, accel_lag[0])):
-            whole = later + sensor
-            parts["later"] = whole[..., None, None] * own
-            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2 + RAMP * rise**2)[..., None, None] * own
-            parts["drifting"] = get("drift")[..., None] * own
-            parts["rising"] = rise[..., None, None] * own
+        self._add_times(spin, push, x, response, thrust)
         age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
         spin["aging"] = -age * response
         push["aging"] = -age * through - lighter * (thrust - through)
@@ -189,16 +180,33 @@ class Model:
             spin |= {"up": fall, "level": -turning}
             push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
             push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
-            tilt = get("tilt")
-            for i, name in enumerate(("east", "north")):
-                if name in self.places:
-                    spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
-            for name in SWUNG:
-                for i in range(3):
-                    if f"{name} {i}" in self.places:
-                        by = get(name)[..., i, None, None]
-                        spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
+            self._add_swings(spin, push, x)
         return self._measured(spin, push, x, gyro, accelerometer)
+
+    def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
+        """What the stated wrench does later, smeared, with a drifting clock or a longer rise; sensors that lag see all of it later."""
+        command, gyro_lag, accel_lag = (
+            [x[..., self.entries[name]][..., 0] for name in names] for names in (("delay", "lag"), ("gyro_lag",), ("accel_lag",))
+        )
+        later, variance, rise = command[0] + command[1], command[1] ** 2, x[..., self.entries["rise"]][..., 0]
+        for own, parts, sensor in ((response, spin, gyro_lag[0]), (thrust, push, accel_lag[0])):
+            whole = later + sensor
+            parts["later"] = whole[..., None, None] * own
+            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2 + RAMP * rise**2)[..., None, None] * own
+            parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
+            parts["rising"] = rise[..., None, None] * own
+
+    def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
+        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong."""
+        tilt = x[..., self.entries["tilt"]]
+        for i, name in enumerate(("east", "north")):
+            if name in self.places:
+                spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
+        for name in SWUNG:
+            for i in range(3):
+                if f"{name} {i}" in self.places:
+                    by = x[..., self.entries[name]][..., i, None, None]
+                    spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
 
     def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:
         """(..., 3, n) specific force at the IMU by angular accelerations (..., 3, n)."""
