@@ -35,6 +35,7 @@ Symbols
 From Python
 -----------
 :func:`estimate_log` estimates one log, :func:`run_campaign` many; both give typed results and pandas tables (:mod:`massprop_cli.api`).
+:class:`InputError` says what can't be used.
 
 The ten quantities stand in one order everywhere: :data:`QUANTITIES`.
 """
@@ -42,6 +43,8 @@ The ten quantities stand in one order everywhere: :data:`QUANTITIES`.
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from massprop_cli.errors import InputError
 
 if TYPE_CHECKING:
     from massprop_cli.api import Campaign, LogEstimate, estimate_log, run_campaign
@@ -53,7 +56,7 @@ CG = ("cg_x", "cg_y", "cg_z")
 QUANTITIES = (*INERTIA, *CG, "mass")
 UNITS = {**dict.fromkeys(INERTIA, "kg m^2"), **dict.fromkeys(CG, "m"), "mass": "kg"}
 
-__all__ = ["QUANTITIES", "UNITS", "Campaign", "LogEstimate", "__version__", "estimate_log", "run_campaign"]
+__all__ = ["QUANTITIES", "UNITS", "Campaign", "InputError", "LogEstimate", "__version__", "estimate_log", "run_campaign"]
 
 
 def __getattr__(name: str) -> object:

@@ -120,9 +120,8 @@ def estimate_log(
 
     ``vehicle`` names a vehicle file and ``map_file`` a map file (else the log's own), ``expected`` an expect file, ``require`` quantities
     that must converge ("all"), and how precisely ("mass<2%, ixx"); what misses either doesn't raise, but stands in ``exit_code`` and
-    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, e.g.
-    ``{"imu.gyro_noise_rad_s": 1e-4}``. Raises :class:`massprop_cli.errors.InputError`, whose message names file, place, value and remedy,
-    where the input can't be used.
+    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, for instance
+    ``{"imu.gyro_noise_rad_s": 1e-4}``. Where the input can't be used, :class:`massprop_cli.InputError` names file, place, value and remedy.
     """
     demands = Demands(requirements(require), expect.load(Path(expected)) if expected is not None else None)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
@@ -157,7 +156,7 @@ def run_campaign(
     ``baseline`` (a campaign.json, or the folder that holds it) may be URLs.
 
     Results of an earlier run in ``out`` that still hold are kept. A log that can't be used doesn't raise: it is an outcome with
-    exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.errors.InputError` where no log is found, or
+    exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.InputError` where no log is found, or
     another batch is at work in ``out``.
     """
     named = [paths] if isinstance(paths, (str, Path)) else paths

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 import massprop_cli
-from massprop_cli import QUANTITIES, estimate_log, run_campaign
-from massprop_cli.errors import InputError
+from massprop_cli import QUANTITIES, InputError, estimate_log, run_campaign
 from tests.campaigns import contents, simulate
 from tests.commandline import massprop
 from tests.test_bad_input import SAMPLES
