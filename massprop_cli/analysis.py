@@ -31,7 +31,7 @@ from massprop_cli.vehicle import Phase, Vehicle, VehicleSource
 
 if TYPE_CHECKING:
     from massprop_cli.cures import Cure
-from massprop_cli.diagnose import Diagnosis
+    from massprop_cli.diagnose import Diagnosis
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
