@@ -10,12 +10,12 @@ import pytest
 
 from massprop_cli import QUANTITIES, analysis, outliers
 from massprop_cli.analysis import Analysis
+from massprop_cli.delays import Timing
 from massprop_cli.history import phase_cycles
 from massprop_cli.stream import Stream
 from massprop_cli.telemetry import Log
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
-from massprop_cli.timing import Timing
 from massprop_cli.vehicle import Phase, Vehicle, VehicleSource, changed
 from tests import faulty
 
