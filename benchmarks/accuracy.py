@@ -17,11 +17,12 @@ from functools import partial
 import numpy as np
 from commit import commit
 
-from massprop_cli import QUANTITIES, UNITS, __version__, analysis, docking
-from massprop_cli.arrays import Array
-from massprop_cli.conclude import conclude
+from massprop_cli import QUANTITIES, UNITS, __version__, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude import docking
+from massprop_cli.conclude.verdict import conclude
+from massprop_cli.inputs.vehicle import VehicleSource
 from massprop_cli.testbed import bound, scenario, simulate
-from massprop_cli.vehicle import VehicleSource
 
 SCENARIOS = ("preliminary", "refined", "docking", "testbed", "free-flyer")
 METHODS = ("thesis", "default", "refine")
@@ -54,7 +55,7 @@ def one(name: str, seed: int) -> Run:
     for method in ("thesis", "default"):
         estimator = flown.vehicle.estimator.model_copy(update={"method": method})
         vehicle = flown.vehicle.model_copy(update={"estimator": estimator})
-        found = analysis.examine(flown.log(0), VehicleSource(vehicle, name, ""))
+        found = flow.examine(flown.log(0), VehicleSource(vehicle, name, ""))
         ends = {method: found.conclusions}
         if method == "default":  # --refine reports the fits by which the default is judged
             ends["refine"] = tuple(conclude(history, found.vehicle) for history in found.settled)

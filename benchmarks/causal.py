@@ -15,12 +15,13 @@ from functools import partial
 import numpy as np
 from commit import commit
 
-from massprop_cli import __version__, estimate, noise
-from massprop_cli.arrays import Array
-from massprop_cli.delays import Timing
-from massprop_cli.history import phase_cycles
+from massprop_cli import __version__
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import disturbances, engine
+from massprop_cli.estimate.history import phase_cycles
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Phase
 
 SCENARIOS = ("preliminary", "refined", "free-flyer", "testbed", "docking")
 LIMITS = {"share": 5e-4, "worst": 8.0}
@@ -48,10 +49,10 @@ def errors(name: str, seed: int) -> Errors:
     executed = samples.executed
     phases = used.phases or (Phase(name="all", start_s=0.0, end_s=float(executed.end_s[-1])),)
     pieces = [phase_cycles(phase, executed.end_s, executed.usable) for phase in phases]
-    levelled, _ = noise.with_noise_levels(samples, pieces, used)
+    levelled, _ = disturbances.with_noise_levels(samples, pieces, used)
     z = []
     for phase, cycles, truth in zip(phases, pieces, flown.truth[0], strict=True):
-        history = estimate.replay(samples, cycles, phase, levelled.in_phase(phase))
+        history = engine.replay(samples, cycles, phase, levelled.in_phase(phase))
         z.append((history.values - truth) / history.sigmas)
     whole = np.abs(np.concatenate([one.ravel() for one in z]))
     told = whole[np.isfinite(whole)]

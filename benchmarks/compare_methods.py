@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.analysis import Analysis, analyse
+from massprop_cli.flow import Analysis, analyse
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 HEAD = """# Thesis, default and truth on the sample logs

@@ -11,7 +11,7 @@ from fault_named import Drawn, Due, Fault, Number, due
 from fault_thrust import Random, failing, stated_forces, unit
 from fault_vehicles import Body, Case, Subject
 
-from massprop_cli.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.testbed.truth import STANDARD_GRAVITY
 
 BURNT = 0.05

@@ -12,8 +12,8 @@ from fault_named import Drawn, Due, Fault, Number, due
 from fault_thrust import Random, turned, unit
 from fault_vehicles import Case, Subject
 
-from massprop_cli.arrays import Array, frozen
-from massprop_cli.telemetry import saturation
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.inputs.telemetry import saturation
 
 GRAVITY = 9.80665
 SPIKED = 0.005

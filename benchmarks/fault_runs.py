@@ -15,19 +15,19 @@ from fault_kinds import FAULTS
 from fault_named import CAUSES, SIZED, Drawn, Due
 from fault_vehicles import VEHICLES, Body, Case, Subject, subject
 
-from massprop_cli import QUANTITIES, analysis
-from massprop_cli.align import align
-from massprop_cli.analysis import Analysis
-from massprop_cli.arrays import Array
-from massprop_cli.columns import WRENCH
-from massprop_cli.compensate import compensate
-from massprop_cli.conclude import POSITIVE, Conclusion
-from massprop_cli.errors import InputError
-from massprop_cli.estimates import as_stated, estimates
-from massprop_cli.history import History
-from massprop_cli.sensitivity import Consider
-from massprop_cli.telemetry import Notice
-from massprop_cli.vehicle import VehicleSource, changed
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.verdict import POSITIVE, Conclusion
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.phases import as_stated, estimates
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import VehicleSource, changed
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.align import align
+from massprop_cli.prepare.compensate import compensate
 
 SIGMAS, PART = 4.0, 0.005
 """A converged value is wrong if it is off by more than this many sigmas and this part of its size."""
@@ -130,7 +130,7 @@ def _examined(case: Case, name: str) -> tuple[Analysis, float]:
     """As the command does it, and its CPU time."""
     begin = time.process_time()
     with np.errstate(all="ignore"):
-        found = analysis.examine(case.log, VehicleSource(case.vehicle, name, ""))
+        found = flow.examine(case.log, VehicleSource(case.vehicle, name, ""))
     return found, time.process_time() - begin
 
 

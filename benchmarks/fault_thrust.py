@@ -9,8 +9,8 @@ import numpy as np
 from fault_named import Drawn, Due, Fault, Number, due
 from fault_vehicles import Case, Subject
 
-from massprop_cli.arrays import Array, frozen
-from massprop_cli.columns import WRENCH
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.inputs.columns import WRENCH
 
 FINE = 20
 """Records per cycle that a drifting clock is sampled from."""

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import vehicle
-from massprop_cli.arrays import Array
-from massprop_cli.telemetry import Log
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs import vehicle
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import Flight
-from massprop_cli.vehicle import Vehicle
 
 OWN = Path(__file__).parent / "vehicles"
 SELDOM = 5

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
-from massprop_cli import onethread
+from massprop_cli.base import onethread
 
 onethread.prefer()
 

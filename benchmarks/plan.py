@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, analysis
+from massprop_cli import QUANTITIES
+from massprop_cli import flow as analysis
+from massprop_cli.inputs.require import precise
+from massprop_cli.inputs.vehicle import VehicleSource
 from massprop_cli.plan import flow, limits
-from massprop_cli.require import precise
 from massprop_cli.testbed import bound, output, scenario, simulate
-from massprop_cli.vehicle import VehicleSource
 
 PLANS: dict[str, tuple[str, tuple[float, float | None]]] = {
     "free-flyer": ("all<1%, cg_x<0.05 mm, cg_y<0.05 mm, cg_z<0.05 mm, mass<1.2%", (0.5, 2.0)),

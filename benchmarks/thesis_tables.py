@@ -16,14 +16,16 @@ from functools import partial
 
 import numpy as np
 
-from massprop_cli import CG, INERTIA, QUANTITIES, UNITS, analysis, docking, thesis
-from massprop_cli.align import align
-from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, compensate
-from massprop_cli.conclude import conclude
-from massprop_cli.history import phase_cycles
+from massprop_cli import CG, INERTIA, QUANTITIES, UNITS, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude import docking
+from massprop_cli.conclude.verdict import conclude
+from massprop_cli.estimate import thesis
+from massprop_cli.estimate.history import phase_cycles
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.prepare.align import align
+from massprop_cli.prepare.compensate import Samples, compensate
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Vehicle, VehicleSource
 
 PUBLISHED = {
     "4.1": ("preliminary", 0, [0.70, 0.10, 0.09, 4.00, 0.10, 4.00, 0.10, 0.00, 0.10, 19.99]),
@@ -94,7 +96,7 @@ def one_seed(name: str, seed: int) -> dict[str, Array]:
     found = {"true": truth}
     for method in ("thesis", "default"):
         vehicle = with_method(flown.vehicle, method)
-        analysed = analysis.examine(flown.log(0), VehicleSource(vehicle, name, ""))
+        analysed = flow.examine(flown.log(0), VehicleSource(vehicle, name, ""))
         values = [conclusion.values for conclusion in analysed.conclusions]
         found[method] = with_docked(values, docking.difference(*values) if len(values) == 2 else None)
         found[f"{method} sigma"] = with_docked(

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli import thesis
-from massprop_cli.align import align
-from massprop_cli.compensate import compensate
-from massprop_cli.history import History
+from massprop_cli.estimate import thesis
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import align
+from massprop_cli.prepare.compensate import compensate
 from massprop_cli.testbed import scenario, simulate
-from massprop_cli.vehicle import Vehicle
 
 VARIATIONS = {
     "as published (P0 = 10, R = 0.05)": (1.0, 1.0, 1.0),

@@ -6,7 +6,7 @@ The flow
 
     telemetry.read ─ Log ─ align ─ Aligned ─ compensate ─ Samples ─ estimate ─ History ─ conclude ─ Conclusion ─ report
 
-One frozen type per stage, arrays with time first. :mod:`massprop_cli.analysis` composes the flow.
+One frozen type per stage, arrays with time first. :mod:`massprop_cli.flow` composes the flow.
 
 Frames
 ------
@@ -44,7 +44,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from massprop_cli.errors import InputError
+from massprop_cli.base.errors import InputError
 
 if TYPE_CHECKING:
     from massprop_cli.api import Campaign, LogEstimate, estimate_log, run_campaign

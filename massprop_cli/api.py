@@ -24,19 +24,19 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from massprop_cli import expect, judge
 from massprop_cli.campaign import baseline as baselines
-from massprop_cli.campaign import discover, flow, location, summary, urlplace
+from massprop_cli.campaign import discover, location, run, summary, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
-from massprop_cli.campaign.flow import Step
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
+from massprop_cli.campaign.run import Step
 from massprop_cli.campaign.runner import LocalExecutor
 from massprop_cli.campaign.summary import Summary
-from massprop_cli.gate import Gate
+from massprop_cli.inputs import expect
+from massprop_cli.inputs.require import requirements
+from massprop_cli.inputs.tolerancefile import Gate
 from massprop_cli.job import Demands, Judged, of_file
-from massprop_cli.report import historyfile
-from massprop_cli.require import requirements
+from massprop_cli.result import historyfile, judge
 
 Where = str | Path
 Delay = float | Literal["auto"]
@@ -173,7 +173,7 @@ def run_campaign(
     place = urlplace.at(str(out))
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with place.lock():
-        found = flow.campaign(
+        found = run.campaign(
             name,
             planned,
             place,

@@ -13,17 +13,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli import analysis, exits, extremes, files, tablefile, telemetry
-from massprop_cli import vehicle as vehicles
-from massprop_cli.analysis import Analysis, Progress
-from massprop_cli.report import build
-from massprop_cli.report.result import Result
-from massprop_cli.require import Requirement
-from massprop_cli.tablefile import Table
-from massprop_cli.vehicle import VehicleSource
+from massprop_cli import flow
+from massprop_cli.base import exits, files
+from massprop_cli.flow import Analysis, Progress
+from massprop_cli.inputs import extremes, tablefile, telemetry
+from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs.require import Requirement
+from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.result import build
+from massprop_cli.result.schema import Result
 
 if TYPE_CHECKING:
-    from massprop_cli.expect import Expectations
+    from massprop_cli.inputs.expect import Expectations
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Demands:
     """What is asked of a result."""
 
     required: tuple[Requirement, ...] = ()
-    """What must be converged, and how precisely, in every phase (:func:`massprop_cli.require.requirements`)."""
+    """What must be converged, and how precisely, in every phase (:func:`massprop_cli.inputs.require.requirements`)."""
     expected: Expectations | None = None
 
 
@@ -81,7 +83,7 @@ def of_file(
     with _guarded(table.path, source):
         read = telemetry.read(table, source.vehicle)
         del table  # as large as the log once more
-        return _judged(analysis.examine(read, source, assignments, progress), demands or Demands())
+        return _judged(flow.examine(read, source, assignments, progress), demands or Demands())
 
 
 def of_table(
@@ -93,7 +95,7 @@ def of_table(
 ) -> Judged:
     """The same of a log and a vehicle at hand."""
     with _guarded(table.path, source):
-        return _judged(analysis.examine(telemetry.read(table, source.vehicle), source, assignments, progress), demands or Demands())
+        return _judged(flow.examine(telemetry.read(table, source.vehicle), source, assignments, progress), demands or Demands())
 
 
 @contextmanager
@@ -107,7 +109,7 @@ def _judged(found: Analysis, demands: Demands) -> Judged:
     told = build.result(found)
     required, missed = demands.required, tuple[str, ...]()
     if demands.expected is not None:
-        from massprop_cli import judge
+        from massprop_cli.result import judge
 
         told = judge.judge(told, demands.expected)
         required, missed = required + demands.expected.required, tuple(judge.missed(told))

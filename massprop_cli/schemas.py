@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from massprop_cli import columns as names
-from massprop_cli import vehicle
+from massprop_cli.inputs import columns as names
+from massprop_cli.inputs import vehicle
 
 NAMES = ("log", "vehicle", "scenario", "expect", "result", "tolerance", "compare", "campaign", "summary", "map", "plan", "guess", "check")
 
@@ -24,15 +24,15 @@ def schema(name: str) -> dict[str, Any]:
     elif name == "log":
         found = _log()
     elif name == "expect":
-        from massprop_cli import expect
+        from massprop_cli.inputs import expect
 
         found = expect.schema()
     elif name == "tolerance":
-        from massprop_cli import gate
+        from massprop_cli.inputs import tolerancefile
 
-        found = gate.schema()
+        found = tolerancefile.schema()
     elif name == "compare":
-        from massprop_cli.report import compare
+        from massprop_cli.result import compare
 
         found = compare.schema()
     elif name == "campaign":
@@ -40,7 +40,7 @@ def schema(name: str) -> dict[str, Any]:
 
         found = campaignfile.schema()
     elif name == "map":
-        from massprop_cli.formats import mapfile
+        from massprop_cli.inputs.formats import mapfile
 
         found = mapfile.schema()
     elif name == "summary":
@@ -60,9 +60,9 @@ def schema(name: str) -> dict[str, Any]:
 
         found = finding.schema()
     else:
-        from massprop_cli.report import result
+        from massprop_cli.result import schema
 
-        found = result.schema()
+        found = schema.schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"massprop/{name}/1", **found}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from massprop_cli.analysis import Analysis, analyse
+from massprop_cli.flow import Analysis, analyse
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from massprop_cli.cli import main
 
 _FORKS = get_context("forkserver")
-_FORKS.set_forkserver_preload(["massprop_cli.analysis", "massprop_cli.store", "massprop_cli.report.result", "tests.commandline"])
+_FORKS.set_forkserver_preload(["massprop_cli.flow", "massprop_cli.result.store", "massprop_cli.result.schema", "tests.commandline"])
 
 
 class Done(subprocess.CompletedProcess[str]):

@@ -9,7 +9,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pytest
 
-from massprop_cli.report.read import Recorded
+from massprop_cli.result.read import Recorded
 from tests.recording import record
 
 

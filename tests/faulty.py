@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import QUANTITIES, analysis, vehicle
-from massprop_cli.analysis import Analysis
-from massprop_cli.arrays import Array
-from massprop_cli.tablefile import read_table
-from massprop_cli.telemetry import Log, read
-from massprop_cli.vehicle import Vehicle, VehicleSource
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import vehicle
+from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.telemetry import Log, read
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 
@@ -72,7 +73,7 @@ def low_passed(log: Log, hertz: float) -> Log:
 def examined(log: Log, used: Vehicle, assignments: Sequence[str] = ()) -> Analysis:
     """As the command does it."""
     with np.errstate(all="ignore"):
-        return analysis.examine(log, VehicleSource(used, "vehicle.toml", ""), assignments)
+        return flow.examine(log, VehicleSource(used, "vehicle.toml", ""), assignments)
 
 
 def verdicts(found: Analysis, phase: int = 0) -> dict[str, str]:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli.align import Aligned, align
-from massprop_cli.arrays import Array
-from massprop_cli.compensate import Samples, compensate
-from massprop_cli.telemetry import Log
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import Aligned, align
+from massprop_cli.prepare.compensate import Samples, compensate
 
 CYCLE, STEP = 0.05, 0.00625
 """Seconds. Jets open and close on multiples of STEP; at 3 rad/s a tenth of it changes the mean rate by 1.3e-8 rad/s."""

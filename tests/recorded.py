@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import Result
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import Result
 
 VALUES = dict(zip(QUANTITIES, (0.62, 0.04, -0.07, 2.8, 0.11, 2.5, -0.018, 0.027, 0.012, 22.0), strict=True))
 SIGMAS = dict(zip(QUANTITIES, (0.01, 0.002, 0.003, 0.02, 0.004, 0.03, 0.001, 0.002, 0.003, 0.25), strict=True))

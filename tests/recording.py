@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import analysis, store
-from massprop_cli.arrays import Array
-from massprop_cli.report import build, read, result
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import EstimateItem
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.result import build, read, schema, store
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import EstimateItem
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -22,8 +22,8 @@ SVG = "{http://www.w3.org/2000/svg}"
 def record(folder: Path, log: str, *assignments: str) -> Recorded:
     """Estimate a sample log into ``folder`` and read the result back."""
     with np.errstate(all="ignore"):
-        found = analysis.analyse(SAMPLES / log, None, list(assignments), None)
-    store.write(folder, found, result.to_json(build.result(found)))
+        found = flow.analyse(SAMPLES / log, None, list(assignments), None)
+    store.write(folder, found, schema.to_json(build.result(found)))
     return read.read(folder)
 
 

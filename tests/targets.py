@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from massprop_cli import expect, gate, tablefile, telemetry, vehicle
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import campaignfile
-from massprop_cli.errors import InputError
-from massprop_cli.report import markdown, read, rows, table
+from massprop_cli.inputs import expect, tablefile, telemetry, tolerancefile, vehicle
+from massprop_cli.report import markdown, spreadsheet, terminal
+from massprop_cli.result import read
 from massprop_cli.testbed import scenario
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -60,7 +61,7 @@ def _tolerance(text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "tolerance.toml"
         file.write_text(text, encoding="utf-8")
-        gate.load(file, 4.0)
+        tolerancefile.load(file, 4.0)
 
 
 READERS: tuple[Callable[[str], object], ...] = (
@@ -83,8 +84,8 @@ def result(data: bytes) -> None:
         except InputError:
             return
         shown = io.StringIO()
-        table.show(found.result, Console(file=shown, no_color=True, width=132))
-        for text in (shown.getvalue(), markdown.text([found]), rows.text([found])):
+        terminal.show(found.result, Console(file=shown, no_color=True, width=132))
+        for text in (shown.getvalue(), markdown.text([found]), spreadsheet.text([found])):
             assert not list(_obeyed(text))
 
 

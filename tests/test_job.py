@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from massprop_cli import QUANTITIES, estimate_log, run_campaign
-from massprop_cli.errors import UsageError
+from massprop_cli.base.errors import UsageError
+from massprop_cli.inputs.require import requirements
 from massprop_cli.job import Judged, unconverged
-from massprop_cli.require import requirements
 from tests import recorded
 from tests.campaigns import simulate
 from tests.commandline import massprop

@@ -12,7 +12,7 @@ from massprop_cli import UNITS
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.campaign.summary import INFORMED, Baseline, Beyond, Pool, Row, Summary
-from massprop_cli.gate import Gate
+from massprop_cli.inputs.tolerancefile import Gate
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
-from massprop_cli import configfile
+from massprop_cli.base import configfile
 from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
-from massprop_cli.require import Stated
-from massprop_cli.vehicle import NonNegative, Section
+from massprop_cli.inputs.require import Stated
+from massprop_cli.inputs.vehicle import NonNegative, Section
 
 Text = Annotated[str, StringConstraints(min_length=1)]
 
@@ -48,7 +48,7 @@ class CampaignFile(Said):
 
 
 def load(place: str) -> CampaignFile:
-    """Read a campaign file; :class:`massprop_cli.errors.InputError` names file, line and key."""
+    """Read a campaign file; :class:`massprop_cli.base.errors.InputError` names file, line and key."""
     text = location.read_text(place, "campaign file")
     return configfile.validate(CampaignFile, configfile.parse_toml(text, place), place, text)
 

@@ -17,11 +17,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import work
 from massprop_cli.campaign.runner import Task, Worker
 from massprop_cli.campaign.work import Produced
-from massprop_cli.errors import InputError
 
 EXTRA = "pip install 'massprop[cluster]'"
 CONNECT_S, FIRST_WORKER_S, NO_WORKER_S = 10.0, 10.0, 60.0

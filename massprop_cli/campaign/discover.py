@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import campaignfile, location
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
-from massprop_cli.errors import InputError
-from massprop_cli.formats.recording import SUFFIXES
+from massprop_cli.inputs.formats.recording import SUFFIXES
 
 OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "report.csv": ""}
 """Tables that massprop writes itself, by the file that lies beside each."""

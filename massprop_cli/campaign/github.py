@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from massprop_cli.base.escape import line
+from massprop_cli.campaign import markdown
 from massprop_cli.campaign.summary import Summary
-from massprop_cli.foreign import line
-from massprop_cli.report import campaign_markdown
 
 SUMMARY = 1024 * 1024
 """Bytes of UTF-8 of a step's summary."""
@@ -21,7 +21,7 @@ ANNOTATIONS = 10
 def append_summary(file: Path, found: Summary) -> None:
     """Add the campaign to a step's summary, in the room that is left there."""
     used = file.stat().st_size if file.exists() else 0
-    text = campaign_markdown.text(found, SUMMARY - used)
+    text = markdown.text(found, SUMMARY - used)
     with file.open("a", encoding="utf-8", newline="\n") as stream:
         stream.write(text)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from massprop_cli import exits
+from massprop_cli.base import exits
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import junit
-from massprop_cli.report.result import Result
+from massprop_cli.result.schema import Result
 
 
 def text(place: Place, found: Summary) -> str:

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import remote
-from massprop_cli.errors import InputError
 
 RENEWED_S, SILENT_S = 10.0, 35.0
 """Seconds from one renewal to the next, and without any until a lock counts as left behind."""

@@ -6,8 +6,8 @@ import os
 import posixpath
 from pathlib import Path, PurePosixPath
 
-from massprop_cli import limits
-from massprop_cli.errors import InputError
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
 
 
 def is_url(location: str) -> bool:

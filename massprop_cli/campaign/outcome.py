@@ -8,8 +8,8 @@ from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from massprop_cli import foreign
-from massprop_cli.conclude import Verdict
+from massprop_cli.base import escape
+from massprop_cli.conclude.verdict import Verdict
 
 FILE = "outcome.json"
 UNKEPT = ""
@@ -91,7 +91,7 @@ def state(found: Outcome | None) -> str:
 def to_json(found: Outcome) -> bytes:
     """Canonical text: same outcome, same bytes."""
     data = found.model_dump(by_alias=True, mode="json")
-    return (foreign.json(json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)) + "\n").encode()
+    return (escape.json(json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)) + "\n").encode()
 
 
 def from_json(content: bytes) -> Outcome | None:

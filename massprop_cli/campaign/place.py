@@ -10,8 +10,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from massprop_cli import files
-from massprop_cli.errors import InputError
+from massprop_cli.base import files
+from massprop_cli.base.errors import InputError
 
 RESULTS = "results"
 """Folder of all result folders."""

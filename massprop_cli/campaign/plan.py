@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from massprop_cli import foldername
-from massprop_cli.require import Requirement
+from massprop_cli.base import foldername
+from massprop_cli.inputs.require import Requirement
 
 
 @dataclass(frozen=True)

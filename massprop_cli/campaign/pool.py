@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 
 OUTLYING = 4.0
 """Sigmas beyond which a log is an outlier."""

@@ -8,8 +8,8 @@ from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
-from massprop_cli import limits
-from massprop_cli.errors import InputError
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
 
 Answer = TypeVar("Answer")
 EXTRA = "pip install 'massprop[remote]'"

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
-from massprop_cli import exits, onethread
+from massprop_cli.base import exits, onethread
 from massprop_cli.campaign import work, worker
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced

@@ -14,12 +14,13 @@ from typing import Annotated, Any, Literal, overload
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
 
-from massprop_cli import QUANTITIES, UNITS, __version__, exits, foreign
-from massprop_cli.arrays import Array
+from massprop_cli import QUANTITIES, UNITS, __version__
+from massprop_cli.base import escape, exits
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, contradicted, packed, unpacked
 from massprop_cli.campaign.plan import Job
-from massprop_cli.errors import InputError
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told."""
@@ -270,7 +271,7 @@ def to_json(found: Summary) -> Iterator[str]:
 
 
 def _text(item: Item) -> str:
-    return foreign.json(json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False))
+    return escape.json(json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False))
 
 
 def parse(content: bytes, place: str) -> Summary:

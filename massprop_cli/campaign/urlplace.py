@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location, outcome, remote
 from massprop_cli.campaign.lease import Lease
 from massprop_cli.campaign.place import RESULTS, LocalPlace, Place
-from massprop_cli.errors import InputError
 
 LOCK = ".lock"
 

@@ -11,19 +11,20 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from massprop_cli import __version__, exits, files
+from massprop_cli import __version__
+from massprop_cli.base import exits, files
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.escape import line
 from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Job
-from massprop_cli.errors import InputError
-from massprop_cli.foreign import line
-from massprop_cli.formats import recording
+from massprop_cli.inputs.formats import recording
 
 if TYPE_CHECKING:
-    from massprop_cli.analysis import Analysis
-    from massprop_cli.formats.mapfile import MapSource
+    from massprop_cli.flow import Analysis
+    from massprop_cli.inputs.formats.mapfile import MapSource
+    from massprop_cli.inputs.vehicle import VehicleSource
     from massprop_cli.job import Judged
-    from massprop_cli.vehicle import VehicleSource
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,9 @@ def versions(report: bool = False) -> dict[str, str]:
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
-    from massprop_cli import expect, tablefile
+    from massprop_cli.inputs import expect, tablefile
     from massprop_cli.job import Demands, of_table
-    from massprop_cli.report import result
+    from massprop_cli.result import schema
 
     settings = job.settings
     expected = None
@@ -170,7 +171,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     table = tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
     source = _vehicle(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
-    files = {"result.json": result.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
+    files = {"result.json": schema.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
     told = _outcome(judged, mark, sorted(files))
@@ -180,7 +181,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
 def _map(job: Job, inputs: Inputs) -> MapSource | None:
     if inputs.map is None:
         return None
-    from massprop_cli.formats import mapfile
+    from massprop_cli.inputs.formats import mapfile
 
     place, content = inputs.map
     return mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
@@ -188,7 +189,7 @@ def _map(job: Job, inputs: Inputs) -> MapSource | None:
 
 def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     """By the contract's order: the named one, the log's own, the one beside it."""
-    from massprop_cli import vehicle
+    from massprop_cli.inputs import vehicle
 
     stated = job.settings.assignments
     if embedded is not None and job.settings.vehicle is None:
@@ -206,7 +207,7 @@ def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
 def _history(found: Analysis) -> bytes:
     import io
 
-    from massprop_cli.report import historyfile
+    from massprop_cli.result import historyfile
 
     out = io.BytesIO()
     historyfile.write_history(found, out)
@@ -214,7 +215,8 @@ def _history(found: Analysis) -> bytes:
 
 
 def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
-    from massprop_cli.report import html, read, stamp
+    from massprop_cli.report import html, stamp
+    from massprop_cli.result import read
 
     with tempfile.TemporaryDirectory() as aside:
         folder = Path(aside) / job.name
@@ -226,7 +228,7 @@ def _report(job: Job, files: Mapping[str, bytes]) -> bytes:
 
 
 def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
-    from massprop_cli.campaign import told
+    from massprop_cli.campaign import kept
 
     found = judged.result
     return Outcome(
@@ -235,13 +237,13 @@ def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
         exit_code=judged.exit_code,
         message=line(judged.message),
         input_sha256=found.provenance.input_sha256,
-        vehicle=told.vehicle(found),
+        vehicle=kept.vehicle(found),
         method=str(found.provenance.settings.get("estimator.method", "")),
         duration_s=found.log.duration_s,
         cycles=found.log.cycles,
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
         missed=[*judged.unconverged, *judged.imprecise, *judged.missed],
-        bodies=told.bodies(found, judged.analysis.vehicle),
+        bodies=kept.bodies(found, judged.analysis.vehicle),
         files=files,
     )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.check.finding import Finding
-from massprop_cli.telemetry import Log
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
 
 MISFIT = 0.2
 """Part of the logged turning that the gyro may leave unexplained."""

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.check.finding import Finding, rows
-from massprop_cli.telemetry import Log
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
 
 ALWAYS = 0.98
 """Part of the cycles, and of each, from which on a jet counts as never off."""

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from massprop_cli import foreign
-from massprop_cli.arrays import BoolArray
-from massprop_cli.conclude import Verdict
-from massprop_cli.report.result import Item
+from massprop_cli.base import escape
+from massprop_cli.base.arrays import BoolArray
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.result.schema import Item
 
 Subject = Literal["sampling", "imu", "commands", "timing", "attitude", "model", "excitation"]
 SUBJECTS: dict[Subject, str] = {
@@ -82,7 +82,7 @@ def rows(where: BoolArray, place: Any) -> str:
 
 def to_json(found: Check) -> str:
     """Canonical text: same log, same bytes."""
-    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 def schema() -> dict[str, Any]:

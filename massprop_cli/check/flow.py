@@ -7,22 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import __version__, analysis, exits, extremes, files, job, tablefile, telemetry
-from massprop_cli import vehicle as vehicles
-from massprop_cli.analysis import Analysis
-from massprop_cli.arrays import Array
+from massprop_cli import __version__, flow, job
+from massprop_cli.base import exits, files
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.check.attitude import attitude
 from massprop_cli.check.commands import commands, never_fired
 from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
-from massprop_cli.errors import InputError
-from massprop_cli.report import build, words
-from massprop_cli.report.result import Result
-from massprop_cli.require import Requirement
-from massprop_cli.tablefile import Table
-from massprop_cli.telemetry import Log, Notice
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import extremes, tablefile, telemetry
+from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs.require import Requirement
+from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.report import vocabulary
+from massprop_cli.result import build
+from massprop_cli.result.schema import Result
 
 TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval")
 """Codes of notices that are about time."""
@@ -38,7 +41,7 @@ def check(
     vehicle_path: Path | None,
     wants: Sequence[Requirement],
     assignments: Sequence[str],
-    say: analysis.Progress | None = None,
+    say: flow.Progress | None = None,
 ) -> Check:
     """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
     files.check_name(str(log_path))
@@ -54,7 +57,7 @@ def check(
             with extremes.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
                 found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle)]
-                estimated = analysis.examine(log, source, assignments, say)
+                estimated = flow.examine(log, source, assignments, say)
                 told = build.result(estimated)
         except InputError as error:
             return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
@@ -157,7 +160,7 @@ def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Find
     idle = never_fired(log, vehicle)
     if not missing or not idle:
         return []
-    cures = "; ".join(dict.fromkeys(f"{name}: {words.cure(name)}" for name in missing))
+    cures = "; ".join(dict.fromkeys(f"{name}: {vocabulary.cure(name)}" for name in missing))
     return [
         Finding(
             subject="excitation",

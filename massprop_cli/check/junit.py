@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
+from massprop_cli.base.escape import line
 from massprop_cli.check.finding import SUBJECTS, Check
-from massprop_cli.foreign import line
 
 
 def text(found: Check) -> str:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.arrays import Array, median
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, rows
-from massprop_cli.telemetry import GAP, LONG
+from massprop_cli.inputs.telemetry import GAP, LONG
 
 JITTER = 0.05
 """Part of the usual interval that intervals may scatter by (robust): each counts with its own length, commands do not."""

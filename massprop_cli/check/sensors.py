@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.check.finding import Finding, rows
-from massprop_cli.telemetry import Log
-from massprop_cli.vehicle import Vehicle
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
 
 STUCK = 6
 """Equal values in a row of a channel that never repeats itself otherwise."""

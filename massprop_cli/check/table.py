@@ -5,10 +5,10 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from massprop_cli import foreign
+from massprop_cli.base import escape
 from massprop_cli.check.finding import SUBJECTS, Check
-from massprop_cli.report import words
-from massprop_cli.report.table import fitted
+from massprop_cli.report import vocabulary
+from massprop_cli.report.terminal import fitted
 
 _STYLE = {"unusable": "bold red", "fault": "yellow", "note": "dim"}
 _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}
@@ -18,18 +18,18 @@ def show(found: Check, console: Console) -> None:
     """What is wrong, and what an estimate of this log gives."""
     for one in found.findings:
         console.print(
-            foreign.rich(f"{_SIGNS[one.grade]} {one.grade}, {SUBJECTS[one.subject]}: {one.what} [{one.code}]"), style=_STYLE[one.grade]
+            escape.rich(f"{_SIGNS[one.grade]} {one.grade}, {SUBJECTS[one.subject]}: {one.what} [{one.code}]"), style=_STYLE[one.grade]
         )
         more = [("where", one.where), ("how sure", one.sure), ("remedy", one.remedy)]
         for name, said in more:
             if said:
-                console.print(f"    {name}: {foreign.rich(said)}")
+                console.print(f"    {name}: {escape.rich(said)}")
     if not found.findings:
-        console.print(foreign.rich(f"✓ {found.log}: nothing to object to"))
+        console.print(escape.rich(f"✓ {found.log}: nothing to object to"))
     for phase in dict.fromkeys(one.phase for one in found.expected):
         fitted(_expected(found, phase), console)
     if found.delay:
-        console.print(foreign.rich(f"The log's own delay: {found.delay}."))
+        console.print(escape.rich(f"The log's own delay: {found.delay}."))
     if found.expected:
         console.print(
             "Inertia about the CG in body axes, products as tensor elements. ± is one standard deviation, as of massprop estimate."
@@ -37,7 +37,7 @@ def show(found: Check, console: Console) -> None:
 
 
 def _expected(found: Check, phase: str) -> Table:
-    table = Table(title=foreign.rich(f"{found.log}, phase {phase}: what it tells"), title_justify="left", title_style="bold")
+    table = Table(title=escape.rich(f"{found.log}, phase {phase}: what it tells"), title_justify="left", title_style="bold")
     for name in ("quantity", "± sigma", "± wanted", "unit", "verdict", "reached"):
         table.add_column(name, justify="right" if name.startswith("±") else "left", no_wrap=True)
     for one in found.expected:
@@ -46,5 +46,5 @@ def _expected(found: Check, phase: str) -> Table:
         reached = "" if one.reached is None else "[green]✓[/]" if one.reached else "[red]✗[/]"
         sigma = "–" if one.sigma is None else f"{one.sigma:.2g}"
         wanted = "" if one.wanted_sigma is None else f"{one.wanted_sigma:.2g}"
-        table.add_row(one.quantity, sigma, wanted, words.unit(one.unit), one.verdict, reached)
+        table.add_row(one.quantity, sigma, wanted, vocabulary.unit(one.unit), one.verdict, reached)
     return table

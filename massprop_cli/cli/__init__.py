@@ -11,7 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
-from massprop_cli import __version__, exits, onethread
+from massprop_cli import __version__
+from massprop_cli.base import exits, onethread
 from massprop_cli.cli.batch import batch
 from massprop_cli.cli.check import check
 from massprop_cli.cli.columns import columns

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, put, say
-from massprop_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +89,7 @@ def batch(
     said = context.get_parameter_source("jobs")
     if cluster is not None and said is not None and said.name == "COMMANDLINE":
         raise UsageError(f"--jobs {jobs}: is for this machine; with --cluster its workers decide how many logs run at a time")
-    from massprop_cli.require import requirements
+    from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
     from massprop_cli.campaign import urlplace
@@ -99,14 +99,14 @@ def batch(
     folder_of_its_own(folder.folder if isinstance(folder, LocalPlace) else None)
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
-    from massprop_cli import gate
     from massprop_cli.campaign import baseline as baselines
-    from massprop_cli.campaign import discover, flow, location, summary
+    from massprop_cli.campaign import discover, location, run, summary
     from massprop_cli.campaign import junit as suites
     from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
     from massprop_cli.campaign.runner import LocalExecutor
     from massprop_cli.cli.steps import steps
+    from massprop_cli.inputs import tolerancefile
 
     over = Settings(
         vehicle=vehicle,
@@ -119,7 +119,7 @@ def batch(
     name, planned = discover.plan(paths, over)
     _check(planned)
     earlier = baselines.read(baseline) if baseline is not None else None
-    allowed = gate.load(tolerance, max_sigma)
+    allowed = tolerancefile.load(tolerance, max_sigma)
     if earlier is not None:
         allowed.check(baselines.phases(earlier))
     against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=allowed)
@@ -129,7 +129,7 @@ def batch(
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
-                found = flow.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
+                found = run.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
         if junit is not None:
@@ -138,9 +138,9 @@ def batch(
     if as_json:
         sys.stdout.writelines(summary.to_json(found))
     elif not quiet:
-        from massprop_cli.report import campaign_table
+        from massprop_cli.campaign import terminal
 
-        campaign_table.show(found, console(no_color))
+        terminal.show(found, console(no_color))
         put(location.join(out, "campaign.html"))
     _leave(found)
 
@@ -152,15 +152,15 @@ def _not_a_folder(junit: Path | None) -> None:
 
 def _check(planned: Sequence[Job]) -> None:
     """Refuse at once what would make every log fail: vehicle and expect files that are named for many."""
-    from massprop_cli import expect, vehicle
     from massprop_cli.campaign import location
+    from massprop_cli.inputs import expect, vehicle
 
     for stated in dict.fromkeys(job.settings for job in planned):
         if stated.vehicle is not None:
             vehicle.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
     for place in dict.fromkeys(job.settings.map for job in planned):
         if place is not None:
-            from massprop_cli.formats import mapfile
+            from massprop_cli.inputs.formats import mapfile
 
             mapfile.parse(location.read_text(place, "map file"), place)
     for place in dict.fromkeys(job.settings.expect for job in planned):
@@ -169,7 +169,7 @@ def _check(planned: Sequence[Job]) -> None:
 
 
 def _write(file: Path, text: str) -> None:
-    from massprop_cli import files
+    from massprop_cli.base import files
 
     try:
         with files.held(file.parent):
@@ -198,12 +198,11 @@ def _tell_github(found: Summary) -> None:
 def _leave(found: Summary) -> None:
     if found.exit_code == 0:
         return
-    from massprop_cli.campaign import summary
-    from massprop_cli.report import campaign_page
+    from massprop_cli.campaign import page, summary
 
     wrong = sum(1 for _ in summary.lines(found))
     beyond = len(found.baseline.beyond) if found.baseline else 0
-    said = [f"{wrong} of {len(found.logs)} logs failed ({campaign_page.counts(found)})"] if wrong else []
+    said = [f"{wrong} of {len(found.logs)} logs failed ({page.counts(found)})"] if wrong else []
     said += (
         [f"{beyond} beyond the baseline: {'; '.join(item.message for item in found.baseline.beyond[:3])}"]
         if found.baseline and beyond

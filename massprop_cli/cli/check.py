@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
 from massprop_cli.cli.terminal import console, progress
-from massprop_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from massprop_cli.check.finding import Check
@@ -40,7 +40,7 @@ def check(
     Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 4 where a wanted quantity
     is not reached.
     """
-    from massprop_cli.require import requirements
+    from massprop_cli.inputs.require import requirements
 
     wants = requirements(want, "--want")
     if junit is not None and (junit.is_dir() or not junit.parent.is_dir()):
@@ -63,7 +63,7 @@ def check(
 
 
 def _write(file: Path, found: Check) -> None:
-    from massprop_cli import files
+    from massprop_cli.base import files
     from massprop_cli.check import junit as suites
 
     try:

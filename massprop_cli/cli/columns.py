@@ -14,7 +14,7 @@ from massprop_cli.cli.guard import guarded
 from massprop_cli.cli.terminal import console, say
 
 if TYPE_CHECKING:
-    from massprop_cli.formats.listing import Listed
+    from massprop_cli.inputs.formats.listing import Listed
 
 
 @guarded
@@ -28,7 +28,7 @@ def columns(
 
     Writes nothing. What names, recorded units and clocks don't settle is a question in the draft, written "?".
     """
-    from massprop_cli.formats import listing, propose, recording
+    from massprop_cli.inputs.formats import listing, propose, recording
 
     read = recording.load(file)
     text = propose.draft(read)
@@ -49,12 +49,12 @@ def columns(
 def _show(streams: list[Listed], kind: str, no_color: bool) -> None:
     from rich.table import Table
 
-    from massprop_cli import foreign
+    from massprop_cli.base import escape
 
     table = Table(title=f"{len(streams)} streams of a {kind}", title_justify="left")
     for name in ("path", "samples", "rate [Hz]", "least", "most", "unit", "clock", "note"):
         table.add_column(name, justify="right" if name in ("samples", "rate [Hz]", "least", "most") else "left", overflow="fold")
     for one in streams:
         numbers = ["" if value is None else f"{value:.6g}" for value in (one.rate_hz, one.least, one.most)]
-        table.add_row(foreign.rich(one.path), str(one.samples), *numbers, *(foreign.rich(text) for text in (one.unit, one.clock, one.note)))
+        table.add_row(escape.rich(one.path), str(one.samples), *numbers, *(escape.rich(text) for text in (one.unit, one.clock, one.note)))
     console(no_color).print(table)

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import UsageError
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say, show
-from massprop_cli.errors import UsageError
 
 
 @guarded
@@ -41,7 +41,7 @@ def combine(
     Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
     Exit 3 where the results are not of one vehicle, 4 where a required quantity is not converged, or not that precise.
     """
-    from massprop_cli.require import requirements
+    from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
     folder_of_its_own(out)
@@ -54,7 +54,7 @@ def combine(
 
     from massprop_cli import job
     from massprop_cli.combine import flow
-    from massprop_cli.report import result
+    from massprop_cli.result import schema
 
     with np.errstate(all="ignore"):
         found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
@@ -62,7 +62,7 @@ def combine(
     for warning in [] if quiet else found.warnings:
         say(f"warning: {warning.message} [{warning.code}]")
     if as_json:
-        sys.stdout.write(result.to_json(found))
+        sys.stdout.write(schema.to_json(found))
     elif not quiet:
         show(found, no_color)
     short = job.short_of(found, required)

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import UsageError
 from massprop_cli.cli.guard import fail, guarded
 from massprop_cli.cli.terminal import console, say
-from massprop_cli.errors import UsageError
 
 
 @guarded
@@ -35,16 +35,17 @@ def compare(
     """
     if not math.isfinite(max_sigma):
         raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
-    from massprop_cli import gate
-    from massprop_cli.report import compare as comparison
-    from massprop_cli.report import difference_table, read
+    from massprop_cli.inputs import tolerancefile
+    from massprop_cli.report import difference
+    from massprop_cli.result import compare as comparison
+    from massprop_cli.result import read
 
-    allowed = gate.load(tolerance, max_sigma)
+    allowed = tolerancefile.load(tolerance, max_sigma)
     found = comparison.compare(read.read(result), read.read(baseline), allowed)
     if as_json:
         sys.stdout.write(comparison.to_json(found))
     elif not quiet:
-        difference_table.show(found, console(no_color))
+        difference.show(found, console(no_color))
     failure = comparison.failure(found)
     for warning in [] if quiet or not found.compared else found.warnings:
         say(f"warning: {warning}")

@@ -13,7 +13,7 @@ from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
 
 if TYPE_CHECKING:
-    from massprop_cli.expect import Expectations
+    from massprop_cli.inputs.expect import Expectations
 
 
 @guarded
@@ -57,18 +57,18 @@ def estimate(
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
     not converged, or not that precise, 5 a value is missing or outside its expectation.
     """
-    from massprop_cli.require import requirements
+    from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
     folder_of_its_own(out)
-    from massprop_cli import job, store
-    from massprop_cli.report import result
+    from massprop_cli import job
+    from massprop_cli.result import schema, store
 
     demands = job.Demands(required, _expected(expect))
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
-    text = result.to_json(judged.result)
+    text = schema.to_json(judged.result)
     stored = store.write(out, judged.analysis, text)
     told_of(stored, None if out is not None else store.plain(log), quiet)
     told_map(judged.analysis.log.made, quiet)
@@ -84,6 +84,6 @@ def estimate(
 def _expected(file: Path | None) -> Expectations | None:
     if file is None:
         return None
-    from massprop_cli import expect
+    from massprop_cli.inputs import expect
 
     return expect.load(file)

@@ -10,9 +10,9 @@ from typing import Any, NoReturn
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli.terminal import say
-from massprop_cli.errors import InputError, UsageError
 
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:

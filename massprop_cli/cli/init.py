@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.cli.guard import guarded
 from massprop_cli.cli.terminal import put
-from massprop_cli.errors import InputError
 
 
 @guarded
@@ -28,9 +28,9 @@ def init(
     Cycle, records, command channels, noise, gravity and biases as far as the log tells; each line says where it is from. What no log can
     tell stands as a comment with how to measure it.
     """
-    from massprop_cli import files
-    from massprop_cli.formats import draft, recording, traits
-    from massprop_cli.tablefile import read_table
+    from massprop_cli.base import files
+    from massprop_cli.inputs.formats import draft, recording, traits
+    from massprop_cli.inputs.tablefile import read_table
 
     table = read_table(file, map_file)
     parameters = {} if recording.is_plain(file) else recording.load(file).parameters

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from massprop_cli.errors import InputError
+from massprop_cli.base.errors import InputError
 
 
 class Method(StrEnum):

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, progress, put
 
@@ -52,7 +52,7 @@ def plan(
     Writes scenario.toml, which massprop simulate flies, plan.json and plan.html. Exit 0 if every precision is reached with every body that
     the vehicle may be, 3 where there is nothing to plan with or no motion keeps the limits, 4 where one isn't reached: the best is written.
     """
-    from massprop_cli.require import precise
+    from massprop_cli.inputs.require import precise
 
     wants = precise(want)
     folder_of_its_own(out)

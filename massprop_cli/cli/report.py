@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from massprop_cli import exits
+from massprop_cli.base import exits
+from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import put
-from massprop_cli.errors import InputError, UsageError
-from massprop_cli.rendered import TEXTS
+from massprop_cli.result.rendered import TEXTS
 
 if TYPE_CHECKING:
-    from massprop_cli.expect import Expectations
-    from massprop_cli.report.read import Recorded
+    from massprop_cli.inputs.expect import Expectations
+    from massprop_cli.result.read import Recorded
 
 FIGURES: tuple[Literal["svg", "png"], ...] = ("svg", "png")
 """Formats of figures."""
@@ -53,10 +53,10 @@ def report(
     """
     texts, kinds = _formats(format_, bool(figure))
     folder_of_its_own(out)
-    from massprop_cli import expect as expectations
-    from massprop_cli import job, judge
-    from massprop_cli.report import read
+    from massprop_cli import job
+    from massprop_cli.inputs import expect as expectations
     from massprop_cli.report.labels import labels
+    from massprop_cli.result import judge, read
 
     wanted = expectations.load(expect) if expect is not None else None
     once = {path.resolve(): path for path in results}
@@ -96,7 +96,7 @@ def _held(item: Recorded, wanted: Expectations | None) -> Recorded:
     """The result held against ``--expect``; without, as it was when it was estimated."""
     from dataclasses import replace
 
-    from massprop_cli import judge
+    from massprop_cli.result import judge
 
     try:
         return item if wanted is None else replace(item, result=judge.judge(item.result, wanted))
@@ -118,9 +118,9 @@ def _writer(name: str) -> Callable[[Sequence[Recorded]], str]:
 
         return lambda recorded: stamp.markdown(markdown.text(recorded), recorded)
     if name == "csv":
-        from massprop_cli.report import rows
+        from massprop_cli.report import spreadsheet
 
-        return rows.text
+        return spreadsheet.text
     from massprop_cli.report import junit
 
     return lambda recorded: junit.text(junit.outcomes(recorded))
@@ -146,7 +146,8 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
 
 def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
     """Every file whole; none where one of them can't be. ``own``: the folder is that of the result itself, which notes what it holds."""
-    from massprop_cli import files, rendered
+    from massprop_cli.base import files
+    from massprop_cli.result import rendered
 
     try:
         with files.held(folder), files.staged(folder) as stage:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from massprop_cli.base.errors import UsageError
 from massprop_cli.cli.guard import folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, put, say, warn
-from massprop_cli.errors import UsageError
 
 
 @guarded

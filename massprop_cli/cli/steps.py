@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from massprop_cli.cli.terminal import say
 
 if TYPE_CHECKING:
-    from massprop_cli.campaign.flow import Step, Told
     from massprop_cli.campaign.plan import Job
+    from massprop_cli.campaign.run import Step, Told
 
 
 @contextmanager

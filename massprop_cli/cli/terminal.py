@@ -10,25 +10,25 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from massprop_cli import foreign
+from massprop_cli.base import escape
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from massprop_cli.report.result import Result
-    from massprop_cli.store import Stored
-    from massprop_cli.tablefile import Made
-    from massprop_cli.telemetry import Notice
+    from massprop_cli.inputs.tablefile import Made
+    from massprop_cli.inputs.telemetry import Notice
+    from massprop_cli.result.schema import Result
+    from massprop_cli.result.store import Stored
 
 
 def say(message: str) -> None:
     """One line on stderr. With :func:`put` the only way of foreign text to the terminal beside rich's tables."""
-    typer.echo(f"massprop: {foreign.message(message)}", err=True)
+    typer.echo(f"massprop: {escape.message(message)}", err=True)
 
 
 def put(text: str) -> None:
     """A path, or a line for another program, on stdout."""
-    typer.echo(foreign.name(text))
+    typer.echo(escape.name(text))
 
 
 @contextmanager
@@ -54,9 +54,9 @@ def console(no_color: bool) -> Console:
 
 def show(found: Result, no_color: bool) -> None:
     """The tables on stdout."""
-    from massprop_cli.report import table
+    from massprop_cli.report import terminal
 
-    table.show(found, console(no_color))
+    terminal.show(found, console(no_color))
 
 
 def warn(notices: Iterable[Notice], quiet: bool) -> None:

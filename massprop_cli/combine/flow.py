@@ -13,18 +13,21 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES, UNITS, __version__, docking, files, rendered
-from massprop_cli.arrays import Array
+from massprop_cli import CG, QUANTITIES, UNITS, __version__
+from massprop_cli.base import files
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
-from massprop_cli.conclude import Conclusion, Estimate, Verdict
-from massprop_cli.errors import InputError
-from massprop_cli.physical import nearest_consistent, physical_note
-from massprop_cli.report import result as results
+from massprop_cli.conclude import docking
+from massprop_cli.conclude.physical import nearest_consistent, physical_note
+from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
+from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.report.labels import labels
-from massprop_cli.report.read import Recorded, read
-from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Physical, Result, WarningItem
+from massprop_cli.result import rendered
+from massprop_cli.result import schema as results
+from massprop_cli.result.read import Recorded, read
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Physical, Result, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
-from massprop_cli.vehicle import Phase
 
 INFORMED = 0.5
 """Part of the natural size above which a sigma says nothing."""
@@ -259,7 +262,7 @@ def _docked(alone: Sequence[Part], single: PhaseItem, joined: Sequence[Part], co
 
 
 def _difference_slope(values: Array) -> Array:
-    """(10, 20) derivative of :func:`massprop_cli.docking.difference`, by central differences."""
+    """(10, 20) derivative of :func:`massprop_cli.conclude.docking.difference`, by central differences."""
     size = natural_sizes(values[10:])
     slope = np.empty((10, 20))
     for i, step in enumerate(np.tile(1e-6 * size, 2)):

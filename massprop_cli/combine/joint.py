@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.arrays import Array
-from massprop_cli.dynamics import elements, tensor
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements, tensor
 
 BEYOND = 4.0
 """Sigmas by which a result may differ from all others together, as everywhere."""

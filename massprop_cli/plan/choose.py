@@ -9,11 +9,11 @@ from enum import StrEnum
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.require import Requirement
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.plan.motions import Motion
-from massprop_cli.require import Requirement
 from massprop_cli.testbed.bound import natural_sizes
-from massprop_cli.vehicle import Vehicle
 
 PRIOR = 1e-4
 """Information on the quantities over their natural size before anything is flown: a hundred times that is the sigma, as the estimator's."""

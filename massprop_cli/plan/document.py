@@ -10,14 +10,15 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from massprop_cli import QUANTITIES, UNITS, __version__, foreign
-from massprop_cli.arrays import Array
+from massprop_cli import QUANTITIES, UNITS, __version__
+from massprop_cli.base import escape
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import VehicleSource
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.planner import Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal
-from massprop_cli.report.result import Item
+from massprop_cli.result.schema import Item
 from massprop_cli.testbed.bound import natural_sizes
-from massprop_cli.vehicle import VehicleSource
 
 UNTOLD = 0.5
 """A sigma above this part of a quantity's natural size says nothing of it, as in the verdicts of an estimate."""
@@ -192,7 +193,7 @@ def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:
 
 def to_json(found: PlanFile) -> str:
     """Canonical text: same plan, same bytes."""
-    return foreign.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 def schema() -> dict[str, Any]:

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import exits, files, foldername
-from massprop_cli import vehicle as vehicles
-from massprop_cli.errors import InputError
+from massprop_cli.base import exits, files, foldername
+from massprop_cli.base.errors import InputError
+from massprop_cli.estimate.quantities import alone
+from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs.require import Requirement
+from massprop_cli.inputs.vehicle import VehicleSource
 from massprop_cli.plan import document, guess, limits, planner, proof, rehearsal
 from massprop_cli.plan.choose import Criterion, Wanted
 from massprop_cli.plan.document import PlanFile
 from massprop_cli.plan.planner import Order, Planned, Say
 from massprop_cli.plan.rehearsal import Rehearsal
-from massprop_cli.posterior import alone
-from massprop_cli.require import Requirement
-from massprop_cli.vehicle import VehicleSource
 
 STEADY = 2
 """Times the updates that must be steady before a value counts as converged: a plan is not shorter than that, as far as there is time."""

@@ -9,19 +9,20 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from massprop_cli import QUANTITIES, configfile
-from massprop_cli.arrays import Array
-from massprop_cli.dynamics import elements, tensor
-from massprop_cli.errors import InputError
+from massprop_cli import QUANTITIES
+from massprop_cli.base import configfile
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import elements, tensor
+from massprop_cli.inputs.vehicle import NonNegative, Section, VehicleSource
 from massprop_cli.testbed.bound import natural_sizes
 from massprop_cli.testbed.scenario import Actuators, Body, Sensors
-from massprop_cli.vehicle import NonNegative, Section, VehicleSource
 
 SPREAD = 0.2
 CG_SPREAD = 0.05
 """Of a free vehicle's CG, as part of sqrt(trace/mass); on a bearing it was balanced, and is off by :data:`SPREAD` of what it is."""
 DRAWN = 4
-"""Bodies beside the one that is guessed: enough that no plan suits it alone (tests/test_plan.py)."""
+"""Bodies beside the one that is guessed: enough that no plan suits it alone (tests/plan/test_plan.py)."""
 NEEDED = ("ixx", "iyy", "izz", "mass")
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.motion import to_world, vertical
 from massprop_cli.testbed.simulate import Flight
-from massprop_cli.vehicle import Vehicle
 
 TILT_RAD = 0.5
 """Of an air bearing, where nothing else is stated: hemispherical ones end between 30 and 45 degrees."""

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan import table
 from massprop_cli.plan.document import PlanFile, QuantityItem
-from massprop_cli.report import html, words
+from massprop_cli.report import html, vocabulary
 from massprop_cli.report.figures import axis, canvas, palette
 from massprop_cli.report.figures.panel import Panel
-from massprop_cli.report.inline import gathered, inline
+from massprop_cli.report.svg import gathered, inline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ def text(found: PlanFile) -> str:
     panels = [_panel(found, name, item) for name, item in told.items()]
     drawn = [inline(canvas.render([panel], "svg"), f"plan-{panel.key}", panel.says) for panel in panels]
     page = html.environment().get_template("plan.html.j2")
-    rows = [(name, words.SYMBOLS[name], table.cells(item), item) for name, item in found.quantities.items()]
+    rows = [(name, vocabulary.SYMBOLS[name], table.cells(item), item) for name, item in found.quantities.items()]
     content = {
         "plan": found,
         "rows": rows,
@@ -43,7 +43,7 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
 
     def paint(axes: Axes) -> None:
         axes.set_yscale("log")
-        axis.heading(axes, f"{words.SYMBOLS[name]}: sigma", words.unit(item.unit))
+        axis.heading(axes, f"{vocabulary.SYMBOLS[name]}: sigma", vocabulary.unit(item.unit))
         axis.time(axes, 0.0, found.duration_s)
         for number, stretch in enumerate(found.timeline):
             axes.axvspan(stretch.start_s, stretch.end_s, color=palette.SHADE, alpha=1.0 - 0.6 * (number % 2), zorder=0, linewidth=0)
@@ -52,4 +52,6 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
             axes.axhline(item.wanted_sigma, color=palette.GREEN, linestyle=(0, (3, 1.5)), gid=f"{name}-wanted")
 
     wanted = "" if item.wanted_sigma is None else f", wanted {item.wanted_sigma:.2g}"
-    return Panel(name, f"predicted sigma of {words.SYMBOLS[name]} against time, {item.sigma:.2g} {item.unit} at the end{wanted}", paint)
+    return Panel(
+        name, f"predicted sigma of {vocabulary.SYMBOLS[name]} against time, {item.sigma:.2g} {item.unit} at the end{wanted}", paint
+    )

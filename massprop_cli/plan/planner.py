@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massprop_cli.arrays import Array
-from massprop_cli.errors import InputError
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
 from massprop_cli.plan.motions import HOLD, LEVELS, Motion, library

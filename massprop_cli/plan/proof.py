@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli import analysis
-from massprop_cli.arrays import Array
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.testbed.simulate import fly
 from massprop_cli.testbed.timeline import Segment
-from massprop_cli.vehicle import Vehicle, VehicleSource
 
 SEEDS = (1, 2)
 
@@ -39,7 +39,7 @@ def beyond_bound(rehearsal: Rehearsal, segments: Sequence[Segment], cycles: int,
     flight = fly(source, SEEDS)
     found = []
     for member in range(len(SEEDS)):
-        estimated = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
+        estimated = flow.examine(flight.log(member), VehicleSource(flight.vehicle, rehearsal.source, ""))
         found.append(np.sqrt(np.diag(estimated.conclusions[0].bare[1])) / bound)
     ratio = np.sqrt((np.array(found) ** 2).mean(0))
     return np.asarray(np.where(np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0))

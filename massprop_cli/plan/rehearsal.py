@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from massprop_cli.arrays import Array
-from massprop_cli.errors import InputError
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
 from massprop_cli.plan.guess import Guess
 from massprop_cli.plan.limits import Used, used
 from massprop_cli.testbed import bound, mission
 from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Change, fly
 from massprop_cli.testbed.timeline import AXES, Axis, Segment
-from massprop_cli.vehicle import Vehicle, VehicleSource
 
 BANDWIDTH, PHASE = 1.0, 0.15
 """rad/s of the attitude hold, and the most that delay, half a cycle and lag may turn its phase (rad): it stays well damped."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from massprop_cli import foreign
+from massprop_cli.base import escape
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.document import PlanFile, QuantityItem
-from massprop_cli.report import words
-from massprop_cli.report.table import fitted
+from massprop_cli.report import vocabulary
+from massprop_cli.report.terminal import fitted
 
 FEW = 4
 """Quantities that a stretch is said to teach."""
@@ -21,11 +21,11 @@ def show(found: PlanFile, console: Console) -> None:
     fitted(_timeline(found), console)
     fitted(_limits(found), console)
     for line in legend(found):
-        console.print(foreign.rich(line))
+        console.print(escape.rich(line))
 
 
 def _quantities(found: PlanFile) -> Table:
-    table = Table(title=foreign.rich(f"{found.vehicle}: a plan of {found.duration_s:g} s"), title_justify="left", title_style="bold")
+    table = Table(title=escape.rich(f"{found.vehicle}: a plan of {found.duration_s:g} s"), title_justify="left", title_style="bold")
     for name in ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found)):
         table.add_column(name, justify="left" if name in ("quantity", "unit") else "right", no_wrap=True)
     for name, item in found.quantities.items():
@@ -43,8 +43,8 @@ def cells(item: QuantityItem) -> list[str]:
     wanted = "" if item.wanted_sigma is None else f"{item.wanted_sigma:.2g}"
     reached = "" if item.wanted is None else "not" if item.reached_at_s is None else f"{item.reached_at_s:.2f} s"
     if item.told != "well":
-        return [f"{item.guess:g}", item.told, "–", wanted, words.unit(item.unit), reached]
-    return [f"{item.guess:g}", f"{item.sigma:.2g}", f"{item.worst_sigma:.2g}", wanted, words.unit(item.unit), reached]
+        return [f"{item.guess:g}", item.told, "–", wanted, vocabulary.unit(item.unit), reached]
+    return [f"{item.guess:g}", f"{item.sigma:.2g}", f"{item.worst_sigma:.2g}", wanted, vocabulary.unit(item.unit), reached]
 
 
 def _timeline(found: PlanFile) -> Table:

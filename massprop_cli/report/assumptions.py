@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from massprop_cli import CG, QUANTITIES, UNITS
-from massprop_cli.report import digits, words
-from massprop_cli.report.result import Assumption, DockedObject, PhaseItem, Result
+from massprop_cli.report import digits, vocabulary
+from massprop_cli.result.schema import Assumption, DockedObject, PhaseItem, Result
 
 TOLD = 5.0
 """Sigmas of misfit from which on the log itself would tell that an assumption is one step off."""
@@ -45,7 +45,9 @@ def _sensitivity(shown: Sequence[Assumption], phase: str) -> Sensitivity:
     return Sensitivity(
         phase=phase,
         steps=tuple((assumption.code, assumption.step) for assumption, _ in held),
-        rows=tuple((name, words.unit(UNITS[name]), tuple(_change(effect.change.get(name)) for _, effect in held)) for name in QUANTITIES),
+        rows=tuple(
+            (name, vocabulary.unit(UNITS[name]), tuple(_change(effect.change.get(name)) for _, effect in held)) for name in QUANTITIES
+        ),
         noticed=tuple(_noticed(effect.seen_sigma) for _, effect in held),
     )
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
-from massprop_cli.dynamics import tensor
-from massprop_cli.report.result import EstimateItem, Matrix, PhaseItem
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.result.schema import EstimateItem, Matrix, PhaseItem
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Places of ixx ixy ixz iyy iyz izz in the matrix."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.report.result import Delay, Innovations, Lag
+from massprop_cli.result.schema import Delay, Innovations, Lag
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")
 COUNT = 3.3

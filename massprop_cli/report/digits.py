@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from decimal import Context, Decimal
 
-from massprop_cli.judge import INFORMED
+from massprop_cli.result.judge import INFORMED
 
 ABSENT = "–"
 LONGEST = 7

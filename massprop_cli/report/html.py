@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.errors import InputError
-from massprop_cli.foreign import visible
-from massprop_cli.report import assumptions, body, checks, digits, figures, mended, view, words
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.escape import visible
+from massprop_cli.report import assumptions, body, checks, digits, figures, mended, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
-from massprop_cli.report.inline import gathered, inline
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import PhaseItem, Result
+from massprop_cli.report.svg import gathered, inline
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import PhaseItem, Result
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -90,7 +90,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_clean,
     )
-    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": words, "view": view}
+    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": vocabulary, "view": view}
     return found
 
 
@@ -106,7 +106,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
     return {
         "result": result,
         "tables": tables,
-        "conventions": words.conventions(result),
+        "conventions": vocabulary.conventions(result),
         "phases": phases,
         "checks": f"{sum(held)} of {len(held)} checks hold" if held else "",
         "assumptions": assumptions,
@@ -147,7 +147,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
         ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
         excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
         correlation=_figure("correlation", recorded, f"correlation{number}", item.name),
-        correlations=[(words.SYMBOLS[name], [_two(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)],
+        correlations=[(vocabulary.SYMBOLS[name], [_two(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)],
         against_time=[_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
         checks=checks.innovations(item.innovations) if item.innovations else [],
     )

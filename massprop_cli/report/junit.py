@@ -12,13 +12,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from massprop_cli.foreign import line
-from massprop_cli.judge import INFORMED, contradiction, parts, why
-from massprop_cli.report import digits, words
-from massprop_cli.report.gaps import gap
+from massprop_cli.base.escape import line
+from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.labels import labels
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import EstimateItem, Result
+from massprop_cli.report.missing import gap
+from massprop_cli.result.judge import INFORMED, contradiction, parts, why
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import EstimateItem, Result
 
 _COUNTED = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
@@ -90,7 +90,7 @@ def _properties(found: Result) -> ET.Element:
         "method": str(found.provenance.settings.get("estimator.method", "")),
         "massprop": found.provenance.massprop,
         "input_sha256": found.provenance.input_sha256,
-        "conventions": " ".join(words.conventions(found)),
+        "conventions": " ".join(vocabulary.conventions(found)),
     }
     properties = ET.Element("properties")
     for name, value in stated.items():
@@ -122,7 +122,7 @@ def _quantity(case: ET.Element, quantity: str, item: EstimateItem, contradicted:
     elif item.verdict != "converged":
         _say(case, "skipped", gap(quantity, item, contradicted), item.verdict)
     value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
-    ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {words.unit(item.unit)}, {item.verdict}"
+    ET.SubElement(case, "system-out").text = f"{quantity} = {value} ± {sigma} {vocabulary.unit(item.unit)}, {item.verdict}"
     return case
 
 

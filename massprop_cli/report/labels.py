@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from massprop_cli.report.read import Recorded
+from massprop_cli.result.read import Recorded
 
 
 def labels(recorded: Sequence[Recorded]) -> list[str]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from massprop_cli.conclude import Verdict
-from massprop_cli.foreign import markdown as shown
-from massprop_cli.judge import contradiction, missed, parts
-from massprop_cli.report import assumptions, digits, mended, words
-from massprop_cli.report.gaps import gaps
+from massprop_cli.base.escape import markdown as shown
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.report import assumptions, digits, mended, vocabulary
 from massprop_cli.report.labels import labels
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import DockedObject, EstimateItem, Mended, PhaseItem, Result
+from massprop_cli.report.missing import gaps
+from massprop_cli.result.judge import contradiction, missed, parts
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 LARGEST = 200_000
 """Bytes of UTF-8, however many the results: more is cut off by those who show summaries of jobs."""
@@ -80,7 +80,7 @@ def _summary(found: Result) -> list[str]:
     held = [item.expected for item in items if item.expected is not None]
     contradicted = sum(item.verdict == "contradicted" for item in items)
     converged = f"{sum(item.verdict == 'converged' for item in items)} of {len(items)}"
-    converged += f", {words.SIGNS['contradicted']} {contradicted} contradicted" if contradicted else ""
+    converged += f", {vocabulary.SIGNS['contradicted']} {contradicted} contradicted" if contradicted else ""
     sign = "✓" if all(expected.met for expected in held) else "✗"
     met = f"{sign} {sum(expected.met for expected in held)} of {len(held)}" if held else "–"
     return [converged, met, str(len(found.warnings))]
@@ -93,7 +93,7 @@ def _sections(found: Result, name: str) -> list[list[str]]:
         *(_part(part, body, found) for part, body in parts(found)),
         *(_mended(one) for one in found.mended),
         *_assumptions(found),
-        _list("Conventions:", words.conventions(found)),
+        _list("Conventions:", vocabulary.conventions(found)),
         _list(f"Not converged, and {'what' if _alarms(found) else 'the motion that'} would tell it:", gaps(found)),
         *_warnings(found),
     ]
@@ -108,7 +108,7 @@ def _alarm(found: Result) -> list[str]:
     if not _alarms(found):
         return []
     said = "Contradicted values stand as found and their sigmas do not hold: do not use them. Mend the cause; no motion cures it."
-    return [*(f"**{words.SIGNS['contradicted']} {shown(line)}**  " for line in _alarms(found)), said, ""]
+    return [*(f"**{vocabulary.SIGNS['contradicted']} {shown(line)}**  " for line in _alarms(found)), said, ""]
 
 
 def _origin(found: Result) -> str:
@@ -182,13 +182,13 @@ def _sensitivity(one: assumptions.Sensitivity) -> list[str]:
 
 
 def _verdict_words(verdict: Verdict) -> str:
-    return f"{words.SIGNS[verdict]} {verdict.replace('_', ' ')}"
+    return f"{vocabulary.SIGNS[verdict]} {verdict.replace('_', ' ')}"
 
 
 def _cells(name: str, item: EstimateItem) -> list[str]:
     value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
     final = "–" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
-    return [shown(name), value, sigma, words.unit(item.unit), _verdict_words(item.verdict), final]
+    return [shown(name), value, sigma, vocabulary.unit(item.unit), _verdict_words(item.verdict), final]
 
 
 def _nominal(item: EstimateItem) -> list[str]:
@@ -198,7 +198,7 @@ def _nominal(item: EstimateItem) -> list[str]:
 def _expected(item: EstimateItem) -> list[str]:
     if item.expected is None:
         return ["–", "–", "–"]
-    return [f"{item.expected.value:.9g}", shown(words.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
+    return [f"{item.expected.value:.9g}", shown(vocabulary.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
 
 
 def _warnings(found: Result) -> list[list[str]]:

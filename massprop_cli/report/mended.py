@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shlex
 
-from massprop_cli.conclude import Verdict
-from massprop_cli.foreign import line
-from massprop_cli.report import digits, words
-from massprop_cli.report.result import Mended, MendedPhase
+from massprop_cli.base.escape import line
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.report import digits, vocabulary
+from massprop_cli.result.schema import Mended, MendedPhase
 
 TITLE = "If it is mended"
 
@@ -20,7 +20,7 @@ def options(found: Mended) -> list[str]:
 def rows(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
     """Quantity, value, sigma, unit, verdict."""
     return [
-        (name, *digits.numbers(item.value, item.sigma, item.verdict), words.unit(item.unit), item.verdict)
+        (name, *digits.numbers(item.value, item.sigma, item.verdict), vocabulary.unit(item.unit), item.verdict)
         for name, item in phase.estimates.items()
     ]
 

@@ -6,7 +6,7 @@ import html
 from collections.abc import Sequence
 
 from massprop_cli.report.labels import labels
-from massprop_cli.report.read import Recorded
+from massprop_cli.result.read import Recorded
 
 
 def page(text: str, recorded: Sequence[Recorded]) -> str:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli import CG, INERTIA
-from massprop_cli.arrays import Array
-from massprop_cli.judge import INFORMED, contradiction
-from massprop_cli.report import assumptions, body, digits, words
-from massprop_cli.report.gaps import reason
-from massprop_cli.report.result import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.base.arrays import Array
+from massprop_cli.report import assumptions, body, digits, vocabulary
+from massprop_cli.report.missing import reason
+from massprop_cli.result.judge import INFORMED, contradiction
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 AXES = ("X", "Y", "Z")
 
@@ -146,12 +146,12 @@ def _row(name: str, item: EstimateItem, contradicted: str) -> Row:
     value, sigma = (minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(
-        symbol=words.SYMBOLS[name],
+        symbol=vocabulary.SYMBOLS[name],
         value=value,
         sigma=sigma,
-        unit=words.unit(item.unit),
+        unit=vocabulary.unit(item.unit),
         verdict=item.verdict,
-        sign=words.SIGNS[item.verdict],
+        sign=vocabulary.SIGNS[item.verdict],
         reason=reason(item, contradicted),
         final="" if item.final_at_s is None else f"{item.final_at_s:.2f} s",
         nominal="" if item.nominal is None else minus(f"{item.nominal:.6g}"),
@@ -233,11 +233,11 @@ def axes(phase: PhaseItem) -> list[Axis]:
 
 def cures(table: Table) -> list[tuple[str, Row, str]]:
     """For each quantity that is not converged: its name, row, and what would help; contradicted ones, which share a cause, together."""
-    keys = {symbol: key for key, symbol in words.SYMBOLS.items()}
+    keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
     wrong = [row for row in table.open if row.verdict == "contradicted"]
-    together = [(", ".join(row.symbol for row in wrong), wrong[0], words.remedy("", "contradicted"))] if wrong else []
+    together = [(", ".join(row.symbol for row in wrong), wrong[0], vocabulary.remedy("", "contradicted"))] if wrong else []
     return together + [
-        (row.symbol, row, words.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open if row not in wrong
+        (row.symbol, row, vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open if row not in wrong
     ]
 
 
@@ -249,4 +249,4 @@ def minus(text: str) -> str:
 def signs(found: Iterable[Table]) -> list[str]:
     """Verdicts that occur, in the order of :data:`words.VERDICTS`."""
     there = {row.verdict for table in found for row in table.rows}
-    return [verdict for verdict in words.VERDICTS if verdict in there]
+    return [verdict for verdict in vocabulary.VERDICTS if verdict in there]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.testbed.scenario import Scenario
 
 TOUCHING = 1e-3

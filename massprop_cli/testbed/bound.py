@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.testbed.motion import Bodies
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import Change, Flight, fly

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
-from massprop_cli.errors import InputError
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.motion import (
@@ -26,7 +27,6 @@ from massprop_cli.testbed.motion import (
 )
 from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
-from massprop_cli.vehicle import Vehicle
 
 BINS = 20
 """At least this many bins in a cycle."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.testbed.motion import apply
 from massprop_cli.testbed.scenario import Scenario
 

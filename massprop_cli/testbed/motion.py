@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 
 TOLERANCE = 1e-11
 """Iteration ends for a member when its rates change by less than this times (1 rad/s + their size)."""

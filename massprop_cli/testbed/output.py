@@ -14,14 +14,16 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 
-from massprop_cli import QUANTITIES, arrow, columns, files, foldername, foreign
-from massprop_cli.errors import InputError
-from massprop_cli.telemetry import Notice
+from massprop_cli import QUANTITIES
+from massprop_cli.base import arrow, escape, files, foldername
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
 from massprop_cli.testbed.timeline import AXES
-from massprop_cli.vehicle import Vehicle
 
 _LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
 """A list of numbers over several lines, which a person reads better on one."""
@@ -163,7 +165,7 @@ def _save(stage: files.Staged, flight: Flight, member: int, scenario: Scenario, 
     else:
         stage.save("log.csv", lambda path: pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed")))
     stage.save("vehicle.toml", lambda path: files.save_text(path, vehicle))
-    truth = foreign.json(json.dumps(truth_of(flight, member, scenario), indent=1, allow_nan=False, ensure_ascii=False))
+    truth = escape.json(json.dumps(truth_of(flight, member, scenario), indent=1, allow_nan=False, ensure_ascii=False))
     stage.save("truth.json", lambda path: files.save_text(path, truth + "\n"))
 
 

@@ -14,11 +14,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 
-from massprop_cli import QUANTITIES, configfile, vehicle
-from massprop_cli.arrays import Array
-from massprop_cli.errors import InputError
+from massprop_cli import QUANTITIES
+from massprop_cli.base import configfile
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import vehicle
+from massprop_cli.inputs.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
-from massprop_cli.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
 
 MOST_NUMBERS = 400_000_000
 """Numbers that one log may hold while it is flown."""

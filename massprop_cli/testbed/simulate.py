@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from massprop_cli.arrays import Array, frozen
-from massprop_cli.errors import InputError
-from massprop_cli.telemetry import Log, saturation
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.telemetry import Log, saturation
+from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
-from massprop_cli.vehicle import Phase, Vehicle
 
 ABSURD = 1e6
 """No IMU logs more than this, per second."""

@@ -9,13 +9,13 @@ import difflib
 from collections.abc import Callable
 
 from massprop_cli import CG, INERTIA
-from massprop_cli.errors import UsageError
-from massprop_cli.foreign import line
+from massprop_cli.base.errors import UsageError
+from massprop_cli.base.escape import line
 from massprop_cli.report.figures import canvas, correlation, ellipsoid, estimates, excitation, innovations, signals
 from massprop_cli.report.figures.canvas import Kind
 from massprop_cli.report.figures.panel import Picture
 from massprop_cli.report.figures.recording import only
-from massprop_cli.report.read import Recorded
+from massprop_cli.result.read import Recorded
 
 _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
     "inertia": ("Inertia against time", lambda recorded: estimates.picture(recorded, INERTIA, 3)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from massprop_cli.foreign import line
+from massprop_cli.base.escape import line
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import LEFT
 from massprop_cli.report.figures.series import Limits
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from massprop_cli.arrays import Array
-    from massprop_cli.report.result import PhaseItem
+    from massprop_cli.base.arrays import Array
+    from massprop_cli.result.schema import PhaseItem
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from massprop_cli.foreign import line
+from massprop_cli.base.escape import line
 from massprop_cli.report.figures import palette
 from massprop_cli.report.figures.panel import BOTTOM, LEFT, RIGHT, TOP, Panel
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from massprop_cli import QUANTITIES
-from massprop_cli.conclude import Verdict
-from massprop_cli.report import words
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.series import Limits, padded
@@ -15,7 +15,7 @@ from massprop_cli.report.figures.series import Limits, padded
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.result import EstimateItem
+    from massprop_cli.result.schema import EstimateItem
 
 MARKERS: dict[Verdict, tuple[str, bool]] = {
     "converged": ("o", True),
@@ -44,9 +44,9 @@ def _panel(name: str, items: list[EstimateItem]) -> Panel:
         from matplotlib.ticker import MaxNLocator
 
         if limits is not None:
-            axis.values(axes, limits, words.SYMBOLS[name], words.unit(items[0].unit))
+            axis.values(axes, limits, vocabulary.SYMBOLS[name], vocabulary.unit(items[0].unit))
         else:
-            axis.heading(axes, words.SYMBOLS[name], words.unit(items[0].unit))
+            axis.heading(axes, vocabulary.SYMBOLS[name], vocabulary.unit(items[0].unit))
             axes.set_yticks([])
             axes.text(0.5, 0.5, "no result has a value", transform=axes.transAxes, ha="center", color=palette.MUTED)
         axes.set_xlim(0.5, len(items) + 0.5)
@@ -91,4 +91,4 @@ def _limits(items: list[EstimateItem]) -> Limits | None:
 def _says(name: str, items: list[EstimateItem]) -> str:
     told = [item.value for item in items if item.value is not None]
     among = f", from {min(told):.5g} to {max(told):.5g} {items[0].unit}" if told else ""
-    return f"{words.SYMBOLS[name]} of {len(items)} results with error bars: {len(told)} have a value{among}"
+    return f"{vocabulary.SYMBOLS[name]} of {len(items)} results with error bars: {len(told)} have a value{among}"

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.arrays import Array
-from massprop_cli.report import words
+from massprop_cli.base.arrays import Array
+from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
-    from massprop_cli.report.result import Matrix, PhaseItem
-from massprop_cli.foreign import line
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import Matrix, PhaseItem
+from massprop_cli.base.escape import line
 
 CAPTION = (
     "Correlation of the errors of each two quantities, from the covariance: 1 means that they are off together, −1 oppositely, 0 "
@@ -65,7 +65,7 @@ def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
                     colour = palette.BLUE if value > 0 else palette.ORANGE
                     axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, facecolor=colour, alpha=0.62 * strength, linewidth=0))
                 axes.text(column, row, short(value), ha="center", va="center", fontsize=7)
-        labels = [words.SYMBOLS[name] for name in QUANTITIES]
+        labels = [vocabulary.SYMBOLS[name] for name in QUANTITIES]
         axes.set_xticks(range(10), labels, rotation=45)
         axes.set_yticks(range(10), labels)
         axes.set_xticks(np.arange(-0.5, 10), minor=True)
@@ -83,7 +83,8 @@ def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
 def _says(phase: PhaseItem, found: Array) -> str:
     pairs = [(abs(found[i, j]), i, j) for i in range(10) for j in range(i) if abs(found[i, j]) >= 0.3]
     told = [
-        f"{words.SYMBOLS[QUANTITIES[j]]} with {words.SYMBOLS[QUANTITIES[i]]} {found[i, j]:.2f}" for _, i, j in sorted(pairs, reverse=True)
+        f"{vocabulary.SYMBOLS[QUANTITIES[j]]} with {vocabulary.SYMBOLS[QUANTITIES[i]]} {found[i, j]:.2f}"
+        for _, i, j in sorted(pairs, reverse=True)
     ]
     start = f"Correlations of the ten estimates, phase {line(phase.name)}"
     return f"{start}; strongest: {', '.join(told[:5])}" if told else f"{start}; none is above 0.3"

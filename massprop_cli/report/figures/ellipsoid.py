@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprop_cli import INERTIA
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.report import body
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
@@ -15,9 +15,9 @@ from massprop_cli.report.figures.panel import Panel, Picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
-    from massprop_cli.report.result import PhaseItem
-from massprop_cli.foreign import line
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import PhaseItem
+from massprop_cli.base.escape import line
 
 SIDE = 2.5
 """Inches."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.arrays import Array
-from massprop_cli.report import digits, words
+from massprop_cli.base.arrays import Array
+from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
@@ -18,9 +18,9 @@ from massprop_cli.report.figures.series import Limits, padded, parts_of, row_at,
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
-    from massprop_cli.report.result import EstimateItem, PhaseItem
-from massprop_cli.foreign import line
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import EstimateItem, PhaseItem
+from massprop_cli.base.escape import line
 
 FAR = 3.0
 """An expectation or nominal value farther off than this many heights of the picture is named at its edge instead of drawn."""
@@ -42,7 +42,7 @@ def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> 
     )
     if any(phase.estimates[name].verdict == "contradicted" for name in names for _, phase, _ in parts):
         said += " Red with a cross: contradicted, the band does not hold."
-    cuts = [(words.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
+    cuts = [(vocabulary.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
     told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
     return f"{said} The start runs out of the picture: {', '.join(told)}." if told else said
 
@@ -66,14 +66,14 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
     value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
     final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
     limits = _limits(settled(value, sigma), item)
-    heading = f"{words.SYMBOLS[name]}{f', phase {line(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
+    heading = f"{vocabulary.SYMBOLS[name]}{f', phase {line(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
 
     def paint(axes: Axes) -> None:
         axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
         if limits is None:
             _nothing(axes, item, heading)
             return
-        axis.values(axes, limits, heading, words.unit(item.unit))
+        axis.values(axes, limits, heading, vocabulary.unit(item.unit))
         rows = thin(value, [] if final is None else [final], parts_of(len(recorded.history)))
         colour = palette.RED if item.verdict == "contradicted" else palette.BLUE
         _series(axes, f"{name}-{{}}-{number}", colour, time_s, value, sigma, rows)
@@ -144,7 +144,7 @@ def _reference(axes: Axes, gid: str, at: float, label: str, limits: Limits, colo
 
 
 def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
-    axis.heading(axes, heading, words.unit(item.unit))
+    axis.heading(axes, heading, vocabulary.unit(item.unit))
     axes.set_yticks([])
     note = f"nothing can be said:\n{item.verdict.replace('_', ' ')}"
     axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
@@ -152,7 +152,7 @@ def _nothing(axes: Axes, item: EstimateItem, heading: str) -> None:
 
 def _says(name: str, phase: PhaseItem, columns: Columns, limits: Limits | None) -> str:
     item, cut = phase.estimates[name], cut_off_s(name, phase, columns)
-    start = f"{words.SYMBOLS[name]} against time, phase {line(phase.name)}: "
+    start = f"{vocabulary.SYMBOLS[name]} against time, phase {line(phase.name)}: "
     if limits is None:
         return f"{start}no estimate at any time, {item.verdict.replace('_', ' ')}"
     told = (

@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli import QUANTITIES
-from massprop_cli.arrays import Array
-from massprop_cli.report import words
+from massprop_cli.base.arrays import Array
+from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
 from massprop_cli.report.figures.recording import Columns, covered
-from massprop_cli.report.historyfile import SIGNALS
-from massprop_cli.report.result import AXES
+from massprop_cli.result.historyfile import SIGNALS
+from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
-    from massprop_cli.report.result import PhaseItem
-from massprop_cli.foreign import line
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import PhaseItem
+from massprop_cli.base.escape import line
 
 BINS = 60
 """Parts of a phase."""
@@ -91,7 +91,7 @@ def learnt_by(found: Strips, row: int, share: float) -> float | None:
 def _panel(number: int, phase: PhaseItem, found: Strips, several: bool) -> Panel:
     labels = [
         *(f"{name.split('_')[0].capitalize()} {name[-1].upper()}" for name in COMMANDS),
-        *(words.SYMBOLS[name] for name in QUANTITIES),
+        *(vocabulary.SYMBOLS[name] for name in QUANTITIES),
     ]
     heights = [*found.commands, *(_peaked(shares) for shares in found.information)]
 
@@ -132,5 +132,5 @@ def _says(phase: PhaseItem, found: Strips) -> str:
     told = []
     for row, name in enumerate(QUANTITIES):
         moment = learnt_by(found, row, 0.5)
-        told.append(f"{words.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
+        told.append(f"{vocabulary.SYMBOLS[name]} {'never' if moment is None else f'half by {moment:.3g} s'}")
     return f"When each quantity was learnt in phase {line(phase.name)}, beside the executing torque and force: {', '.join(told)}"

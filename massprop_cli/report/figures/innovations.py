@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
 from massprop_cli.report.figures.series import Limits, padded, parts_of, thin
-from massprop_cli.report.result import AXES
+from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
+    from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
 BOUND = 2.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from massprop_cli import QUANTITIES
-from massprop_cli.arrays import Array
-from massprop_cli.errors import InputError, UsageError
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.report.figures.axis import beginning
-from massprop_cli.report.historyfile import SIGNALS
-from massprop_cli.report.read import Recorded
-from massprop_cli.report.result import AXES, PhaseItem
+from massprop_cli.result.historyfile import SIGNALS
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import AXES, PhaseItem
 
 Columns = dict[str, Array]
 Covered = tuple[int, PhaseItem, Columns]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.arrays import Array
+from massprop_cli.base.arrays import Array
 
 BUCKETS = 150
 """Parts of a series, each drawn by its least and its largest value; about what a panel's width can show."""

@@ -11,13 +11,13 @@ from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
 from massprop_cli.report.figures.series import parts_of, span, thin
-from massprop_cli.report.historyfile import SIGNALS
-from massprop_cli.report.result import AXES
+from massprop_cli.result.historyfile import SIGNALS
+from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from massprop_cli.report.read import Recorded
+    from massprop_cli.result.read import Recorded
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,30 @@
+"""Arrow columns from buffers: pa.array() would import pandas where it is installed, which takes longer than one estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+
+
+def text(values: Sequence[str | None]) -> Any:
+    """A column of text, null for None."""
+    import pyarrow as pa
+
+    encoded = [(value or "").encode() for value in values]
+    offsets = np.concatenate([[0], np.cumsum([len(value) for value in encoded])]).astype(np.int32)
+    bits = pa.py_buffer(np.packbits([value is not None for value in values], bitorder="little").tobytes())
+    return pa.Array.from_buffers(pa.string(), len(values), [bits, pa.py_buffer(offsets.tobytes()), pa.py_buffer(b"".join(encoded))])
+
+
+def numbers(values: Array) -> Any:
+    """A column of numbers, null for NaN."""
+    import pyarrow as pa
+
+    known = np.isfinite(values)
+    bits = pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
+    data = pa.py_buffer(np.where(known, values, 0.0).astype(np.float64).tobytes())
+    return pa.Array.from_buffers(pa.float64(), len(values), [bits, data])

@@ -1,0 +1,229 @@
+"""TOML files checked against a pydantic model, with errors that name file, line, key and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+_HEADER = re.compile(r"^\s*\[(\[?)\s*([^\]]+?)\s*\]")
+_INTERNAL = ("function-", "literal[", "constrained-", "[key]")
+"""Parts of an error's place that pydantic adds to the keys of the file."""
+KEY = "key"
+"""A validator that raises PydanticCustomError names the key at fault under this name of its context."""
+_SHOWN = 40
+"""Characters of what is too long to be shown."""
+_QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
+"""Quoted keys, texts and comments of TOML."""
+_DOTTED = re.compile(r"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
+_KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Parse TOML; :class:`InputError` names the file and the line of a syntax error."""
+    limits.CONFIG.check(source, len(text))
+    # tomllib keeps every beginning of a dotted key: of 100,000 parts these are gigabytes
+    parts = max((key.count(".") + 1 for key in _DOTTED.findall(_QUOTED.sub(_unquoted, text))), default=0)
+    limits.DEPTH.check(source, parts)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: not valid TOML: {error}") from None
+
+
+def _unquoted(found: re.Match[str]) -> str:
+    """A quoted key or text as one plain word; nothing of a comment, and of a text over several lines, which is no key."""
+    return "" if found[0].startswith(("#", '"""', "'''")) else "q"
+
+
+def bounded(data: object, source: str) -> None:
+    """:class:`InputError` where keys and texts are too long, or tables nested too deep, for anything that comes after."""
+    level: list[object] = [data]
+    depth = 0
+    while level:
+        limits.DEPTH.check(source, depth)
+        depth += 1
+        for text in (item for item in level if isinstance(item, str)):
+            limits.TEXT.check(f"{source}: {text[:_SHOWN]!r}", len(text))
+        for key in (key for item in level if isinstance(item, dict) for key in item):
+            limits.NAME.check(f"{source}: key {key[:_SHOWN]!r}", len(key))
+        level = [child for item in level for child in _children(item)]
+
+
+def _children(item: object) -> Iterable[object]:
+    return item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+
+
+def read_text(path: Path, what: str) -> str:
+    """The file's text; :class:`InputError` if it is missing, no file, too large, or not UTF-8."""
+    try:
+        text = limits.content(path, what).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such {what}; check the path") from None
+    except UnicodeDecodeError as error:
+        kind = "JSON" if what.endswith(".json") else "TOML"
+        raise InputError(f"{path}: not a text file ({error.reason} at byte {error.start}); a {what} is UTF-8 {kind}") from None
+
+
+def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
+    """Apply ``dotted.key=value`` assignments to parsed TOML; a value is a TOML literal or else a plain string.
+
+    Numbers in the path pick list items (``jets.0.rise_s=0.003``).
+    """
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"setting {assignment}: not KEY=VALUE; write for instance convergence.count=50")
+        _assign(data, key.strip().split("."), literal(text.strip()), f"setting {assignment}")
+    return data
+
+
+def literal(text: str) -> object:
+    """A TOML literal's value, or the text itself where it is none."""
+    try:
+        return parse_toml(f"value = {text}", "value")["value"]
+    except InputError:
+        return text
+
+
+def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -> None:
+    node: Any = data
+    for part in path[:-1]:
+        if isinstance(node, list):
+            if not part.isdecimal() or int(part) >= len(node):
+                raise InputError(f"{source}: {part!r} is not an item of a list of {len(node)}; count from 0")
+            node = node[int(part)]
+        else:
+            node = node.setdefault(part, {})
+        if not isinstance(node, (dict, list)):
+            raise InputError(f"{source}: {part!r} is a value, not a table")
+    if isinstance(node, list):
+        raise InputError(f"{source}: name the key to set inside the list item")
+    if isinstance(node.get(path[-1]), dict) and not isinstance(value, dict):
+        raise InputError(f"{source}: {path[-1]!r} is a table; name the key in it to set")
+    node[path[-1]] = value
+
+
+def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str = "", assignments: Sequence[str] = ()) -> Model:
+    """Check ``data`` against ``model``.
+
+    Raises :class:`InputError` with ``source`` and the line in ``text`` (or the assignment at fault), the dotted key, the
+    value, and for an unknown key the nearest known one.
+    """
+    bounded(data, source)
+    try:
+        # as JSON, because only there does pydantic take lists for tuples while refusing true, "10" and the like for numbers
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        # a misspelt key shows up as an unknown and a missing one: the unknown one says more
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        path = [str(part) for part in first["loc"] if not str(part).startswith(_INTERNAL)]
+        path += [str(first["ctx"][KEY])] if KEY in first.get("ctx", {}) else []
+        blamed = [a for a in assignments if path[: len(_path(a))] == _path(a) or _path(a)[: len(path)] == path]
+        line = _line_of(text, path)
+        where = f"setting {blamed[-1]}" if blamed else f"{source}, line {line}" if line else source
+        raise InputError(f"{where}: {_explain(model, first, path)}") from None
+
+
+def _path(assignment: str) -> list[str]:
+    return assignment.partition("=")[0].strip().split(".")
+
+
+def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
+    key = ".".join(path)
+    if error["type"] == "extra_forbidden":
+        return f"unknown key {key!r}{nearest(path[-1], _known_keys(model, path[:-1]), 'the nearest known key is')}"
+    if error["type"] == "missing":
+        return f"key {key!r} is missing; add it"
+    if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
+        return f"{key} = {error['input']!r}: must be a table of keys; write [{key}] with its keys below"
+    if error["type"] == "literal_error":
+        choices = error["ctx"]["expected"]
+        hint = nearest(str(error["input"]), re.findall(r"'([^']+)'", choices), "the nearest is")
+        return f"{key} = {error['input']!r}: must be {choices}{hint}"
+    message = error["msg"].removeprefix("Value error, ")
+    if KEY in error.get("ctx", {}):
+        return f"{key}: {message}"
+    value = repr(error["input"])
+    shown = value if len(value) <= 80 else value[:77] + "..."
+    return f"{key} = {shown}: {message}" if key else message
+
+
+def repeated(names: Iterable[str]) -> str | None:
+    """The first name, by the alphabet, that stands there more than once."""
+    return min((name for name, times in Counter(names).items() if times > 1), default=None)
+
+
+def nearest(name: str, known: Iterable[str], words: str) -> str:
+    """``; the nearest … is 'x'`` for a message, empty where nothing is known."""
+    # what is longer is no slip of the pen, and takes a time that grows as its square
+    near = difflib.get_close_matches(name[: limits.NAME.default], list(known), n=1, cutoff=0.0)
+    return f"; {words} {near[0]!r}" if near else ""
+
+
+def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
+    """The keys allowed at ``path``, found in the model's JSON Schema."""
+    schema = model.model_json_schema()
+    definitions = schema.get("$defs", {})
+    nodes = [schema]
+    for part in [*path, ""]:
+        nodes = [resolved for node in nodes for resolved in _alternatives(node, definitions)]
+        if part == "":
+            break
+        children = []
+        for node in nodes:
+            if "items" in node and part.isdigit():
+                children.append(node["items"])
+            elif part in node.get("properties", {}):
+                children.append(node["properties"][part])
+            elif isinstance(node.get("additionalProperties"), dict):
+                children.append(node["additionalProperties"])
+        nodes = children or nodes
+    return sorted({key for node in nodes for key in node.get("properties", {})})
+
+
+def _alternatives(node: dict[str, Any], definitions: dict[str, Any]) -> list[dict[str, Any]]:
+    if "$ref" in node:
+        return _alternatives(definitions[node["$ref"].rsplit("/", 1)[-1]], definitions)
+    if "anyOf" in node:
+        return [found for option in node["anyOf"] for found in _alternatives(option, definitions)]
+    return [node]
+
+
+def _line_of(text: str, path: list[str]) -> int | None:
+    """The line on which ``path`` is set, or its table begins; ``None`` where it can't be found."""
+    wanted = [part for part in path if not part.isdigit()]
+    indices = [int(part) for part in path if part.isdigit()]
+    table: list[str] = []
+    seen: dict[str, int] = {}
+    best: tuple[int, int] | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        header = _HEADER.match(line)
+        if header:
+            table = [part.strip().strip("\"'") for part in header.group(2).split(".")]
+            if header.group(1):
+                seen[header.group(2)] = seen.get(header.group(2), -1) + 1
+            candidate, in_item = table, not header.group(1) or not indices or seen[header.group(2)] == indices[0]
+        else:
+            key = _KEY.match(line)
+            if not key:
+                continue
+            candidate = [*table, *key.group(1).split(".")]
+            current = seen.get(".".join(table))
+            in_item = current is None or not indices or current == indices[0]
+        depth = len(candidate)
+        if in_item and candidate == wanted[:depth] and (best is None or depth > best[0]):
+            best = (depth, number)
+    return best[1] if best else None

@@ -1,0 +1,104 @@
+"""How large an input may be, and the one door through which files from outside come in.
+
+A limit is checked against what a file's own header, or the file system, says before anything of that size is allocated. The environment
+may raise or lower each (docs/limits.md).
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+from massprop_cli.base.errors import InputError
+
+_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The most of something that is taken, unless the environment says otherwise."""
+
+    variable: str
+    default: int
+    of: str
+    """What is counted, for messages."""
+
+    @property
+    def most(self) -> int:
+        """The limit in force; :class:`InputError` where the environment holds none that can be read."""
+        said = os.environ.get(self.variable)
+        if said is None:
+            return self.default
+        if not (said.isascii() and said.isdecimal() and 0 < len(said) <= 18 and int(said) > 0):
+            raise InputError(f"{self.variable}={said}: not a limit; give a whole number above 0, or unset it (then {self.default})")
+        return int(said)
+
+    def check(self, place: str, found: int) -> None:
+        """:class:`InputError` where there is more than that."""
+        if found > self.most:
+            raise InputError(
+                f"{place}: {found} {self.of}, at most {self.most} are taken; is it the right file? {self.variable} sets the limit"
+            )
+
+
+LOG = Limit("MASSPROP_MAX_LOG_BYTES", 2**30, "bytes of a log")
+RESULT = Limit("MASSPROP_MAX_RESULT_BYTES", 2**28, "bytes of a result")
+CONFIG = Limit("MASSPROP_MAX_CONFIG_BYTES", 2**20, "bytes of a configuration")
+NUMBERS = Limit("MASSPROP_MAX_NUMBERS", 2**26, "cells")
+"""Of a table, columns nobody needs included: 64 M are 45 minutes at 1 kHz with 18 jets and take 0.5 GB."""
+COLUMNS = Limit("MASSPROP_MAX_COLUMNS", 4096, "columns")
+STREAMS = Limit("MASSPROP_MAX_STREAMS", 2**16, "streams")
+"""Of a recording of another program; PX4's have thousands."""
+FOOTER = Limit("MASSPROP_MAX_FOOTER_BYTES", 2**21, "bytes of Parquet metadata")
+DEPTH = Limit("MASSPROP_MAX_DEPTH", 32, "levels of tables")
+"""Of a configuration or a result; the formats have six. Python's own limit on recursion is at some hundreds."""
+NAME = Limit("MASSPROP_MAX_NAME", 200, "characters of a key or a name")
+TEXT = Limit("MASSPROP_MAX_TEXT", 10_000, "characters of a text in a configuration")
+PAGES = Limit("MASSPROP_MAX_PAGES", 2**17, "Parquet pages")
+
+
+_OF_KIND = {"log": LOG, "campaign.json": LOG, "campaign.parquet": LOG, "history.parquet": LOG, "result.json": RESULT}
+"""Limits of files; all others are configuration."""
+
+
+def of(what: str) -> Limit:
+    """How large a file of this kind may be."""
+    return _OF_KIND.get(what, CONFIG)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder; a name that no file may have is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def content(path: Path, what: str) -> bytes:
+    """The bytes of a regular file; ``what`` it is decides how large it may be.
+
+    FileNotFoundError where there is none; :class:`InputError` where it is a folder or anything else (a pipe or a device may never end), too
+    large, or can't be read.
+    """
+    limit = of(what)
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name the {what} itself")
+        # without O_NONBLOCK opening a pipe waits for someone to write to it
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        with os.fdopen(handle, "rb") as file:
+            found = os.fstat(handle)
+            if not stat.S_ISREG(found.st_mode):
+                kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
+                raise InputError(f"{path}: is {kind}, not a file; save the {what} as a file first")
+            limit.check(str(path), found.st_size)
+            # a file may grow while it is read
+            data = file.read(limit.most + 1)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; check the path") from None
+    limit.check(str(path), len(data))
+    return data

@@ -1,0 +1,106 @@
+"""Rigid-body equations and the regressors that make them linear in the mass properties.
+
+Every function works on stacks: vectors have shape (..., 3). Inertia is about the CG in body axes, as a tensor (3, 3) or as
+its six elements in the order ixx ixy ixz iyy iyz izz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+
+_ROWS, _COLUMNS = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+
+
+def tensor(elements: Array) -> Array:
+    """(..., 6) elements to the symmetric (..., 3, 3) tensor."""
+    full = np.empty((*elements.shape[:-1], 3, 3))
+    full[..., _ROWS, _COLUMNS] = elements
+    full[..., _COLUMNS, _ROWS] = elements
+    return full
+
+
+def elements(inertia: Array) -> Array:
+    """Symmetric (..., 3, 3) tensor to its (..., 6) elements."""
+    six: Array = inertia[..., _ROWS, _COLUMNS]
+    return six
+
+
+def cross_matrix(v: Array) -> Array:
+    """[v]×, shape (..., 3, 3): ``cross_matrix(v) @ u = v × u``."""
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return matrix
+
+
+def cross(a: Array, b: Array) -> Array:
+    """A × b of stacks of vectors; numpy's own takes several times as long for small stacks."""
+    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return found
+
+
+def inverse(matrix: Array) -> Array:
+    """Of well-conditioned (K, 3, 3), by cofactors; numpy's own takes several times as long."""
+    cofactors = cross(matrix[:, [1, 2, 0]], matrix[:, [2, 0, 1]])
+    determinant = np.einsum("ki,ki->k", matrix[:, 0], cofactors[:, 0])
+    found: Array = cofactors.transpose(0, 2, 1) / determinant[:, None, None]
+    return found
+
+
+def rotation(vector: Array) -> Array:
+    """(..., 3, 3) rotation by rotation vectors (..., 3) in rad (Rodrigues)."""
+    angle = np.sqrt((vector**2).sum(-1))[..., None, None]
+    turn = cross_matrix(vector)
+    found: Array = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
+    return found
+
+
+def parallel_axis(mass: float, offset: Array) -> Array:
+    """``m (d·d 1 − d dᵀ)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
+    added: Array = mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+    return added
+
+
+def inertia_regressor(v: Array) -> Array:
+    """L(v), shape (..., 3, 6): ``L(v) @ elements(I) = I v``."""
+    matrix = np.zeros((*v.shape, 6))
+    for row, columns in enumerate(((0, 1, 2), (1, 3, 4), (2, 4, 5))):
+        for axis, column in enumerate(columns):
+            matrix[..., row, column] = v[..., axis]
+    return matrix
+
+
+def times(matrix: Array, v: Array) -> Array:
+    """``matrix @ v`` for stacks of vectors, in an order of sums that does not depend on the size of the stack."""
+    product: Array = np.einsum("...ij,...j->...i", matrix, v)
+    return product
+
+
+def angular_acceleration(inertia: Array, cg: Array, rate: Array, torque: Array, force: Array) -> Array:
+    """ω̇ of a free body, ``I ω̇ = τ − c × F − ω × I ω`` (thesis eq. 2.3), rad/s².
+
+    ``torque`` [N m] about O and ``force`` [N] act at O; ``cg`` [m] from O; ``rate`` [rad/s]; all (..., 3), body axes.
+    """
+    moment = torque - cross(cg, force) - cross(rate, times(inertia, rate))
+    return times(np.linalg.inv(inertia), moment)
+
+
+def specific_force(mass: float, cg: Array, position: Array, rate: Array, rate_dot: Array, force: Array) -> Array:
+    """What an accelerometer at ``position`` [m from O] on a free body feels, m/s²: ``F/m + ω̇ × ρ + ω × (ω × ρ)``, ρ from the CG."""
+    return force / mass + lever_arm(rate, rate_dot, position - cg)
+
+
+def lever_arm(rate: Array, rate_dot: Array, arm: Array) -> Array:
+    """Euler and centripetal acceleration ``ω̇ × ρ + ω × (ω × ρ)`` of a point ``arm`` [m] away, m/s²."""
+    acceleration: Array = cross(rate_dot, arm) + cross(rate, cross(rate, arm))
+    return acceleration
+
+
+def torque_regressor(rate: Array, rate_dot: Array, force: Array) -> Array:
+    """H1, shape (..., 3, 9): ``H1 @ (ixx … izz, cg_x, cg_y, cg_z) = I ω̇ + ω × I ω + c × F = τ`` (thesis eq. 4.5–4.7)."""
+    inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
+    return np.concatenate([inertia, -cross_matrix(force)], axis=-1)

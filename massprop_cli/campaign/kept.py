@@ -1,0 +1,86 @@
+"""What a campaign keeps of a result: values, sigmas, and how much of each sigma all logs of a vehicle file share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli import CG, QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.campaign import outcome
+from massprop_cli.campaign.outcome import Body, Value
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
+
+
+def vehicle(found: Result) -> outcome.Vehicle:
+    """The vehicle's name and what its values mean."""
+    stated = found.vehicle
+    return outcome.Vehicle(
+        name=stated.name,
+        sha256=found.provenance.vehicle_sha256,
+        environment=stated.environment,
+        bearing_mass_kg=stated.bearing_mass_kg,
+    )
+
+
+def bodies(found: Result, used: Vehicle) -> list[Body]:
+    """Phases and docked object."""
+    thesis = used.estimator.method == "thesis"
+    kept = [
+        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used))) for phase in found.phases
+    ]
+    docked = found.docked_object
+    if docked is not None:
+        name = f"{docked.after} less {docked.before}"
+        kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(found, docked, used))))
+    return kept
+
+
+def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, Value]:
+    return {
+        name: Value(
+            value=item.value,
+            sigma=item.sigma,
+            shared=None if common is None or not np.isfinite(common[i]) else float(common[i]),
+            verdict=item.verdict,
+            met=None if item.expected is None else item.expected.met,
+        )
+        for i, (name, item) in enumerate(body.estimates.items())
+    }
+
+
+def shared(phase: PhaseItem, used: Vehicle) -> Array:
+    """(10,) sigma of the error that every log of this vehicle file has alike; NaN where there is no value.
+
+    The reported θ is the log's own estimate times 1 + κ, κ ~ N(0, scale_sigma²), conditioned on the known quantities z = H θ + ε,
+    ε ~ N(0, R) (:mod:`massprop_cli.estimate.quantities`). The gain of that conditioning is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺
+    (Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15), so κ leaves (θ̃ − K H θ̃) κ and ε leaves K ε, where θ̃
+    is θ with zeros for the CG, which the thrust scale doesn't move.
+    """
+    values = np.array([np.nan if item.value is None else item.value for item in phase.estimates.values()])
+    scaled = _scaled(values)
+    variance = (used.thrust.scale_sigma * scaled) ** 2
+    known = [(QUANTITIES.index(name), sigma) for name, (_, sigma) in phase.known.items()]
+    if known:
+        index, sigma = np.array([i for i, _ in known]), np.array([s for _, s in known])
+        covariance = np.array([[np.nan if cell is None else cell for cell in row] for row in phase.covariance], dtype=float)
+        gain = covariance[:, index] / sigma**2
+        variance = (used.thrust.scale_sigma * (scaled - gain @ scaled[index])) ** 2 + ((gain * sigma) ** 2).sum(1)
+    found: Array = np.sqrt(variance)
+    return found
+
+
+def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array | None:
+    """(10,) of the docked object; None with known quantities, whose share in both phases isn't told."""
+    if docked.known or any(phase.known for phase in found.phases):
+        return None
+    return used.thrust.scale_sigma * np.abs(_scaled(np.array([_number(item) for item in docked.estimates.values()])))
+
+
+def _number(item: EstimateItem) -> float:
+    return np.nan if item.value is None else item.value
+
+
+def _scaled(values: Array) -> Array:
+    """(10,) with zeros where the thrust scale has no say."""
+    return np.array([0.0 if name in CG else value for name, value in zip(QUANTITIES, values, strict=True)])

@@ -1,0 +1,221 @@
+"""The page of a campaign: a row for each log, to sort and filter in the browser, and what each vehicle's logs say together.
+
+Without scripts it is a plain table. Same campaign, same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from urllib.parse import quote
+
+from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.campaign.outcome import STATES, Body, Outcome, Value, contradicted, state
+from massprop_cli.campaign.place import RESULTS
+from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
+from massprop_cli.report import digits, html, view, vocabulary
+from massprop_cli.result.judge import INFORMED
+
+_SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
+_MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
+_CONTRADICTED, _WARNED = (vocabulary.SIGNS["contradicted"], "contradicted"), ("⚠", "not_converged")
+"""Sign and mark of a log that is done and yet in doubt."""
+_UNLIKELY = 1e-3
+"""A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One quantity of one part of a log."""
+
+    verdict: str
+    sign: str
+    value: str
+    sigma: str
+    key: str
+    """The value in full, to sort by; empty where there is none."""
+    missed: bool
+    rough: bool
+    """Whether its verdict makes the value no use."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One log."""
+
+    number: int
+    name: str
+    link: str
+    """To its report or its result, relative; empty where there is none."""
+    log: str
+    tags: str
+    vehicle: str
+    state: str
+    sign: str
+    mark: str
+    message: str
+    parts: tuple[str, ...]
+    cells: tuple[tuple[Cell, ...], ...]
+    """By quantity, then by part."""
+    verdicts: str
+    """Those that occur, with spaces between."""
+    converged: int
+    contradicted: int
+    estimates: int
+    warnings: str
+
+
+def page(found: Summary) -> Iterator[str]:
+    """The whole page, piece by piece; it loads nothing from anywhere."""
+    from markupsafe import Markup
+
+    script = resources.files("massprop_cli.report").joinpath("templates/campaign.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    several = tagged = False
+    states: dict[str, None] = {}
+    verdicts: dict[str, str] = {}
+    for entry in _entries(found):
+        several |= len(entry.parts) > 1
+        tagged |= bool(entry.tags)
+        states[entry.state] = None
+        verdicts |= {cell.verdict: cell.sign for cells in entry.cells for cell in cells}
+    return (
+        html.environment()
+        .get_template("campaign.html.j2")
+        .generate(
+            summary=found,
+            entries=_entries(found),
+            several=several,
+            tagged=tagged,
+            states=list(states),
+            counts=counts(found),
+            quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES],
+            pools=[_pool(pool) for pool in found.pooled],
+            verdicts=verdicts,
+            view_title=title,
+            doubts=doubts,
+            script=Markup(script),
+            digest=digest,
+        )
+    )
+
+
+def counts(found: Summary) -> str:
+    """How many logs came to what, in words, the worst first; then how many of them all are in doubt."""
+    keys = ((code, "none" if code is None else str(code)) for code in STATES)
+    said = [", ".join(f"{found.exit_codes[key]} {STATES[code]}" for code, key in keys if key in found.exit_codes)]
+    said += [f"{found.contradicted} contradicted by the vehicle file"] if found.contradicted else []
+    codes = ", ".join(f"{code} {count}" for code, count in found.warnings.items())
+    said += [f"{found.warned} with warnings ({codes})"] if found.warned else []
+    return "; ".join(said)
+
+
+def _entries(found: Summary) -> Iterator[Entry]:
+    return (_entry(number, row) for number, row in enumerate(found.logs, 1))
+
+
+def _entry(number: int, row: Row) -> Entry:
+    found = row.outcome
+    code = found.exit_code if found else None
+    sign, mark = _SIGNS[code], _MARKS.get(code, "unobservable")
+    if found is not None and code == 0 and (found.warnings or contradicted(found)):
+        sign, mark = _CONTRADICTED if contradicted(found) else _WARNED
+    bodies = found.bodies if found else []
+    items = [item for body in bodies for item in body.estimates.values()]
+    return Entry(
+        number=number,
+        name=row.name,
+        link=_link(row.name, found),
+        log=row.log,
+        tags=", ".join(row.tags),
+        vehicle=found.vehicle.name if found and found.vehicle else "",
+        state=state(found),
+        sign=sign,
+        mark=mark,
+        message=found.message if found else "",
+        parts=tuple(title(body) for body in bodies),
+        cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES),
+        verdicts=" ".join(dict.fromkeys(item.verdict for item in items)),
+        converged=sum(item.verdict == "converged" for item in items),
+        contradicted=contradicted(found),
+        estimates=len(items),
+        warnings=", ".join(dict.fromkeys(found.warnings)) if found else "",
+    )
+
+
+def _link(name: str, found: Outcome | None) -> str:
+    file = next((file for file in ("report.html", "result.json") if found and file in found.files), None)
+    return f"{RESULTS}/{quote(name)}/{file}" if file else ""
+
+
+def title(body: Body | Pool) -> str:
+    """What to call a part of a log."""
+    return body.name if body.part == "phase" else f"docked: {body.name}"
+
+
+def _cell(item: Value) -> Cell:
+    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    key = "" if item.value is None else repr(item.value)
+    return Cell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
+
+
+def _pool(found: Pool) -> tuple[Pool, list[dict[str, str]]]:
+    return found, [_pooled(name, item) for name, item in found.estimates.items()]
+
+
+def _pooled(name: str, item: Pooled) -> dict[str, str]:
+    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma))
+    unlikely = item.p_value is not None and item.p_value < _UNLIKELY
+    tilted = item.trend_per_log is not None and item.trend_sigma is not None and abs(item.trend_per_log) > 3.3 * item.trend_sigma
+    return {
+        "symbol": vocabulary.SYMBOLS[name],
+        "value": value,
+        "sigma": sigma,
+        "unit": vocabulary.unit(item.unit),
+        "logs": str(item.logs),
+        "ratio": _short(item.scatter_ratio),
+        "chi_square": "–" if item.chi_square is None else f"{_short(item.chi_square)} of {item.degrees_of_freedom}",
+        "p_value": "–" if item.p_value is None else f"{item.p_value:.2g}" if item.p_value >= 1e-6 else "< 1e−6",
+        "trend": _slope(item),
+        "outliers": ", ".join(f"{stray.log} ({view.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
+        "without": _without(item),
+        "note": ", ".join(said for said, so in (("more scatter than claimed", unlikely), ("a trend", tilted)) if so),
+    }
+
+
+def _slope(item: Pooled) -> str:
+    if item.trend_per_log is None or item.trend_sigma is None:
+        return "–"
+    value, sigma = (view.minus(text) for text in digits.numbers(item.trend_per_log, item.trend_sigma))
+    return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
+
+
+def _short(ratio: float | None) -> str:
+    return "–" if ratio is None else f"{ratio:.2f}" if ratio < 100 else f"{ratio:.0f}"
+
+
+def _without(item: Pooled) -> str:
+    if item.without_outliers is None:
+        return ""
+    return "{} ± {}".format(*(view.minus(text) for text in digits.numbers(*item.without_outliers)))
+
+
+def doubts(found: Pool) -> list[str]:
+    """What is wrong with pooling these logs, a sentence each: a mean's sigma means nothing where they contradict each other."""
+    names = [name for name, item in found.estimates.items() if item.p_value is not None and item.p_value < _UNLIKELY]
+    if not names:
+        return []
+    worst = max(found.estimates[name].scatter_ratio or 0.0 for name in names)
+    files = f"; they have {found.vehicle_files} different vehicle files" if found.vehicle_files > 1 else ""
+    return [
+        f"{', '.join(names)}: the logs contradict each other, scattering up to {_short(worst)} times as far as they claim{files}. "
+        "Do not use these means: either it is not one vehicle in one state, or something in the vehicle files is wrong"
+    ]
+
+
+def pooled(found: Pool) -> Sequence[dict[str, str]]:
+    """Rows of a vehicle's table as text, for other pages than this."""
+    return _pool(found)[1]

@@ -1,0 +1,90 @@
+"""campaign.parquet: a row for each log's phases and docked object, and one for each log without a result."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base import arrow
+from massprop_cli.campaign.outcome import Body, Outcome, Value
+from massprop_cli.campaign.summary import Row, Summary
+
+_TOGETHER = 250
+"""Logs whose rows are held, and written, together."""
+Line = tuple[Row, Outcome | None, Body | None]
+_TEXTS: dict[str, Callable[[Row, Outcome | None, Body | None], str | None]] = {
+    "name": lambda row, *_: row.name,
+    "log": lambda row, *_: row.log,
+    "tags": lambda row, *_: "; ".join(row.tags),
+    "message": lambda _, found, __: found.message if found else "not tried",
+    "vehicle": lambda _, found, __: found.vehicle.name if found and found.vehicle else None,
+    "environment": lambda _, found, __: found.vehicle.environment if found and found.vehicle else None,
+    "method": lambda _, found, __: found.method if found else None,
+    "part": lambda *line: line[2].part if line[2] else None,
+    "phase": lambda *line: line[2].name if line[2] else None,
+    "warnings": lambda _, found, __: "; ".join(found.warnings) if found else None,
+    "input_sha256": lambda _, found, __: found.input_sha256 if found else None,
+    "vehicle_sha256": lambda _, found, __: found.vehicle.sha256 if found and found.vehicle else None,
+}
+_NUMBERS: dict[str, Callable[[Outcome], float | None]] = {
+    "exit_code": lambda found: found.exit_code,
+    "duration_s": lambda found: found.duration_s,
+    "cycles": lambda found: found.cycles,
+    "delay_cycles": lambda found: found.delay_cycles,
+}
+
+
+def parquet(found: Summary) -> bytes:
+    """Name, log, tags, exit_code (null: not tried), message, then per quantity value and sigmas in SI, verdict, and whether it met its
+    expectation. Inertia is about the CG in body axes, products are tensor elements, the CG is from O.
+    """  # noqa: D205
+    import pyarrow.parquet as pq
+
+    out = io.BytesIO()
+    with ExitStack() as stack:
+        writer = None
+        for start in range(0, len(found.logs), _TOGETHER):
+            part = _part(found.logs[start : start + _TOGETHER])
+            writer = writer or stack.enter_context(pq.ParquetWriter(out, part.schema, compression="zstd"))
+            writer.write_table(part)
+    return out.getvalue()
+
+
+def _part(rows: Sequence[Row]) -> Any:
+    """The table of some rows."""
+    import pyarrow as pa
+
+    lines: list[Line] = [(row, row.outcome, body) for row in rows for body in _bodies(row.outcome)]
+    columns: dict[str, Any] = {name: arrow.text([tell(*line) for line in lines]) for name, tell in _TEXTS.items()}
+    for name, number in _NUMBERS.items():
+        column = _numbers([None if outcome is None else number(outcome) for _, outcome, _ in lines])
+        columns[name] = column.cast(pa.int64()) if name in ("exit_code", "cycles") else column
+    for quantity in QUANTITIES:
+        values = [None if body is None else body.estimates[quantity] for *_, body in lines]
+        columns |= _quantity(quantity, values)
+    return pa.table(columns)
+
+
+def _bodies(found: Outcome | None) -> Sequence[Body | None]:
+    return [*found.bodies] if found is not None and found.bodies else [None]
+
+
+def _quantity(quantity: str, values: Sequence[Value | None]) -> dict[str, Any]:
+    import pyarrow as pa
+
+    return {
+        quantity: _numbers([item.value if item else None for item in values]),
+        f"{quantity}_sigma": _numbers([item.sigma if item else None for item in values]),
+        f"{quantity}_shared_sigma": _numbers([item.shared if item else None for item in values]),
+        f"{quantity}_verdict": arrow.text([item.verdict if item else None for item in values]),
+        f"{quantity}_met": _numbers([item.met if item else None for item in values]).cast(pa.bool_()),
+    }
+
+
+def _numbers(values: Sequence[float | None]) -> Any:
+    return arrow.numbers(np.array([np.nan if value is None else value for value in values], dtype=float))

@@ -1,0 +1,47 @@
+"""What ``massprop batch`` prints: what each vehicle's logs say together."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from massprop_cli.base import escape
+from massprop_cli.campaign import page
+from massprop_cli.campaign.summary import Pool, Summary
+from massprop_cli.report.terminal import fitted
+
+_COLUMNS = {
+    "symbol": "quantity", "value": "weighted mean", "sigma": "± sigma", "unit": "unit", "logs": "logs",
+    "ratio": "scatter/claimed", "p_value": "p", "trend": "trend per log", "outliers": "outliers",
+}  # fmt: skip
+_TEXT = ("symbol", "unit", "outliers")
+NAMED = 3
+"""Outliers that a cell names."""
+
+
+def show(found: Summary, console: Console) -> None:
+    """Print a table per vehicle and part, and the counts."""
+    for pool in found.pooled:
+        fitted(_table(pool), console)
+        for doubt in page.doubts(pool):
+            console.print(escape.rich(f"⚠ {doubt}."), style="yellow")
+    if found.pooled:
+        console.print(
+            "Means are weighted by each log's own variance; what all logs share (thrust scale, known quantities) does not average out."
+        )
+        console.print(
+            "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
+        )
+    style = "bold red" if found.contradicted else ""
+    console.print(escape.rich(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {page.counts(found)}"), style=style)
+
+
+def _table(pool: Pool) -> Table:
+    table = Table(title=escape.rich(f"{pool.vehicle}, {page.title(pool)}"), title_justify="left", title_style="bold")
+    for key, name in _COLUMNS.items():
+        table.add_column(name, justify="left" if key in _TEXT else "right", no_wrap=key != "outliers")
+    for (name, item), row in zip(pool.estimates.items(), page.pooled(pool), strict=True):
+        more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
+        stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"
+        table.add_row(name, *(escape.rich(row[key]) for key in _COLUMNS if key not in ("symbol", "outliers")), escape.rich(stray))
+    return table

@@ -1,0 +1,1 @@
+"""History → Conclusion: verdicts, contradictions, assumptions, the docked object."""

@@ -1,0 +1,162 @@
+"""Where log and vehicle file contradict each other, and which values that touches.
+
+Three things contradict: a fault that has a name (a unit, a jet, the delay, a saturated sensor), a value known from elsewhere that the log
+does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized
+(:mod:`massprop_cli.diagnosis.lackoffit`). A value is touched
+
+- by a named fault, unless the log, mended, contradicts nothing any more and gives the same value and the same sigma;
+- by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG;
+- by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli import CG, INERTIA, QUANTITIES
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
+from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.compensate import Source
+
+if TYPE_CHECKING:
+    from massprop_cli.diagnosis.cures import Cure
+
+HIDDEN = 5.0
+"""Sigmas that the hidden error may be, being a bound: most of a misfit is no error of the values. docs/faults.md moves with it."""
+TOO_SMALL = 1.5
+"""... and by how much a sigma may be too small as the innovations show it."""
+GROSS = 4.0
+"""Mean squared innovation in a channel beyond which nothing of the phase holds: noise was sized in vain."""
+MATTERS = 1e-3
+"""Part of its own size below which an error of a quantity is none."""
+AGREES, ALIKE = 1.0, 1.5
+"""Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
+TOLD = ("converged", "not_converged")
+PROPORTIONAL = (*INERTIA, "mass")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something with a name that is wrong with the log or the vehicle file."""
+
+    notice: Notice
+    cure: Cure | None
+    """None where nothing mends the log."""
+    change_s: float | None = None
+    """When the mass properties changed, if they did."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """What contradicts in one phase."""
+
+    cause: str
+    touched: BoolArray
+    """(10,)"""
+
+
+def by_faults(conclusion: Conclusion, faults: Sequence[Fault], mended: Sequence[Conclusion | None]) -> Contradiction | None:
+    """Of named faults; ``mended`` holds what each one's cure gives for this phase, None where there is no cure or it is no cure."""
+    if not faults:
+        return None
+    touched = np.ones(10, dtype=bool)
+    for found in mended:
+        if found is not None:
+            touched &= ~_agree(conclusion, found)
+    return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
+
+
+def _agree(stated: Conclusion, mended: Conclusion) -> BoolArray:
+    return np.array([_same(stated.estimates[name], mended.estimates[name]) for name in QUANTITIES])
+
+
+def _same(one: Estimate, other: Estimate) -> bool:
+    if one.value is None or other.value is None or not one.sigma or not other.sigma or other.verdict not in TOLD:
+        return False
+    sigma = min(one.sigma, other.sigma)
+    return abs(one.value - other.value) <= AGREES * sigma and max(one.sigma, other.sigma) <= ALIKE * sigma
+
+
+def by_known(history: History) -> Contradiction | None:
+    """Of known quantities that lie too far from what the log says."""
+    if not history.belied:
+        return None
+    turned = any(name in CG for name in history.belied)
+    touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
+    return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
+
+
+def by_misfit(conclusion: Conclusion, settled: History, samples: Source, vehicle: Vehicle) -> tuple[Contradiction | None, Array]:
+    """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.diagnosis.lackoffit.innovation_test`."""
+    factors = innovation_test(settled, samples)
+    if settled.reference is None:
+        return None, factors
+    hidden = hidden_error(settled, samples, vehicle)
+    total = settled.information_share.sum(1)
+    share = settled.information_share / np.where(total > 0, total, 1.0)[:, None]
+    loose = np.sqrt(np.maximum(share @ factors**2 - 1, 0.0) * _own_variance(conclusion, vehicle))
+    sizes = settled.natural_sizes.copy()
+    values = conclusion.values
+    sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(values[POSITIVE]))
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    error = np.maximum(hidden / HIDDEN, loose / TOO_SMALL)  # as many sigmas as it may be
+    told = np.array([e.verdict in TOLD for e in conclusion.estimates.values()])
+    with np.errstate(invalid="ignore"):
+        touched = told & (error > sigma) & (np.maximum(hidden, loose) > MATTERS * sizes)
+    left = settled.normalised[np.isfinite(settled.normalised).all(1)]
+    variance = float((left**2).mean(0).max(initial=0.0))
+    if variance > GROSS and told.any():
+        cause = f"innovations are {np.sqrt(variance):.3g} times as large as all noise that was sized makes them: the model does not hold"
+        return Contradiction(cause, told), factors
+    if not touched.any():
+        return None, factors
+    names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
+    worst = int(np.nanargmax(np.where(touched, error / sigma, np.nan)))
+    return (
+        Contradiction(
+            f"what the model leaves of the motion still follows the commands or the motion itself, so it is no noise and no sigma holds it "
+            f"({names}; {QUANTITIES[worst]} may be off by {max(hidden[worst], loose[worst]) / sigma[worst]:.2g} sigma); look for a wrong "
+            "delay, rise, lag, jet, mounting or position of the IMU, a low-pass, a torque that is not stated",
+            touched,
+        ),
+        factors,
+    )
+
+
+def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
+    """(10,) variance of each value without the thrust's stated scale."""
+    values = conclusion.values
+    scaled = np.array([name in PROPORTIONAL for name in QUANTITIES]) * vehicle.thrust.scale_sigma * values
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    variance: Array = np.maximum(sigma**2 - scaled**2, 0.0)
+    return variance
+
+
+def by_no_body(conclusion: Conclusion) -> Contradiction | None:
+    """An inertia that no body has: not positive definite by more than its sigmas allow."""
+    moments = conclusion.principal_moments
+    if np.isnan(moments).any() or moments[0] > 0:
+        return None
+    variance = [conclusion.estimates[name].sigma or 0.0 for name in INERTIA]
+    if -moments[0] < 4 * float(np.linalg.norm(variance)):
+        return None
+    cause = f"the inertia is not positive definite (least principal moment {moments[0]:.4g} kg m^2): no body has it"
+    return Contradiction(cause, np.array([name in INERTIA for name in QUANTITIES]))
+
+
+def together(found: Sequence[Contradiction | None]) -> Contradiction | None:
+    """All that contradicts in a phase; a cause counts if it touches what those before it do not."""
+    touched, causes = np.zeros(10, dtype=bool), []
+    for one in found:
+        if one is not None and (one.touched & ~touched).any():
+            causes.append(one.cause)
+            touched = touched | one.touched
+    return Contradiction("; ".join(dict.fromkeys(causes)), touched) if causes else None

@@ -1,0 +1,134 @@
+"""The docked object: what the combined body has beyond the vehicle alone, with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
+from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
+from massprop_cli.estimate.quantities import condition
+from massprop_cli.inputs.vehicle import Vehicle
+
+SIGNIFICANT = 3.0
+"""Two phases are before and after docking, unless told otherwise, if their masses differ by more than this many sigmas."""
+
+
+@dataclass(frozen=True)
+class Docked:
+    """Ten quantities of the docked object; CG from O, inertia about its own CG, body axes."""
+
+    before: str
+    after: str
+    estimates: dict[str, Estimate]
+    covariance: Array
+    contradiction: str = ""
+    """Which of its phases is contradicted, and why."""
+
+
+def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Docked | None:
+    """The docked object of the phases that ``[docking]`` names, or of the only two if their masses differ; None where there is none.
+
+    The phases' errors are independent but for a common thrust scale, which enters both alike; what is known of a phase calibrates it.
+    """
+    pair = _pair(conclusions, vehicle)
+    if pair is None:
+        return None
+    values, joint = _joint(pair, vehicle)
+    found = difference(values[:10], values[10:])
+    slope = _slope(values[:10], values[10:])
+    for name, known in (vehicle.docking.known if vehicle.docking else {}).items():
+        i = QUANTITIES.index(name)
+        values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
+        found, slope = difference(values[:10], values[10:]), _slope(values[:10], values[10:])
+    covariance = slope @ joint @ slope.T
+    settled = all(e.verdict == "converged" for conclusion in pair for e in conclusion.estimates.values())
+    contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
+    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
+    reason = "both phases converged" if settled else "not every quantity of both phases converged"
+    if contradictions:
+        reason = f"log and vehicle file contradict each other in {' and '.join(c.phase.name for c in pair if c.contradiction)}"
+    estimates = {
+        name: Estimate(
+            value=float(found[i]) if told else None,
+            sigma=float(np.sqrt(covariance[i, i])) if told else None,
+            unit=UNITS[name],
+            verdict=verdict,
+            final_at_s=None,
+            reason=reason,
+        )
+        for i, name in enumerate(QUANTITIES)
+    }
+    return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
+
+
+def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:
+    """(20,) quantities of both phases with their covariance: a thrust scale common to both, and what is known of each."""
+    thesis = vehicle.estimator.method == "thesis"
+    values = np.concatenate([conclusion.bare[0] for conclusion in pair])
+    joint: Array = np.zeros((20, 20))
+    joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
+    scaled = values * np.tile([name not in CG for name in QUANTITIES], 2)
+    if not thesis:
+        joint = joint + vehicle.thrust.scale_sigma**2 * np.outer(scaled, scaled)
+        for half, conclusion in enumerate(pair):
+            for name, known in vehicle.in_phase(conclusion.phase).known.items():
+                row = np.zeros(20)
+                row[10 * half + QUANTITIES.index(name)] = 1.0
+                values, joint = condition(values, joint, row, known.value, float(row @ values), known.sigma)
+    values[[9, 19]] -= vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0
+    return values, joint
+
+
+def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclusion, Conclusion] | None:
+    by_name = {conclusion.phase.name: conclusion for conclusion in conclusions}
+    if vehicle.docking is not None:
+        return by_name[vehicle.docking.before], by_name[vehicle.docking.after]
+    apart = masses_apart(conclusions, vehicle)
+    if apart is None or abs(apart[0]) <= SIGNIFICANT * apart[1]:
+        return None
+    first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
+    return first, second
+
+
+def masses_apart(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:
+    """How much heavier the second of two phases is, with sigma, kg; None unless there are just two with a mass."""
+    if len(conclusions) != 2:
+        return None
+    first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
+    values, joint = _joint((first, second), vehicle)
+    apart = values[19] - values[9]
+    variance = joint[9, 9] + joint[19, 19] - 2 * joint[9, 19]
+    return (float(apart), float(np.sqrt(max(variance, 0.0)))) if np.isfinite(apart + variance) else None
+
+
+def difference(alone: Array, combined: Array) -> Array:
+    """(10,) docked object from (10,) alone and combined (thesis chapter 5).
+
+    ``m2 = m12 − m1``, ``c2 = (m12 c12 − m1 c1) / m2``, ``I2 = I12 − I1 − m1 [d1] − m2 [d2]`` with d = c − c12 and
+    ``[d] = (d·d) 1 − d dᵀ``.
+    """
+    mass = combined[9] - alone[9]
+    cg = (combined[9] * combined[6:9] - alone[9] * alone[6:9]) / mass
+    inertia = tensor(combined[:6]) - tensor(alone[:6])
+    for body_mass, offset in ((alone[9], alone[6:9] - combined[6:9]), (mass, cg - combined[6:9])):
+        inertia = inertia - parallel_axis(body_mass, offset)
+    return np.concatenate([elements(inertia), cg, [mass]])
+
+
+def _slope(alone: Array, combined: Array) -> Array:
+    """(10, 20) derivative of :func:`difference`, by central differences (the formulas are at most cubic over a mass)."""
+    both = np.concatenate([alone, combined])
+    trace = combined[0] + combined[3] + combined[5]
+    sizes = np.concatenate([np.full(6, trace), np.full(3, np.sqrt(abs(trace / combined[9]))), [combined[9]]])
+    slope = np.empty((10, 20))
+    for i, size in enumerate(np.tile(1e-6 * sizes, 2)):
+        step = np.zeros(20)
+        step[i] = size
+        up, down = both + step, both - step
+        slope[:, i] = (difference(up[:10], up[10:]) - difference(down[:10], down[10:])) / (2 * size)
+    return slope

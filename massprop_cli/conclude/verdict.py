@@ -1,0 +1,219 @@
+"""Final values and verdicts: the sustained-convergence rule, gated on information actually gained. Doesn't touch the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.rigidbody import parallel_axis, tensor
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+
+WANTED = {
+    "ixx": "torque about X",
+    "ixy": "torque about X and about Y",
+    "ixz": "torque about X and about Z",
+    "iyy": "torque about Y",
+    "iyz": "torque about Y and about Z",
+    "izz": "torque about Z",
+    "cg_x": "force across X (along Y or Z), or fast turns about Y or Z",
+    "cg_y": "force across Y (along X or Z), or fast turns about X or Z",
+    "cg_z": "force across Z (along X or Y), or fast turns about X or Y",
+    "mass": "force, pushed one way and the other",
+}
+"""The motion that informs each quantity, body axes."""
+Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
+PRIOR = 0.5
+"""Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
+inertia and the mass are positive, so their own value stands in for the natural size where it is smaller."""
+POSITIVE = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
+HALVED = 0.5
+"""A quantity is informed once its sigma is below this part of the prior's."""
+RELATIVE_TOLERANCE = 0.01
+SURE = 0.1
+"""A sigma below this part of the tolerance makes up for steady updates that are missing, ..."""
+BEGUN = 0.25
+"""... but for this part of their number."""
+FEW = 4.0
+"""Sigmas of its own within which a value must stay of where it ends, to be called final."""
+THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One quantity's final value; ``None`` where nothing can be said."""
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    verdict: Verdict
+    final_at_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """The ten quantities of one phase."""
+
+    phase: Phase
+    estimates: dict[str, Estimate]
+    covariance: Array
+    """(10, 10), NaN where nothing can be said."""
+    rotating_mass: float
+    """kg; the mass whose CG and inertia these are (without the bearing's)."""
+    bare: tuple[Array, Array]
+    """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
+    contradiction: str = ""
+    """Why log and vehicle file contradict each other; empty where they don't."""
+
+    @property
+    def values(self) -> Array:
+        """(10,) with NaN for what is not known."""
+        return np.array([np.nan if e.value is None else e.value for e in self.estimates.values()])
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the CG, kg m²; NaN where not known."""
+        return tensor(self.values[:6])
+
+    @property
+    def inertia_about_origin(self) -> Array:
+        """(3, 3) about O, kg m²."""
+        return self.inertia + parallel_axis(self.rotating_mass, self.values[6:9])
+
+    @property
+    def principal_moments(self) -> Array:
+        """(3,) ascending, kg m²; NaN unless the whole inertia is informed."""
+        told = all(self.estimates[name].verdict in ("converged", "not_converged") for name in INERTIA)
+        moments: Array = np.linalg.eigvalsh(self.inertia) if told and np.isfinite(self.inertia).all() else np.full(3, np.nan)
+        return moments
+
+
+def conclude(history: History, vehicle: Vehicle) -> Conclusion:
+    """Decide each quantity's value and verdict.
+
+    By the default method the values at the phase's end; the rule decides the verdict. By the thesis's method the latched value, taken
+    when the count is reached and anew each time it is reached again after a larger change (thesis, chapter 4).
+    """
+    thesis = vehicle.estimator.method == "thesis"
+    informed = _informed(history, vehicle)
+    steady = _within_tolerance(history, vehicle) & informed
+    limits, count = tolerances(history, vehicle), vehicle.convergence.count
+    stretches = [_stretches(steady[:, i], count) for i in range(10)]
+    estimates = {}
+    for i, name in enumerate(QUANTITIES):
+        latched = stretches[i][-1] if stretches[i] else None
+        row = latched[1] if thesis and latched else len(history.time_s) - 1
+        lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
+        estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
+    known = np.array([estimate.value is not None for estimate in estimates.values()])
+    covariance = np.where(known[:, None] & known, history.covariance, np.nan)
+    if thesis:
+        sigma = np.array([np.nan if e.sigma is None else e.sigma for e in estimates.values()])
+        covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
+    mass = estimates["mass"].value
+    rotating = np.nan if mass is None else mass - (vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0)
+    hidden = ~known
+    bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
+    if thesis:
+        bare = np.array([np.nan if e.value is None else e.value for e in estimates.values()]), covariance
+    return Conclusion(history.phase, estimates, covariance, rotating, bare)
+
+
+def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conclusion:
+    """The conclusion with the quantities ``touched`` (10,) contradicted: values and sigmas stand as found, and don't hold."""
+    estimates = {
+        name: replace(e, verdict="contradicted", final_at_s=None, reason=f"log and vehicle file contradict each other: {cause}")
+        if hit and e.verdict != "unobservable"
+        else e
+        for (name, e), hit in zip(conclusion.estimates.items(), touched, strict=True)
+    }
+    return replace(conclusion, estimates=estimates, contradiction=cause)
+
+
+def _settled(history: History, i: int, first: int, tolerance: float) -> float:
+    """The time from ``first`` on after which the value stayed near where it ended: within its tolerance and a few of its own sigmas."""
+    values, sigmas = history.values[first:, i], history.sigmas[first:, i]
+    away = np.abs(values - values[-1])
+    strayed = np.flatnonzero((away > tolerance) | (away > FEW * sigmas))
+    return float(history.time_s[first + (int(strayed[-1]) + 1 if strayed.size else 0)])
+
+
+def _estimate(
+    history: History,
+    i: int,
+    row: int,
+    latched: tuple[int, int, int] | None,
+    steady: tuple[int, int],
+    informed: bool,
+    thesis: bool,
+    tolerance: float,
+) -> Estimate:
+    value, sigma = float(history.values[row, i]), float(history.sigmas[row, i])
+    share = float(history.information_share[i, history.drowned].sum())
+    told = bool(np.isfinite(value) and np.isfinite(sigma) and (thesis or sigma < history.natural_sizes[i]))
+    lasts = latched is not None and (thesis or latched[2] == len(history.time_s) - 1)
+    verdict: Verdict
+    if not history.observable[i]:
+        verdict, told = "unobservable", False
+        reason = f"no motion of this vehicle can inform it by this method; it wants {WANTED[QUANTITIES[i]]}, which its commands don't give"
+    elif not informed:
+        verdict, reason = "not_excited", f"the motion in this phase hardly informed it; it wants {WANTED[QUANTITIES[i]]}"
+    elif share > 0.5:
+        verdict, reason = "not_excited", f"{share:.0%} of what was seen of it lies in channels that disturbances dominate, not the commands"
+    elif not lasts and not thesis and sigma < SURE * tolerance and steady[0] >= BEGUN * steady[1]:
+        verdict = "converged"
+        reason = f"informed, and its sigma is below a tenth of the tolerance, though only {steady[0]} of {steady[1]} steady updates came"
+        latched = len(history.time_s) - steady[0], 0, 0
+    elif not lasts:
+        verdict = "not_converged"
+        reason = f"{steady[0]} of {steady[1]} steady updates: before these it moved more than the tolerance, or was not informed yet"
+    else:
+        verdict, reason = "converged", "informed, and within tolerance for the required number of updates"
+    final_at = None
+    if verdict == "converged" and latched:
+        final_at = float(history.time_s[latched[0]]) if thesis else _settled(history, i, latched[0], tolerance)
+    return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
+
+
+def _informed(history: History, vehicle: Vehicle) -> BoolArray:
+    """(K, 10) whether the sigma is below half the prior's: the body's own size, and for the thesis's filters their P0 as well."""
+    sizes = np.tile(history.natural_sizes, (len(history.time_s), 1))
+    sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], history.values[:, POSITIVE])
+    prior = PRIOR * sizes
+    if vehicle.estimator.method == "thesis":
+        settings = vehicle.estimator.thesis
+        prior = np.minimum(prior, np.sqrt(np.array([*settings.p1, settings.p2])))
+    informed: BoolArray = history.sigmas < HALVED * prior
+    return informed
+
+
+def tolerances(history: History, vehicle: Vehicle) -> Array:
+    """(10,) the largest step-to-step change that counts as standing still, in each quantity's unit."""
+    settings = vehicle.convergence
+    thesis = vehicle.estimator.method == "thesis"
+    relative = settings.relative if settings.relative is not None else not thesis
+    found = np.empty(10)
+    for i, name in enumerate(QUANTITIES):
+        kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
+        given = getattr(settings, f"{kind}_tolerance")
+        fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
+        found[i] = (fallback if given is None else given) * (history.natural_sizes[i] if relative else 1.0)
+    return found
+
+
+def _within_tolerance(history: History, vehicle: Vehicle) -> BoolArray:
+    change = np.abs(np.diff(history.values, axis=0, prepend=np.nan))
+    within: BoolArray = change <= tolerances(history, vehicle)
+    return within
+
+
+def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:
+    """Runs of at least ``count`` steady updates: first row, the row at which the count was reached, last row."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(int)))
+    runs = zip(edges[::2], edges[1::2], strict=True)
+    return [(int(a), int(a) + count - 1, int(b) - 1) for a, b in runs if b - a >= count]

@@ -1,0 +1,204 @@
+"""The list of what is supposed to be wrong, one after another, where log and vehicle file don't fit."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.suppositions import Model, Supposition
+
+AXES = "xyz"
+DEGREE = float(np.pi / 180)
+GRAVITY = 9.80665
+NOWHERE = -1
+SMALL, ALIKE = 0.05, 0.999
+"""Part of the largest below which a force or torque is none, and cosine above which two are along one line."""
+EXPECTED = {
+    "thrust": 0.3,
+    "position": 0.03,
+    "direction": 0.2,
+    "imu": 0.05,
+    "bearing": 0.005,
+    "gyro_turn": 0.3,
+    "accel_turn": 0.3,
+    "gyro_scale": 0.05,
+    "accel_scale": 0.05,
+    "gyro_bias": 0.05,
+    "accel_bias": 0.5,
+    "torque": 1.0,
+    "drag": 1.0,
+    "delay": 1.0,
+    "rise": 0.3,
+    "lag": 0.5,
+    "gyro_lag": 1.0,
+    "accel_lag": 1.0,
+    "drift": 2.0,
+    "mass_rate": 0.3,
+    "inertia_rate": 0.3,
+    "tilt": 0.1,
+}
+"""One sigma of what an error of each may be: units of :mod:`massprop_cli.diagnosis.suppositions`, turns in rad, times in cycles."""
+
+
+def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Supposition]:
+    """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
+    return [*_channels(model, names), *_groups(model, names), *_timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
+
+
+def along(model: Model, *moves: tuple[str, Array]) -> Array:
+    """(nx, 1) of one unknown that moves several entries together."""
+    column = np.zeros((len(model.stated), 1))
+    for name, part in moves:
+        column[model.place(name), 0] = EXPECTED[name] * part
+    return column
+
+
+def _one(model: Model, code: str, name: str, axis: int | None = None, subject: tuple[str, ...] = ()) -> Supposition:
+    place = model.place(name)
+    part = np.ones(place.stop - place.start) if axis is None else np.eye(place.stop - place.start)[axis]
+    return Supposition(code, subject, along(model, (name, part)))
+
+
+def _all(model: Model, code: str, name: str, subject: tuple[str, ...] = ()) -> Supposition:
+    size = model.place(name).stop - model.place(name).start
+    return Supposition(code, subject, np.hstack([along(model, (name, unit)) for unit in np.eye(size)]))
+
+
+def _channels(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
+    count = len(names)
+    for i, (name, force) in enumerate(zip(names, model.force, strict=True)):
+        column = along(model, ("thrust", np.eye(count)[i]))
+        yield Supposition("thrust-scale", (name,), column, suspects=(i,))
+        for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
+            yield Supposition("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
+        size = float(np.linalg.norm(force))
+        if size == 0 or model.couple[i].any():
+            continue
+        # across its own line only: along it nothing changes
+        _, _, across = np.linalg.svd(force[None])
+        for code, unit in (("jet-position", 1.0), ("jet-direction", size)):
+            key = code.removeprefix("jet-")
+            columns = [along(model, (key, unit * np.outer(np.eye(count)[i], axis).ravel())) for axis in across[1:]]
+            yield Supposition(code, (name,), np.hstack(columns), suspects=(i,))
+
+
+def two_channels(model: Model, names: Sequence[str]) -> list[Supposition]:
+    """The thrust of any two channels."""
+    units = [along(model, ("thrust", unit)) for unit in np.eye(len(names))]
+    pairs = itertools.combinations(range(len(names)), 2)
+    return [Supposition("thrust-scale", (names[i], names[j]), np.hstack([units[i], units[j]]), suspects=(i, j)) for i, j in pairs]
+
+
+def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
+    """Channels that push along one line, those that turn about one axis, and those that do both alike."""
+    torque, force = model.wrench(model.stated)
+    about = torque - np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
+    lines = [_lines(force), _lines(about)]
+    seen = {tuple(range(len(names)))}
+    for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
+        for key in dict.fromkeys(keys):
+            group = tuple(i for i, own in enumerate(keys) if own == key)
+            if len(group) > 1 and key != NOWHERE and group not in seen:
+                seen.add(group)
+                marks = np.isin(np.arange(len(names)), group).astype(float)
+                yield Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)))
+
+
+def _lines(vectors: Array) -> list[int]:
+    """A number for each line that vectors (C, 3) lie on, either way round; ``NOWHERE`` for those that are nothing beside the largest."""
+    size = np.linalg.norm(vectors, axis=1)
+    found: list[int] = []
+    units: list[Array] = []
+    for vector, length in zip(vectors, size, strict=True):
+        if length < SMALL * size.max(initial=0.0):
+            found.append(NOWHERE)
+            continue
+        unit = vector / length
+        same = [k for k, one in enumerate(units) if abs(one @ unit) > ALIKE]
+        found.append(same[0] if same else len(units))
+        if not same:
+            units.append(unit)
+    return found
+
+
+def _timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
+    for code, name in (
+        ("delay-mismatch", "delay"),
+        ("thrust-rise", "rise"),
+        ("thrust-lag", "lag"),
+        ("gyro-filter", "gyro_lag"),
+        ("accel-filter", "accel_lag"),
+        ("clock-drift", "drift"),
+    ):
+        if by_jets or name != "rise":
+            yield _one(model, code, name)
+
+
+def _sensors(model: Model) -> Iterator[Supposition]:
+    for sensor in ("gyro", "accel"):
+        name = f"{sensor}_scale"
+        for axis in range(3):
+            yield _one(model, f"{sensor}-scale", name, axis, (AXES[axis],))
+        yield _one(model, f"{sensor}-scale", name)
+    for sensor in ("gyro", "accel"):
+        if f"{sensor}_bias" not in model.biases:
+            yield _all(model, f"{sensor}-bias", f"{sensor}_bias")
+
+
+def _tilts(model: Model) -> Iterator[Supposition]:
+    both = [along(model, ("gyro_turn", unit), ("accel_turn", unit)) for unit in np.eye(3)]
+    yield Supposition("imu-mounting", (), np.hstack(both))
+    yield _all(model, "imu-mounting", "gyro_turn", ("gyro",))
+    yield _all(model, "imu-mounting", "accel_turn", ("accelerometer",))
+
+
+def units(model: Model) -> list[Supposition]:
+    """Another unit of a sensor."""
+    none, degree, g = np.zeros((len(model.stated), 0)), np.eye(3) / DEGREE, np.eye(3) / GRAVITY
+    return [
+        Supposition("gyro-units", ("degrees",), none, gyro=degree),
+        Supposition("gyro-units", ("radians twice",), none, gyro=np.eye(3) * DEGREE),
+        Supposition("accel-units", ("g",), none, accelerometer=g),
+    ]
+
+
+def mountings(model: Model) -> list[Supposition]:
+    """The IMU turned by right angles, mirrored or transposed; either sensor of it alone."""
+    none, mounting = np.zeros((len(model.stated), 0)), model.mounting
+    found: list[Supposition] = []
+    # the true mounting is ``turn``, and the rates were read through the stated one
+    for words, turn in [("the transpose of what is stated", mounting.T), *(("", turn) for turn in _signed_permutations())]:
+        read = mounting @ turn.T
+        if np.abs(read - np.eye(3)).max() > 1e-9 and not any(np.abs(read - one.gyro).max() < 1e-9 for one in found):
+            found.append(Supposition("imu-mounting", (words,) if words else (), none, gyro=read, accelerometer=read))
+    for turn in _signed_permutations():
+        if np.abs(turn - np.eye(3)).max() > 1e-9:
+            read = mounting @ turn @ mounting.T
+            found.append(Supposition("imu-mounting", ("gyro",), none, gyro=read))
+            found.append(Supposition("imu-mounting", ("accelerometer",), none, accelerometer=read))
+    return found
+
+
+def _others(model: Model) -> Iterator[Supposition]:
+    yield _all(model, "imu-position", "imu")
+    if model.bearing is not None:
+        yield _all(model, "bearing-position", "bearing")
+        if "east" in model.places:
+            yield _all(model, "attitude-start", "tilt")
+    yield _all(model, "steady-torque", "torque")
+    yield _all(model, "rate-torque", "drag")
+    yield Supposition("fuel-use", (), np.hstack([along(model, ("mass_rate", np.ones(1))), along(model, ("inertia_rate", np.ones(1)))]))
+
+
+def _signed_permutations() -> list[Array]:
+    """The 48 ways to name and sign three axes; half of them are left-handed."""
+    found: list[Array] = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            found.append(turn)
+    return found

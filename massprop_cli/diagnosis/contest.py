@@ -1,0 +1,275 @@
+"""Suppositions held against the triangles of one log, side by side: each with the body and the unknowns of its own that fit best.
+
+A fit is a few damped Gauss–Newton steps on triangles of constant size, of many suppositions at once; its slopes are differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.diagnosis.channelwise import Free, Told
+from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.model.lift import MU, J
+
+STEPS = 8
+"""Most steps of a fit."""
+ROUGH, MOST = 4, 16
+"""Steps after which only so many of many are fitted on."""
+PULL = 0.01
+"""Of a body's own size, the inverse of one sigma that holds it near where plain regression puts it."""
+STILL = 1e-3
+"""A change of chi-square, over its expected scatter, that ends it."""
+HALF_STEP = 1e-6
+"""Of each unknown's expected size, the step of a derivative."""
+LEAST, FARTHEST = 0.03, 0.3
+"""A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A supposition, with the values that fit best, and what it leaves."""
+
+    supposed: Supposition
+    model: Model
+    x: Array
+    chi_square: Array
+    """(6,) beyond what the free coefficients leave, over the noise, for each channel."""
+    spread: Array
+    """(d,) one sigma of each of the supposition's own unknowns."""
+
+    def value(self, name: str) -> Array:
+        """An entry of x."""
+        return self.x[self.model.place(name)]
+
+    @property
+    def unknowns(self) -> int:
+        """How many d is."""
+        return int(self.supposed.free.shape[1])
+
+    @property
+    def factors(self) -> Array:
+        """What of their stated thrust the channels give that the supposition is about."""
+        own = np.flatnonzero(self.supposed.free[self.model.place("thrust")].any(1))
+        return self.value("thrust")[own]
+
+    @property
+    def unlikely(self) -> float:
+        """Sum of squares of the unknowns over what is to be expected of each."""
+        away = self.x - self.model.stated
+        return float((np.linalg.lstsq(self.supposed.free[10:], away[10:], rcond=None)[0] ** 2).sum()) if self.unknowns else 0.0
+
+
+def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> Array:
+    """(H, 6) chi-square of each supposition before anything is fitted but a body by plain regression."""
+    begun = _Beginnings(model, free)
+    x = np.stack([begun.of(one)[0] for one in supposed])
+    gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
+    found: Array = (_Rows(model, free, variance, gyro, accelerometer).left(x) ** 2).sum(1)
+    return found
+
+
+def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None) -> list[Fitted]:
+    """Each supposition with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
+
+    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. After ``ROUGH`` steps only the
+    ``MOST`` that leave least are fitted on.
+    """
+    own = max(s.free.shape[1] for s in supposed)
+    gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
+    rows, begun = _Rows(model, free, variance, gyro, accelerometer), _Beginnings(model, free)
+    starts = [begun.of(one) for one in supposed]
+    x = np.stack([start for start, _ in starts])
+    suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
+    if len(suspecting):  # from all channels, or from those that nobody suspects: what leaves less
+        others, own_rows = np.stack([begun.of(replace(supposed[i], suspects=()))[0] for i in suspecting]), rows.of(suspecting)
+        better = (own_rows.left(others) ** 2).sum((1, 2)) < (own_rows.left(x[suspecting]) ** 2).sum((1, 2))
+        x[suspecting[better]] = others[better]
+    if theta is not None:
+        others = x.copy()
+        others[:, :10] = theta
+        better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
+        x[better] = others[better]
+    uncertain = model.uncertain
+    common = 10 + uncertain.shape[1]
+    moves = np.zeros((len(supposed), x.shape[1], common + own))
+    moves[:, :, 10:common] = uncertain
+    for i, (one, (_, sizes)) in enumerate(zip(supposed, starts, strict=True)):
+        moves[i, :10, :10] = np.diag(sizes)
+        moves[i, :, common : common + one.free.shape[1]] = one.free
+    descent = _Descent(rows, moves, x)
+    active = np.arange(len(supposed))
+    for step in range(STEPS):
+        gained = descent.step(active)
+        active = active[gained > STILL]
+        if step + 1 == ROUGH and len(active) > MOST:
+            active = np.sort(active[np.argsort(descent.cost[active], kind="stable")[:MOST]])
+        if not len(active):
+            break
+    spread = descent.spread()[:, common:]
+    per_channel = (descent.left**2).sum(1)
+    # what is uncertain anyway is no part of what is supposed
+    found = descent.x - descent.offset[:, 10:common] @ uncertain.T
+    return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
+
+
+class _Descent:
+    """Damped Gauss–Newton steps (Levenberg 1944) of H fits side by side; each unknown is pulled to where it began by its expected size."""
+
+    def __init__(self, rows: _Rows, moves: Array, x: Array) -> None:
+        self.rows, self.moves, self.x = rows, moves, x
+        count, size = len(x), moves.shape[2]
+        self.pulled = np.concatenate([np.full(10, PULL), np.ones(size - 10)])
+        self.offset, self.damping = np.zeros((count, size)), np.full(count, 1e-6)
+        self.left = rows.left(x)
+        self.cost = (self.left**2).sum((-2, -1))
+        self.slopes = rows.slopes(x, moves, self.left)
+
+    def step(self, which: IntArray) -> Array:
+        """One step of some; by how much the cost of each fell, infinite where it was no step."""
+        slopes, left, offset = self.slopes[which], self.left[which], self.offset[which]
+        flat = slopes.reshape(len(which), -1, slopes.shape[-1])
+        normal = np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2)
+        gradient = (np.swapaxes(flat, 1, 2) @ left.reshape(len(which), -1, 1))[..., 0] + self.pulled**2 * offset
+        diagonal = np.einsum("hii->hi", normal)
+        damped = normal + self.damping[which, None, None] * (diagonal[:, :, None] * np.eye(len(self.pulled)))
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        tried = self.x[which] + np.einsum("hxi,hi->hx", self.moves[which], step)
+        wrong = ~is_body(tried[:, :10])
+        tried[wrong] = self.x[which][wrong]
+        with np.errstate(over="ignore", invalid="ignore"):  # a step so long that it can't be computed is none
+            left = self.rows.of(which).left(tried)
+            cost = (left**2).sum((-2, -1)) + ((self.pulled * (offset + step)) ** 2).sum(-1)
+        before = self.cost[which]
+        better = (cost < before) & ~wrong
+        gained = np.where(better, before - cost, np.where(wrong | ~(cost <= before * (1 + 1e-9)), np.inf, 0.0))
+        moved = which[better]
+        self.x[moved], self.left[moved], self.cost[moved] = tried[better], left[better], cost[better]
+        self.offset[moved] += step[better]
+        self.damping[which] = np.where(better, self.damping[which] / 10, self.damping[which] * 10 + 1e-4)
+        if len(moved):
+            self.slopes[moved] = self.rows.of(moved).slopes(self.x[moved], self.moves[moved], self.left[moved])
+        return gained
+
+    def spread(self) -> Array:
+        """(H, n) one sigma of each unknown."""
+        flat = self.slopes.reshape(len(self.x), -1, self.slopes.shape[-1])
+        covariance = np.linalg.inv(np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2))
+        found: Array = np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0))
+        return found
+
+
+def is_body(theta: Array) -> BoolArray:
+    """(H,) whether θ (H, 10) may be a body's."""
+    good = np.isfinite(theta).all(-1)
+    principal = np.linalg.eigvalsh(tensor(np.nan_to_num(theta[:, J])))
+    found: BoolArray = good & (principal[:, 0] > 1e-4 * np.abs(principal[:, 2])) & (theta[:, MU] > 0)
+    return found
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Residuals of the triangles, over the noise."""
+
+    model: Model
+    free: Free
+    variance: Array
+    gyro: Array
+    accelerometer: Array
+
+    def of(self, which: IntArray) -> _Rows:
+        """Of some fits."""
+        return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which])
+
+    def left(self, x: Array) -> Array:
+        """(H, p, 6) for x (H, nx)."""
+        return self._against(self.model.coefficients(x, self.gyro, self.accelerometer))
+
+    def slopes(self, x: Array, free_x: Array, left: Array) -> Array:
+        """(H, p, 6, n) derivative along the columns of ``free_x`` (H, nx, n)."""
+        moved = x[:, None, :] + HALF_STEP * np.swapaxes(free_x, 1, 2)
+        there = self._against(self.model.coefficients(moved, self.gyro[:, None], self.accelerometer[:, None]))
+        return np.moveaxis((there - left[:, None]) / HALF_STEP, 1, -1)
+
+    def _against(self, coefficients: Array) -> Array:
+        root = np.sqrt(self.variance)
+        found = np.zeros(coefficients.shape)
+        for told, axes in ((self.free.gyro, slice(0, 3)), (self.free.accelerometer, slice(3, 6))):
+            rows = len(told.triangle)
+            found[..., :rows, axes] = (told.triangle @ coefficients[..., axes] - told.measured) / root[axes]
+        return found
+
+
+class _Beginnings:
+    """Where fits begin: with the body that plain regression of motion on commands gives."""
+
+    def __init__(self, model: Model, free: Free) -> None:
+        self.model, self.free = model, free
+        self._regressed: dict[tuple[object, ...], tuple[Array, Array]] = {}
+        self._begun: dict[tuple[object, ...], tuple[Array, Array]] = {}
+
+    def of(self, supposed: Supposition) -> tuple[Array, Array]:
+        """(nx,) x, and (10,) the sizes of θ."""
+        turns = supposed.gyro.tobytes(), supposed.accelerometer.tobytes()
+        key = (tuple(supposed.start.items()), supposed.suspects, *turns)
+        if key not in self._begun:
+            self._begun[key] = self._body(supposed)
+        return self._begun[key]
+
+    def _body(self, supposed: Supposition) -> tuple[Array, Array]:
+        model = self.model
+        x = model.stated
+        for entry, value in supposed.start.items():
+            x[entry] = value
+        response, felt = self._plain(x, supposed)
+        own_axes = [model.mounting @ np.diag(np.exp(x[model.place(name)])) @ model.mounting.T for name in ("gyro_scale", "accel_scale")]
+        back = np.linalg.inv(own_axes[0] @ supposed.gyro)
+        turned, other = back @ response[:3].T, back @ response[3:].T
+        principal, axes = np.linalg.eigh((turned + turned.T) / 2)
+        top = max(float(np.abs(principal).max()), 1e-12)
+        inverse = (axes * np.clip(principal, LEAST * top, None)) @ axes.T
+        lever = np.linalg.solve(inverse, other)
+        vector = -np.array([lever[2, 1] - lever[1, 2], lever[0, 2] - lever[2, 0], lever[1, 0] - lever[0, 1]]) / 2
+        along = np.trace(np.linalg.inv(own_axes[1] @ supposed.accelerometer) @ felt.T) / 3
+        mu = max(float(along), LEAST * float(np.abs(felt).max()), 1e-9)
+        size = np.sqrt(np.trace(np.linalg.inv(inverse)) * mu)
+        if model.bearing is not None:  # the first moment instead of the CG
+            vector, size = vector / model.gravity, size / mu
+        moment = vector * min(1.0, FARTHEST * size / max(float(np.linalg.norm(vector)), 1e-12))
+        x[:10] = np.concatenate([inverse[*np.triu_indices(3)], moment, [mu]])
+        return x, np.concatenate([np.full(6, top), np.full(3, size), [mu]])
+
+    def _plain(self, x: Array, supposed: Supposition) -> tuple[Array, Array]:
+        """(6, 3) growth of the rate by unit torques, and by forces or the vertical; (3, 3) specific force by unit forces.
+
+        Suspected channels have a response of their own.
+        """
+        key = (tuple(supposed.start.items()), supposed.suspects)
+        if key not in self._regressed:
+            model, free = self.model, self.free
+            torque, force = model.wrench(x)
+            reliable = np.ones((len(force), 1))
+            reliable[list(supposed.suspects)] = 0.0
+            centre = np.zeros(3) if model.bearing is None else model.bearing
+            unit = np.eye(free.size)
+            channels, products = unit[model.places["channels"]], unit[model.places["products"]]
+            turning, pushing = ((reliable * part).T @ channels for part in (torque - np.cross(centre, force), force))
+            own = channels[list(supposed.suspects)]
+            gravity = unit[model.places["up"]] if model.bearing is not None else np.zeros((0, free.size))
+            by = gravity if model.bearing is not None else pushing
+            self._regressed[key] = (
+                _regressed(free.gyro, turning, by, own, products)[:6],
+                _regressed(free.accelerometer, pushing, turning, own, products, gravity)[:3],
+            )
+        return self._regressed[key]
+
+
+def _regressed(told: Told, *blocks: Array) -> Array:
+    """Coefficients (…, 3) of combinations of columns, all else nothing."""
+    basis = np.concatenate(blocks).T
+    found: Array = np.linalg.lstsq(told.triangle @ basis, told.measured, rcond=1e-9)[0]
+    return found

@@ -1,0 +1,234 @@
+"""What is wrong with the vehicle file or the log, where the two don't fit: the right cause, or none.
+
+Every supposition of :mod:`massprop_cli.diagnosis.causes` is held against one reduction of the log (:mod:`massprop_cli.diagnosis.look`). The
+best are applied to log and vehicle file and the log is reduced again, so that what counts in the end is exact. One is named only if the log
+passes its test once it is mended; those that come near stand beside it. Two at once are tried where no single one suffices. Nothing is
+acted on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.diagnosis import causes, change
+from massprop_cli.diagnosis.contest import Fitted, fitted
+from massprop_cli.diagnosis.cures import Case, Cure, cure_of
+from massprop_cli.diagnosis.delay import Found, near, search
+from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.trial import Trial, hopeless, refined, tried
+from massprop_cli.diagnosis.wording import alone, words_of
+from massprop_cli.estimate.initial import first_reference
+from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.timing import Timing
+
+FINALISTS = (5, 12)
+"""How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
+FIRST, SECOND = 3, 2
+"""How many are tried with a second one, and how many of these each time."""
+FURTHER = 1.5
+"""Before it is applied a large change looks worse than it is, by up to so much."""
+LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
+"""Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
+TRIED = (
+    "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
+    "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
+    "a change of the mass properties, and pairs of these"
+)
+EVEN = 6.0
+"""−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A cause that has a name."""
+
+    code: str
+    message: str
+    cure: Cure | None
+    """None where neither the vehicle file's keys nor factors on the log's columns mend it."""
+    change_s: float | None = None
+    """When the mass properties changed at once, if that is what is supposed."""
+
+    @property
+    def notice(self) -> Notice:
+        """For the reader."""
+        return Notice(self.code, self.message)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found: several causes are wrong together."""
+
+    explanations: tuple[Explanation, ...] = ()
+    detected: Found | None = None
+    """What the log says of the command delay, if that is the cause."""
+    unknown: str = ""
+    """Where log and vehicle file don't fit and nothing explains it: what was tried."""
+    score: float = -np.inf
+    """Of what is named: −2 log likelihood, with its price."""
+
+
+def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
+    """Why the piece that fits worst doesn't fit. Noise levels must be set in ``vehicle``, and no disturbance beyond what it states."""
+    case = Case(log, vehicle, timing)
+    looks = [look for piece in pieces if (look := looked(*busiest(case, piece))) is not None]
+    if not looks:
+        return Diagnosis()
+    look = max(looks, key=lambda one: one.misfit)
+    look = about_its_body(look)
+    if look.fits:
+        return Diagnosis()
+    alone, wandering = _alone(look), beside_a_torque(look)
+    found = _chosen(look, alone)
+    if found is None and not wandering.fits:
+        found = _much_later(look) or _changed(look) or _pair(look, alone)
+    if found is not None and found.score < wandering.cost - CLEAR:
+        return found
+    return Diagnosis() if wandering.fits else Diagnosis(unknown=_in_vain(look))
+
+
+def _alone(look: Look) -> list[Trial]:
+    """The likeliest causes, each put to the test, until one makes the log fit and none that is left comes near it."""
+    best = _turned(look) if look.upset else []
+    most = len(best) + FINALISTS[look.model.bearing is not None]
+    near = -np.inf
+    for rough, found in look.ranked:
+        fitting = [trial for trial in best if trial.fits]
+        akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
+        farthest = max((LATER if akin else FURTHER) * min((trial.excess for trial in fitting), default=np.inf), near) + CLEAR
+        if len(best) >= most or rough > farthest or hopeless(look, found):
+            continue
+        trial = tried(look, found)
+        if trial is not None:
+            best.append(trial)
+            near = rough if trial.fits and not fitting else near
+    return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
+
+
+def _turned(look: Look) -> list[Trial]:
+    return [trial for found in look.upright if (trial := tried(look, found)) is not None]
+
+
+def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
+    """The likeliest of those with which the log fits."""
+    fitting = sorted((trial for trial in trials if trial.fits), key=lambda trial: trial.score)
+    if not fitting:
+        return None
+    rivals = [trial for trial in fitting[1:] if trial.score < fitting[0].score + CLEAR]
+    first = fitting[0]
+    detected = None
+    if first.fitted.supposed.code == "delay-mismatch":
+        before, after = look.misfit, float(first.fitted.chi_square.sum() / look.freedom)
+        by = first.case.timing.delay - look.case.timing.delay
+        detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
+    return Diagnosis((_explained(look, first, rivals),), detected, score=first.score)
+
+
+def _much_later(look: Look) -> Diagnosis | None:
+    """Another command delay, further off than a small step leads to: where free coefficients leave least."""
+    log, vehicle, timing = look.case
+    at = search(log, vehicle, [timing.lag], pieces=[look.piece])
+    if at is None:
+        return None
+    x = look.stated.x.copy()
+    x[look.model.place("delay")] = at.delay - timing.delay
+    supposed = Supposition("delay-mismatch", (), causes.along(look.model, ("delay", np.ones(1))))
+    begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
+    trial = refined(look, begun, look.case._replace(timing=timing._replace(delay=at.delay)))
+    return None if trial is None else _chosen(look, [trial])
+
+
+def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explanation:
+    """In words, with the settings that mend it."""
+    code, message = words_of(trial.fitted, look.names, look.case, trial.case)
+    beside = []
+    for rival in rivals:
+        its_code, other = words_of(rival.fitted, look.names, look.case, rival.case)
+        if rival.fitted.supposed.subject == trial.fitted.supposed.subject and its_code == code:
+            continue  # the same, found from elsewhere
+        if its_code == code and rival.score < trial.score + EVEN:
+            message += f", or else {other}"
+        else:
+            beside.append(f"{other} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
+    message = f"the log fits if {message}"
+    if beside:
+        message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
+    return Explanation(code, message, cure_of(look.case, trial.case, trial.fitted))
+
+
+def _changed(look: Look) -> Diagnosis | None:
+    """Another body from some moment on."""
+    log, vehicle, timing = look.case
+    samples = timing.of(log, vehicle)
+    reference = first_reference(samples, look.piece, vehicle)
+    at = None if reference is None else change.likeliest(samples, look.piece, reference, vehicle)
+    if at is None:
+        return None
+    sides = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    if not all(side is not None and side.fits for side in sides):
+        return None
+    time = round(float(samples.executed.start_s[at]), 9)
+    message = (
+        f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
+        "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
+    )
+    return Diagnosis((Explanation("mass-change", message, Cure(("estimator.split_on_change=true",)), time),))
+
+
+def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
+    """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
+    found: list[tuple[float, Trial, Look, Trial]] = []
+    upright = [found.supposed for found in look.upright]
+    likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
+    for first in [*(trial.fitted for trial in likeliest), *(found for _, found in look.ranked)][:FIRST]:
+        trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
+        if trial is None or (mended := trial.look) is None:
+            continue
+        for _, second in mended.ranked[:SECOND]:
+            other = None if hopeless(mended, second) else tried(mended, second)
+            if other is not None and other.fits:
+                found.append((other.score + trial.units + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
+                break
+    if not found:
+        return _two_channels(look)
+    score, trial, mended, other = min(found, key=lambda one: one[0])
+    one, two = _explained(look, trial), _explained(mended, other)
+    both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
+    message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
+    return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)), score=score)
+
+
+def _two_channels(look: Look) -> Diagnosis | None:
+    """The thrust of any two channels at once."""
+    supposed = causes.two_channels(look.model, look.names)
+    if not supposed:
+        return None
+    found = fitted(look.model, look.free, look.free.variance, supposed)
+    best = min(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))
+    trial = None if hopeless(look, best) else tried(look, best)
+    if trial is None or not trial.fits:
+        return None
+    both = cure_of(look.case, trial.case, trial.fitted)
+    return Diagnosis(
+        tuple(
+            Explanation(code, f"the log fits if {words}", both)
+            for name in best.supposed.subject
+            for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
+        ),
+        score=trial.score,
+    )
+
+
+def _in_vain(look: Look) -> str:
+    """What was tried, and what came nearest."""
+    nearest = []
+    for _, found in look.ranked[:2]:
+        code, _ = words_of(found, look.names, look.case, look.case)
+        nearest.append(f"{code} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
+    near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
+    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {look.misfit:.3g} times pure error{near}; {TRIED}"

@@ -1,0 +1,247 @@
+"""Whether the sigmas hold: what a wrong model leaves, looked for where it would stand, and what it may have done to the values.
+
+A model that is wrong (a delay, a rise, a low-pass, a jet, a tilt, a lever arm, a torque that nobody stated) leaves residuals that follow
+what drives the motion: each channel's commands, those of neighbouring cycles, rates and their products, gravity, a constant. Noise that
+nobody stated does not. So residuals are regressed on such *probes*, and the sum of squares Q that d of them explain in a channel is held
+against chance (lack of fit against pure error, as regression analysis has it).
+:func:`innovation_test` looks into the whitened innovations about the final estimate. Where disturbances were sized until innovations
+fit, the misfit is in the disturbances, so :func:`hidden_error` looks into what plain least squares leaves of rate growth and specific
+force, with the pure error taken from the residuals themselves. As much of a misfit may have gone into the values as is still
+visible: the least-squares error that a residual of size √Q, aligned with the regressors as badly as can be, would cause,
+
+    δ_i² = [(AᵀA)⁻¹]_ii Q .
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.base.rigidbody import times
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import products
+from massprop_cli.model.linearise import MU, PARAMETERS, RATE, linearise, parameters
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.prepare.align import Aligned
+from massprop_cli.prepare.compensate import BLOCK, Source, blocks
+
+LAGS = (0, 1, 2)
+"""Cycles by which commands are shifted: pulses that come late or smeared. Not those still to come: a controller's answer to a disturbance
+follows it."""
+SIGNIFICANT = 5.5
+"""Normal deviate that a channel must exceed: one of 50 million clean ones does by chance. benchmarks/faults.py moves if it is changed."""
+WANDER = 21
+"""Cycles within which what wanders hardly moves, and pulses begin and end."""
+SPARE = 3
+"""Residuals that there must be for each probe."""
+
+
+def innovation_test(history: History, samples: Source) -> Array:
+    """(6,) √(Q/d) of each channel's whitened innovations where it is more than chance, else 1: rate x y z, specific force x y z.
+
+    By so much are the sigmas too small that the channel gives: noise and model promise 1 for each direction.
+    """
+    first, end, count = history.cycles.start, history.cycles.stop, 0
+    folded: Array | None = None
+    for start in range(first, end, BLOCK):
+        cycles = slice(start, min(start + BLOCK, end))
+        innovation = history.normalised[cycles.start - first : cycles.stop - first]
+        told = np.isfinite(innovation).all(1)
+        rows = np.hstack([_probes(samples, cycles, _whole), innovation])[told]
+        folded, count = triangle_of(rows if folded is None else np.vstack([folded, rows])), count + int(told.sum())
+    if folded is None:
+        return np.ones(6)
+    # a triangle stands for its rows: whatever is orthogonal to them, and all their products, are the same
+    basis = _orthonormal(folded[:, :-6])
+    if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
+        return np.ones(6)
+    mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
+    return np.where(_deviate(mean, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
+
+
+def hidden_error(history: History, samples: Source, vehicle: Vehicle) -> Array:
+    """(10,) by how much each quantity may be off through what the model does not hold, in its unit; 0 where nothing but chance is left.
+
+    Rates and specific force each give their own; they count as each told the quantity (``history.information_share``).
+    """
+    reference = history.reference
+    if reference is None or any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
+        return np.zeros(10)  # a body that is stated to change leaves what it should
+    share = history.information_share
+    # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives
+    tilted = vehicle.on_air_bearing and not samples.attitude_logged
+    slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
+    biased = tilted or vehicle.imu.accel_bias_sigma_m_s2 > 0
+    rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow, biased))
+    parts = _hidden(rates, share[:, :3]), _hidden(forces, share[:, 3:])
+    weight = np.stack([share[:, :3].sum(1), share[:, 3:].sum(1)])
+    found: Array = np.sqrt((weight * np.stack(parts)).sum(0))
+    found[MU] /= reference.mu**2
+    return found
+
+
+def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, quick: tuple[bool, bool]) -> tuple[_Rows, _Rows]:
+    """Rows of rates and of specific force of a phase, folded part by part; ``quick``: something in them is known to wander."""
+    found: list[_Rows] = []
+    for part in blocks(cycles):
+        # what is quick needs its neighbours
+        wide = slice(max(part.start - WANDER, cycles.start), min(part.stop + WANDER, cycles.stop))
+        first, last = part.start - wide.start, part.stop - wide.start
+        kinds = zip(_rows(samples, wide, reference, vehicle), quick, (last - 1, last - (part.stop < cycles.stop)), strict=True)
+        now = [(rows.quick() if is_quick else rows).part(slice(first, end)) for rows, is_quick, end in kinds]
+        found = [one.joined(other).folded() for one, other in zip(found, now, strict=True)] if found else [one.folded() for one in now]
+    rates, forces = found
+    return rates, forces
+
+
+def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Rows, _Rows]:
+    """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
+    system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
+    growth = np.diff(here.rate_rad_s, axis=0) - system.steps
+    felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    turning, pushing = _weights(here.executed, reference, vehicle)
+    ignored = here.executed.ignored
+    rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))
+    forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole), len(felt))
+    return rates.weighted(turning).without(ignored[1:, 0] | ignored[:-1, 0]), forces.weighted(pushing).without(ignored[:, 1])
+
+
+def _weights(executed: Aligned, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(K − 1,) and (K,) weights that make stated pulse errors as large in every cycle as the IMU's noise alone is."""
+    covariance, count = executed.pulse_covariance, len(executed.start_s)
+    if covariance is None:
+        return np.ones(count - 1), np.ones(count)
+    moment = np.linalg.inv(reference.inertia) @ plant_of(vehicle).jet_moment(reference)
+    turned = np.trace(moment @ covariance @ moment.T, axis1=1, axis2=2) / 3
+    pushed = reference.mu**2 * np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2) / 3 / executed.duration_s**2
+    gyro, accel = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, (vehicle.imu.accel_noise_m_s2 or 0.0) ** 2
+    return np.sqrt(gyro / (gyro + turned[:-1] + turned[1:])), np.sqrt(accel / (accel + pushed))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Regressors (N, 3, 10), residual (N, 3) and probes (N, d) of one kind of measurement; ``count`` rows, which N stand for."""
+
+    regressors: Array
+    residual: Array
+    probes: Array
+    count: int
+
+    def weighted(self, weight: Array) -> _Rows:
+        return replace(
+            self,
+            regressors=self.regressors * weight[:, None, None],
+            residual=self.residual * weight[:, None],
+            probes=self.probes * weight[:, None],
+        )
+
+    def without(self, ignored: BoolArray) -> _Rows:
+        """In the place of each row that is not used the one before it once more, so that what wanders goes on."""
+        if not ignored.any():
+            return self
+        used = np.flatnonzero(~ignored)
+        held = used[np.maximum(np.searchsorted(used, np.arange(len(ignored)), "right") - 1, 0)]
+        return _Rows(self.regressors[held], self.residual[held], self.probes[held], self.count)
+
+    def quick(self) -> _Rows:
+        return replace(self, regressors=_quick(self.regressors), residual=_quick(self.residual), probes=_quick(self.probes))
+
+    def part(self, rows: slice) -> _Rows:
+        found = self.regressors[rows]
+        return _Rows(found, self.residual[rows], self.probes[rows], len(found))
+
+    def joined(self, other: _Rows) -> _Rows:
+        return _Rows(
+            np.concatenate([self.regressors, other.regressors]),
+            np.concatenate([self.residual, other.residual]),
+            np.concatenate([self.probes, other.probes]),
+            self.count + other.count,
+        )
+
+    def folded(self) -> _Rows:
+        """As the triangle of an orthogonal factorisation, with the same sums of products."""
+        upper = triangle_of(np.hstack([self.regressors.reshape(-1, 30), self.residual, self.probes]))
+        return _Rows(upper[:, :30].reshape(-1, 3, 10), upper[:, 30:33], upper[:, 33:], self.count)
+
+
+def _hidden(rows: _Rows, share: Array) -> Array:
+    """(10,) δ² of one kind of measurement."""
+    regressors, residual, probes = rows.regressors, rows.residual, rows.probes
+    size = np.sqrt((regressors**2).sum((0, 1)))
+    seen = size > 0
+    flat = (regressors[:, :, seen] / size[seen]).reshape(-1, int(seen.sum()))
+    left, singular, right = np.linalg.svd(flat, full_matrices=False)
+    kept = singular > 1e-6 * singular.max(initial=0.0)
+    left, singular, right = left[:, kept], singular[kept], right[kept]
+    residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
+    basis = _orthonormal(probes)
+    count, freedom = basis.shape[1], rows.count - basis.shape[1]
+    if count == 0 or rows.count < SPARE * count:
+        return np.zeros(10)
+    explained = ((basis.T @ residual) ** 2).sum(0)
+    pure = np.maximum(((residual**2).sum(0) - explained) / freedom, 1e-300)
+    excess = np.where(_deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
+    found = np.zeros(10)
+    gain = ((right / singular[:, None]) ** 2).sum(0) / size[seen] ** 2
+    told = np.maximum(share[seen].sum(1), 1e-300)
+    found[seen] = gain * (share[seen] @ excess) / told
+    return found
+
+
+def _quick(values: Array) -> Array:
+    """Less the mean of the :data:`WANDER` rows around each."""
+    half = min(WANDER, len(values) - 1) // 2
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    first = np.maximum(np.arange(len(values)) - half, 0)
+    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    mean = (total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (values.ndim - 1))
+    quick: Array = values - mean
+    return quick
+
+
+def _whole(executed: Aligned) -> Array:
+    """(K, C) what each command channel did in each cycle."""
+    return executed.channels.whole
+
+
+def _window(executed: Aligned) -> Array:
+    """(K, C) the same under the triangular window of the step out of each cycle; zeros in the last."""
+    channels, found = executed.channels, np.zeros_like(executed.channels.whole)
+    found[:-1] = channels.rising[:-1] + (channels.whole - channels.rising)[1:]
+    return found
+
+
+def _probes(samples: Source, cycles: slice, commands: Callable[[Aligned], Array]) -> Array:
+    """(K, d) what a wrong model could leave: commands, now and :data:`LAGS` ago, rates and their products, the vertical, a constant.
+
+    The rates are those of the cycle before: noise in a cycle's own is in what is left of it, and would be taken for a misfit where a
+    spin is so steady that nothing but noise is left of it beside the constant.
+    """
+    before = min(cycles.start, max(LAGS))
+    here = samples.part(slice(cycles.start - before, cycles.stop))
+    told, lagged = commands(here.executed), []
+    for lag in LAGS:
+        shifted = np.roll(told, lag, axis=0)
+        shifted[:lag] = 0.0  # beyond the log's beginning
+        lagged.append(shifted)
+    rate = np.concatenate([here.rate_rad_s[:1], here.rate_rad_s[:-1]])
+    return np.hstack([*lagged, rate, products(rate), here.up_b[:-1], np.ones((len(rate), 1))])[before:]
+
+
+def _orthonormal(columns: Array) -> Array:
+    """(N, r) basis of what the columns span."""
+    size = np.sqrt((columns**2).sum(0))
+    left, singular, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    basis: Array = left[:, singular > 1e-6 * singular.max(initial=0.0)]
+    return basis
+
+
+def _deviate(mean: Array, count: int) -> Array:
+    """Normal deviate of a mean of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
+    spread = 2 / (9 * count)
+    found: Array = (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)
+    return found

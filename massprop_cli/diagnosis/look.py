@@ -1,0 +1,219 @@
+"""A stretch of a log, reduced: what is left of it as stated, and how every supposition does on it, the likeliest first.
+
+What is left is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis.channelwise import Disturbance, Free, beside_torques, free_response, verticals
+from massprop_cli.diagnosis.contest import Fitted, compared, fitted
+from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.wording import NEAR
+from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.prepare.align import LAGS_FORGOTTEN
+
+LONGEST = 1200
+"""Cycles that suppositions are tried on."""
+MEMORY = 64
+"""Cycles before them that commands may come from, under any delay that is tried."""
+FITS = (2.0, 6.0)
+"""The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
+as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
+LOUD = 4.0
+"""Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
+CLEAR = 14.0
+"""−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
+SHARE = 12
+"""Mountings that are fitted."""
+UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
+"""Mountings that are put to the test because gravity is where it should be; parts of what it leaves as stated that are as well and less."""
+
+
+def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
+    """The ``LONGEST`` cycles of a piece in which most is commanded, in a log that holds no more than it takes to read them.
+
+    Where the attitude is integrated from the log's beginning on, the first ones.
+    """
+    log, vehicle, timing = case
+    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
+    first, stop = piece.start, min(piece.start + LONGEST, piece.stop)
+    if stop < piece.stop and not integrated:
+        effort = (np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)).sum(1)
+        total = np.concatenate([[0.0], np.cumsum(effort)])
+        first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
+        stop = first + LONGEST
+    begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
+    end = min(stop + 1, log.cycles)
+    return case._replace(log=log.part(begin, end)), slice(first - begin, stop - begin)
+
+
+def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Look | None:
+    """A case reduced as :func:`free_response` does; None where it is too short."""
+    try:
+        free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return _look(case, piece, free, theta)
+
+
+def _look(case: Case, piece: slice, free: Free, theta: Array | None) -> Look:
+    model = Model.of(free, case.vehicle, case.log.command_kind == "jets")
+    noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
+    (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))], theta)
+    return Look(case, piece, free, model, noise, stated)
+
+
+def about_its_body(look: Look) -> Look:
+    """The look with the motion within the cycles that its own body as stated has, where that explains more."""
+    again = looked(look.case, look.piece, theta=look.stated.value("theta"))
+    return again if again is not None and again.cost < look.cost else look
+
+
+def beside_a_torque(look: Look) -> Look:
+    """The look beside the torque, wandering or white, beside which its body as stated explains most."""
+    theta = look.stated.value("theta")
+    found = [_look(look.case, look.piece, free, theta) for free in beside_torques(*look.case, look.piece, theta)]
+    return min(found, key=lambda one: one.cost)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A stretch of a case: what it says, and what is left of it as stated."""
+
+    case: Case
+    piece: slice
+    free: Free
+    model: Model
+    noise: Array
+    """(6,) variance of the IMU's noise, as stated."""
+    stated: Fitted
+
+    @property
+    def names(self) -> list[str]:
+        """Of the channels that fired."""
+        every = [jet.name for jet in self.case.vehicle.jets] if self.case.log.command_kind == "jets" else list(WRENCH)
+        return [every[i] for i in self.free.fired]
+
+    @property
+    def misfit(self) -> float:
+        """What is left over what is to be expected."""
+        return float(self.stated.chi_square.sum() / self.freedom)
+
+    @cached_property
+    def freedom(self) -> int:
+        """How many squares of chance are expected of what is left: equations of the triangles less the body's ten."""
+        ranks = [int(np.linalg.matrix_rank(told.triangle)) for told in (self.free.gyro, self.free.accelerometer)]
+        return max(3 * sum(ranks) - 10, 1)
+
+    @property
+    def fits(self) -> bool:
+        """Whether what is left is chance."""
+        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
+
+    @cached_property
+    def free_cost(self) -> float:
+        """−2 log likelihood of free noise levels and free coefficients."""
+        return float((self._counts * np.log(self.free.variance)).sum()) + self.free.gyro.volume + self.free.accelerometer.volume
+
+    @property
+    def cost(self) -> float:
+        """−2 log likelihood of free noise levels, as stated."""
+        return self.free_cost + self.likelihood(self.stated.chi_square)
+
+    def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
+        """−2 log of how likely a supposition is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
+
+        Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
+        """
+        price = np.log(2) if at_once(found) else found.unlikely + found.unknowns * np.log(self.free.gyro.spare)
+        return self.likelihood(left) + float(price + 2 * np.log(alternatives))
+
+    @property
+    def loud(self) -> bool:
+        """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
+        return bool((self.free.variance > LOUD * self.noise).any())
+
+    def likelihood(self, left: Array) -> float:
+        """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""
+        return float((self._counts * np.log1p(left / self._counts)).sum())
+
+    @property
+    def _counts(self) -> Array:
+        """(6,) measurements less coefficients."""
+        return np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3).astype(float)
+
+    @cached_property
+    def ranked(self) -> list[tuple[float, Fitted]]:
+        """Every supposition that leaves less than what is stated, the likeliest first."""
+        supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
+        kinds = [one.code for one in supposed]
+        found = fitted(self.model, self.free, self.free.variance, supposed)
+        scores = [self.score(one.chi_square, one, kinds.count(one.supposed.code)) for one in found]
+        least = self.score(self.stated.chi_square, self.stated) - CLEAR
+        order = sorted(range(len(found)), key=lambda i: (scores[i], i))
+        return [(scores[i], found[i]) for i in order if scores[i] < least]
+
+    def _likely_turns(self) -> list[Supposition]:
+        """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
+        every = self._turns
+        if self.model.bearing is not None:
+            rough = self._gravity
+        else:
+            rough = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
+        return [every[i] for i in np.argsort(rough[: len(every)], kind="stable")[:SHARE]]
+
+    @cached_property
+    def upright(self) -> list[Fitted]:
+        """Units and mountings by which, on a bearing, gravity is found where it should be as well as as stated; the likeliest first.
+
+        They turn the vertical that the log was reduced with, so that nothing is fitted to it.
+        """
+        if self.model.bearing is None:
+            return []
+        *rough, stated = self._gravity
+        order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
+        return [Fitted(self._turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
+
+    @property
+    def upset(self) -> bool:
+        """Whether gravity is not where it should be, and is for some other unit or mounting."""
+        return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
+
+    @cached_property
+    def _turns(self) -> list[Supposition]:
+        return [*causes.units(self.model), *causes.mountings(self.model)]
+
+    @cached_property
+    def _gravity(self) -> list[float]:
+        """Of each, and as stated."""
+        return self._by_gravity([*self._turns, self.stated.supposed])
+
+    def _by_gravity(self, supposed: Sequence[Supposition]) -> list[float]:
+        """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""
+        samples = self.case.timing.of(self.case.log, self.case.vehicle)
+        rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]
+        turns = np.linalg.inv(np.stack([one.gyro for one in supposed]))
+        different, which = np.unique(turns.round(9).reshape(len(turns), 9), axis=0, return_inverse=True)
+        rates = np.einsum("nij,kj->nki", different.reshape(-1, 3, 3), rate)
+        ups = verticals(rates, samples.executed.duration_s[: self.piece.stop], samples.up_b[0])
+        means = (ups[:, 1:] + ups[:, :-1]) / 2
+        left = [
+            force @ np.linalg.inv(one.accelerometer).T - self.model.gravity * means[i]
+            for one, i in zip(supposed, which.ravel(), strict=True)
+        ]
+        return [float((part**2).mean()) for part in left]
+
+
+def at_once(found: Fitted) -> bool:
+    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
+    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())

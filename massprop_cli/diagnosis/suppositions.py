@@ -1,0 +1,265 @@
+"""What could be wrong with log or vehicle file, as what it makes of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`.
+
+One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.lift`, and beside
+them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
+time. A :class:`Supposition` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.contest` fits them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross_matrix, rotation, tensor
+from massprop_cli.diagnosis.channelwise import SWUNG, Free
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import MOMENT, MU, J, gamma, products, products_by_rate
+
+_UNIT = np.eye(3)
+RAMP = 2 / 3
+"""Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
+_SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+ENTRIES = {
+    "theta": 10,
+    "gyro_turn": 3,
+    "accel_turn": 3,
+    "gyro_scale": 3,
+    "accel_scale": 3,
+    "imu": 3,
+    "bearing": 3,
+    "gyro_bias": 3,
+    "accel_bias": 3,
+    "torque": 3,
+    "drag": 3,
+    "delay": 1,
+    "rise": 1,
+    "lag": 1,
+    "gyro_lag": 1,
+    "accel_lag": 1,
+    "drift": 1,
+    "mass_rate": 1,
+    "inertia_rate": 1,
+    "tilt": 2,
+}
+"""Of x, before the channels' own: thrust, place and direction."""
+
+
+@dataclass(frozen=True)
+class Supposition:
+    """Entries of x that may differ from what is stated."""
+
+    code: str
+    subject: tuple[str, ...]
+    """What it is about: channel names, axes, a unit."""
+    free: Array
+    """(nx, d) directions in which x may move, each scaled to one sigma of what is to be expected."""
+    start: Mapping[int, float] = field(default_factory=dict)
+    """Entries that begin elsewhere."""
+    gyro: Array = field(default_factory=lambda: np.eye(3))
+    """(3, 3) turn or mirror that the gyro's axes are supposed to have beyond the stated."""
+    accelerometer: Array = field(default_factory=lambda: np.eye(3))
+    suspects: tuple[int, ...] = ()
+    """Channels whose commands are not to be relied on to find a body first."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """The coefficients that any x makes."""
+
+    places: Mapping[str, slice]
+    position: Array
+    """(C, 3) of each channel that fired, from O."""
+    force: Array
+    """(C, 3) at full thrust."""
+    couple: Array
+    """(C, 3) torque beside that of the force: of commanded wrenches."""
+    imu: Array
+    mounting: Array
+    """(3, 3) body from IMU, as stated."""
+    bearing: Array | None
+    gravity: float
+    level: Array
+    """(3, 3) mean projector on the level plane, body axes."""
+    biases: Mapping[str, float] = field(default_factory=dict)
+    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
+
+    @staticmethod
+    def of(free: Free, vehicle: Vehicle, by_jets: bool) -> Model:
+        """For a log's triangles."""
+        if by_jets:
+            position = np.array([vehicle.jets[i].position_m for i in free.fired]).reshape(-1, 3)
+            force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
+        else:
+            wrench = np.eye(6)[free.fired]
+            position, couple, force = np.zeros((len(wrench), 3)), wrench[:, :3], wrench[:, 3:]
+        bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
+        gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
+        imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
+        sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
+        biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
+        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, biases)
+
+    @cached_property
+    def entries(self) -> dict[str, slice]:
+        """Where each stands in x."""
+        count, at, found = len(self.force), 0, {}
+        for name, size in {**ENTRIES, "thrust": count, "position": 3 * count, "direction": 3 * count}.items():
+            found[name] = slice(at, at + size)
+            at += size
+        return found
+
+    def place(self, name: str) -> slice:
+        """Of an entry."""
+        return self.entries[name]
+
+    @property
+    def stated(self) -> Array:
+        """(nx,) x with everything as stated, and no mass properties yet."""
+        x = np.zeros(self.place("direction").stop)
+        x[self.place("thrust")] = 1.0
+        return x
+
+    @property
+    def uncertain(self) -> Array:
+        """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
+        unit = np.eye(len(self.stated))
+        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
+
+    def wrench(self, x: Array) -> tuple[Array, Array]:
+        """(..., C, 3) torque about O and force of each channel."""
+        shape = (*x.shape[:-1], -1, 3)
+        thrust = x[..., self.place("thrust"), None]
+        force = thrust * (self.force + x[..., self.place("direction")].reshape(shape))
+        position = self.position + x[..., self.place("position")].reshape(shape)
+        return np.cross(position, force) + thrust * self.couple, force
+
+    def coefficients(self, x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """(..., p, 6) of x (..., nx) for IMUs turned so: growth of the rate, specific force."""
+
+        def get(name: str) -> Array:
+            return x[..., self.entries[name]]
+
+        theta = get("theta")
+        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU]
+        inertia = np.linalg.inv(inverse)
+        torque, force = self.wrench(x)
+        centre = moment if self.bearing is None else self.bearing + get("bearing")
+        about = torque - np.cross(centre[..., None, :], force)
+        turning = inverse @ cross_matrix(moment) * mu[..., None, None]
+        response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
+        by_product = -inverse @ gamma(inertia)
+        arm = self.imu + get("imu") - centre
+        spin: dict[str, Array] = {
+            "channels": np.einsum("...ij,...cj->...ic", inverse, about),
+            "products": by_product,
+            "constant": inverse @ get("torque")[..., None],
+            "rates": inverse * get("drag")[..., None, :],
+        }
+        push: dict[str, Array] = {name: self._felt(part, arm, moment, mu) for name, part in spin.items()}
+        push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
+        push["products"] = push["products"] + self._centripetal(arm, moment, mu)
+        push["constant"] = push["constant"] + get("accel_bias")[..., None]
+        bias = get("gyro_bias")
+        for parts in (spin, push):  # products of the rates less their bias
+            parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
+            parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
+        through = self._felt(response, arm, moment, mu)
+        thrust = through.copy()
+        thrust[..., 3:] += mu[..., None, None] * _UNIT
+        self._add_times(spin, push, x, response, thrust)
+        age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
+        spin["aging"] = -age * response
+        push["aging"] = -age * through - lighter * (thrust - through)
+        if self.bearing is not None:
+            fall = -self.gravity * inverse @ cross_matrix(moment)
+            spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
+            spin |= {"up": fall, "level": -turning}
+            push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
+            push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
+            self._add_swings(spin, push, x)
+        return self._measured(spin, push, x, gyro, accelerometer)
+
+    def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
+        """What the stated wrench does later, smeared, with a drifting clock or a longer rise; sensors that lag see all of it later."""
+        command, gyro_lag, accel_lag = (
+            [x[..., self.entries[name]][..., 0] for name in names] for names in (("delay", "lag"), ("gyro_lag",), ("accel_lag",))
+        )
+        later, variance, rise = command[0] + command[1], command[1] ** 2, x[..., self.entries["rise"]][..., 0]
+        for own, parts, sensor in ((response, spin, gyro_lag[0]), (thrust, push, accel_lag[0])):
+            whole = later + sensor
+            parts["later"] = whole[..., None, None] * own
+            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2 + RAMP * rise**2)[..., None, None] * own
+            parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
+            parts["rising"] = rise[..., None, None] * own
+
+    def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
+        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong."""
+        tilt = x[..., self.entries["tilt"]]
+        for i, name in enumerate(("east", "north")):
+            if name in self.places:
+                spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
+        for name in SWUNG:
+            for i in range(3):
+                if f"{name} {i}" in self.places:
+                    by = x[..., self.entries[name]][..., i, None, None]
+                    spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
+
+    def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:
+        """(..., 3, n) specific force at the IMU by angular accelerations (..., 3, n)."""
+        felt: Array = -cross_matrix(arm) @ spin
+        if self.bearing is not None:
+            felt = felt + self.level @ (cross_matrix(moment * mu[..., None]) @ spin)
+        return felt
+
+    def _centripetal(self, arm: Array, moment: Array, mu: Array) -> Array:
+        """(..., 3, 6) specific force by products of rates."""
+        found = _by_products(arm)
+        if self.bearing is not None:
+            found = found - self.level @ _by_products(moment * mu[..., None])
+        return found
+
+    def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """In the axes, units and scales of the IMU that measured the rates that the columns are made of."""
+        turns = []
+        for name, base in (("gyro", gyro), ("accel", accelerometer)):
+            scale = np.exp(x[..., self.place(f"{name}_scale")])
+            along = self.mounting @ (scale[..., :, None] * self.mounting.T)  # the IMU's own axes
+            turns.append(along @ rotation(x[..., self.place(f"{name}_turn")]) @ base)
+        back = np.linalg.inv(turns[0])
+        found = np.zeros((*x.shape[:-1], max(p.stop for p in self.places.values()), 6))
+        for name, place in self.places.items():
+            for parts, turn, axes in ((spin, turns[0], slice(0, 3)), (push, turns[1], slice(3, 6))):
+                part = turn @ parts[name]
+                if name == "products":
+                    part = part @ _of_products(back)
+                elif name == "rates":
+                    part = part @ back
+                found[..., place, axes] = np.swapaxes(part, -1, -2)
+        return found
+
+
+def _by_products(arm: Array) -> Array:
+    """(..., 3, 6) matrix that takes the products of rates to ω × (ω × arm)."""
+    found = np.zeros((*arm.shape, 6))
+    for k, (i, j) in enumerate(_SECOND):
+        found[..., i, k] += arm[..., j]
+        if i != j:
+            found[..., j, k] += arm[..., i]
+        else:
+            found[..., :, k] -= arm
+    return found
+
+
+def _of_products(turn: Array) -> Array:
+    """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
+    found = np.zeros((*turn.shape[:-2], 6, 6))
+    for a, (i, j) in enumerate(_SECOND):
+        for b, (k, m) in enumerate(_SECOND):
+            found[..., a, b] = turn[..., i, k] * turn[..., j, m]
+            if k != m:
+                found[..., a, b] += turn[..., i, m] * turn[..., j, k]
+    return found

@@ -1,0 +1,307 @@
+"""Noise levels that the vehicle file leaves open, and disturbances that its stated levels can't explain.
+
+Both come from a first pass over the log, are stated in the result's settings, and reproduce the result when given back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.rigidbody import times
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.initial import beginning
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.linearise import PARAMETERS, RATE, linearise, parameters, stepped
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered
+
+FLOOR = 1e-6
+"""A noise level found in the log is not below this part of its signal's root mean square: sensors resolve some twenty
+bits of it, and what is left of a log without noise is rounding."""
+QUIET, BLOCK, STRIDE = 20, 16, 8
+"""The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
+louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
+EXCESS, CERTAIN = 0.2, 6.0
+"""Mean squared normalised innovation above 1 + this, and above so many of its own sigmas √(2 / N), is a misfit of the stated noise: sigmas
+would be 10 % too small, and chance does that once in a billion. Below it the file's statement is believed."""
+EXCESS_SIZED, CERTAIN_SIZED = EXCESS / 4, 3.0
+"""The same of a disturbance that was sized here: nobody stated it, so it is held to 2.5 % of sigma."""
+EXCESS_SLOW = 0.5
+"""The same of the long-run variance, whose own sigma is √(4/3 lags / N) for a Bartlett window (M. B. Priestley, Spectral Analysis and Time
+Series, 1981): it matters to what is told by slow motion alone, whose sigmas would be a fifth too small."""
+LEAST = 20
+"""Cycles that say anything of a variance: it scatters by a third of itself over so many."""
+CLIP = 4.0
+"""Normalised innovations count up to this: a few outliers while the filter starts don't size a disturbance. One normal deviate in 16,000
+is beyond it."""
+GROSS, GROSS_LEAST = 1.5, 50
+"""Disturbances are sized at once, before any fit, where the differenced rates vary by this many times what is stated, over more cycles than
+this: a variance scatters by a fifth of itself over so many."""
+MEDIAN = 0.6745
+"""The median of a normal deviate's size, in sigmas."""
+STRETCH = 4096
+"""Most cycles over which one body is to explain what it can, before what is left is looked at."""
+LAGS = (2, 10)
+"""Cycles over which the residual torque is compared with itself to tell a slow torque from a white one: at least two, since a residual is
+a mean over two cycles; five times as far, so that what a walk adds in between outweighs the scatter."""
+
+
+def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
+    """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
+    notices = []
+    levels: dict[str, float] = {}
+    if vehicle.imu.gyro_noise_rad_s and vehicle.imu.accel_noise_m_s2:
+        return vehicle, []
+    unexplained = _unexplained(samples, cycles, vehicle)
+    for key, found_of in (("gyro_noise_rad_s", _rate), ("accel_noise_m_s2", partial(acceleration, vehicle=vehicle))):
+        stated = getattr(vehicle.imu, key)
+        if stated:
+            continue
+        signal = gathered(samples, slice(0, len(samples)), found_of)
+        floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
+        found = min(white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
+        levels[key] = max(found, floor)
+        if stated is None:
+            notices.append(Notice("noise-estimated", f"imu.{key} is not stated; {levels[key]:.3g} was estimated from the log"))
+        else:
+            source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
+            notices.append(Notice("noise-floor", f"imu.{key} is stated as 0; {levels[key]:.3g} stands in for it ({source})"))
+    return _changed(vehicle, imu=levels), notices
+
+
+def _rate(samples: Samples) -> Array:
+    return samples.rate_rad_s
+
+
+def white_level(signal: Array, cycles: Sequence[slice]) -> float:
+    """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else."""
+    found = []
+    for piece in cycles:
+        differences = np.diff(signal[piece], 3, axis=0) / np.sqrt(20.0)
+        for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
+            block = differences[start : start + BLOCK]
+            if len(block):
+                found.append(median(np.abs(block)) / MEDIAN)
+    return float(np.percentile(found, QUIET)) if found else 0.0
+
+
+def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+    """One sigma of gyro and accelerometer noise from what no mass properties explain; infinite where nothing can be said.
+
+    Rate: white noise n enters the growth as n[k+1] − n[k], whose lag-one autocovariance is −σ². Force: half the mean squared difference.
+    """
+    rate, force = [], []
+    for piece in cycles:
+        reference = beginning(samples, piece, vehicle)
+        if reference is None or piece.stop - piece.start < 30:
+            continue
+        growth = _residual_growth(samples, piece, reference, vehicle)
+        rate.append(-float((growth[1:] * growth[:-1]).mean()))
+        left = _unfelt(samples, piece, reference, vehicle)
+        force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
+    gyro = float(np.mean(rate)) if rate else -1.0
+    return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)
+
+
+def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
+    found = []
+    for stretch in _stretches(cycles):
+        system = linearise(samples, stretch, reference, vehicle)
+        used = ~samples.part(stretch).executed.ignored[:, 1]
+        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:], used)[1])
+    return np.concatenate(found)
+
+
+def _stretches(cycles: slice) -> list[slice]:
+    """Cycles in parts of equal length, no longer than :data:`STRETCH`."""
+    count = cycles.stop - cycles.start
+    edges = np.linspace(cycles.start, cycles.stop, -(-count // STRETCH) + 1).astype(int)
+    return [slice(int(first), int(end)) for first, end in pairwise(edges)]
+
+
+def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
+    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K,) rows."""
+    regressors, target = regressors * used[:, None, None], target * used[:, None]
+    rows = regressors.reshape(-1, regressors.shape[-1])
+    size = np.sqrt((rows**2).sum(0))
+    size = np.where(size > 0, size, 1.0)
+    basis, triangle = np.linalg.qr(rows / size)
+    step = np.linalg.lstsq(triangle, basis.T @ target.ravel(), rcond=1e-9)[0] / size
+    return step, target - (rows @ step).reshape(target.shape)
+
+
+def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
+    """(6,) variance of the normalised innovations per channel where it is in excess of 1, NaN where noise explains them.
+
+    The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
+    """
+    rows = [np.clip(h.normalised[np.isfinite(h.normalised).all(1)], -CLIP, CLIP) for h in histories]
+    rows = [z for z in rows if len(z) >= LEAST]
+    if not rows:
+        return np.full(6, np.nan)
+    count = sum(len(z) for z in rows)
+    lags = int(np.sqrt(count))
+    white = np.sum([(z**2).sum(0) for z in rows], 0) / count
+    long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
+    adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
+    least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if adapted else (EXCESS, CERTAIN)
+    over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
+    over_long = np.where(long_run > 1 + max(EXCESS_SLOW, CERTAIN * np.sqrt(4 * lags / 3 / count)), long_run, 0.0)
+    if adapted:
+        over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
+    excess = np.maximum(over_white, over_long)
+    return np.where(excess > 0, excess, np.nan)
+
+
+def _long_run(z: Array, lags: int) -> Array:
+    """Spectral density at zero frequency of each column, mean included."""
+    total = (z**2).mean(0)
+    for lag in range(1, min(lags, len(z) - 1) + 1):
+        total = total + 2 * (1 - lag / (lags + 1)) * (z[lag:] * z[:-lag]).sum(0) / len(z)
+    density: Array = total
+    return density
+
+
+def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> Array:
+    """(6,) infinite in the rate channels if a look at the differenced rates shows far more disturbance than is stated, else NaN.
+
+    White gyro noise has lag-one autocovariance −½ of its variance, so variance plus twice the lag-one autocovariance is what it leaves.
+    """
+    excess = np.full(6, np.nan)
+    if vehicle.environment.disturbance_walk_n_m > 0:
+        return excess
+    noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
+    for piece in cycles:
+        reference = beginning(samples, piece, vehicle)
+        if reference is not None and piece.stop - piece.start > GROSS_LEAST:
+            e = _residual_growth(samples, piece, reference, vehicle)
+            left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
+            excess[:3][left > GROSS * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
+    return excess
+
+
+def _stated_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(3,) variance of the rate's growth per cycle that the stated disturbance torque and pulse errors cause, (rad/s)²."""
+    inverse = np.linalg.inv(reference.inertia)
+    impulse = vehicle.environment.disturbance_torque_n_m * median(gathered(samples, cycles, duration_s))
+    covariance = impulse**2 * np.eye(3)
+    if vehicle.thrust.pulse_sigma > 0:
+        moment = plant_of(vehicle).jet_moment(reference)
+        covariance = covariance + moment @ gathered(samples, cycles, _pulses).mean(0) @ moment.T
+    variance: Array = np.diag(inverse @ covariance @ inverse.T)
+    return variance
+
+
+def _pulses(samples: Samples) -> Array:
+    found = samples.executed.pulse_covariance
+    return np.zeros((len(samples), 6, 6)) if found is None else found
+
+
+def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
+    """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
+
+    Disturbance torque: as the residual torque shows it (:func:`_torque_levels`); where that was done before, raised by what is still
+    missing. Accelerometer noise: widened per axis by the excess.
+    """
+    environment: dict[str, float] = {}
+    now = vehicle.environment
+    if not np.isnan(excess[:3]).all():
+        white, walk = _torque_levels(samples, cycles, vehicle)
+        worst = float(np.nanmax(excess[:3]))
+        factor = np.sqrt(worst) if np.isfinite(worst) else 1.0
+        environment = {
+            "disturbance_torque_n_m": max(white, factor * now.disturbance_torque_n_m),
+            "disturbance_walk_n_m": max(walk, factor * now.disturbance_walk_n_m),
+        }
+    estimator: dict[str, Any] = {}
+    if not np.isnan(excess[3:]).all():
+        scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0)) * np.sqrt(np.fmax(excess[3:], 1.0))
+        estimator["accel_noise_scale"] = tuple(float(f) for f in scale)
+    return _changed(vehicle, environment=environment, estimator=estimator)
+
+
+def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[Notice]:
+    """What was added to the stated noise, and what is still not explained."""
+    found = []
+    now, before = used.environment, stated.environment
+    if (now.disturbance_torque_n_m, now.disturbance_walk_n_m) != (before.disturbance_torque_n_m, before.disturbance_walk_n_m):
+        found.append(
+            Notice(
+                "disturbance-torque",
+                "the stated noise does not explain the rates; a disturbance torque was added: white "
+                f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
+                "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, a wrong delay or jet",
+            )
+        )
+    if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale and used.estimator.accel_noise_scale is not None:
+        x, y, z = used.estimator.accel_noise_scale
+        found.append(
+            Notice(
+                "accelerometer-misfit",
+                f"the stated noise does not explain the specific force; it was widened by {x:.3g}, {y:.3g}, {z:.3g} in x, y, z. "
+                "Sigmas include it as noise. Look for drag, vibration, accelerometer bias, a wrong IMU position or mounting",
+            )
+        )
+    if not np.isnan(excess).all():
+        worst = float(np.nanmax(excess))
+        found.append(
+            Notice(
+                "model-misfit",
+                f"innovations are still {np.sqrt(worst):.3g} times as large as the model expects; sigmas are too small by about that",
+            )
+        )
+    return found
+
+
+def _torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+    """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m, pooled over axes and phases.
+
+    From the structure function of the residual torque e, a mean over two cycles: ``E (e[k+n] − e[k])² = n walk² + white² + 2 gyro noise``
+    for n ≥ 2.
+    """
+    walks, whites = [], []
+    for piece in cycles:
+        reference = beginning(samples, piece, vehicle)
+        if reference is None or piece.stop - piece.start <= 5 * LAGS[1]:
+            continue
+        duration = gathered(samples, piece, duration_s)[1:, None]
+        e = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
+        near, far = (((e[lag:] - e[:-lag]) ** 2).mean() for lag in LAGS)
+        walk = (far - near) / (LAGS[1] - LAGS[0])
+        gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / median(duration) ** 2
+        walks.append(walk)
+        whites.append(near - LAGS[0] * walk - 2 * gyro)
+    if not walks:
+        return 0.0, 0.0
+    return float(np.sqrt(max(np.mean(whites), 0.0))), float(np.sqrt(max(np.mean(walks), 0.0)))
+
+
+def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
+
+    Each stretch of a long log has its own.
+    """
+    found = []
+    for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
+        piece, near = slice(stretch.start, stretch.stop + 1), reference
+        here = samples.part(piece)
+        growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
+        for _ in range(2):
+            system = linearise(samples, piece, near, vehicle)
+            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps, used[1:] & used[:-1])
+            near = stepped(near, parameters(near) + step) or near
+        found.append(left)
+    return np.concatenate(found)
+
+
+def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:
+    changes = {name: getattr(vehicle, name).model_copy(update=update) for name, update in sections.items() if update}
+    return vehicle.model_copy(update=changes) if changes else vehicle

@@ -1,0 +1,64 @@
+"""What every estimator hands on: one row per control cycle of one phase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.plant import Reference
+
+
+@dataclass(frozen=True)
+class History:
+    """The estimate after each cycle. NaN where nothing can be said yet.
+
+    An off-line fit that is no result itself has the last row of values and of what goes with them alone, and all normalised innovations.
+    """
+
+    phase: Phase
+    cycles: slice
+    """Which of the log's cycles these are."""
+    time_s: Array
+    """(K,) end of each cycle."""
+    values: Array
+    """(K, 10) ixx … mass, SI."""
+    sigmas: Array
+    """(K, 10) one standard deviation of each."""
+    covariance: Array
+    """(10, 10) of the last row."""
+    innovation: Array
+    """(K, 6) torque [N m] and force [N], measured less predicted."""
+    innovation_sigma: Array
+    """(K, 6) what the filter expected of them."""
+    normalised: Array
+    """(K, 6) innovations in rate and specific force, whitened: independent standard normal if the model holds."""
+    natural_sizes: Array
+    """(10,) the size that each quantity has by nature: trace (inertia), sqrt(trace/mass) (CG), mass."""
+    information_share: Array
+    """(10, 6) which part of the information on each quantity each channel brought: rate x y z, specific force x y z."""
+    drowned: BoolArray
+    """(6,) channels in which disturbances outweigh what the commands explain."""
+    observable: BoolArray
+    """(10,) whether some motion of this vehicle could inform the quantity by this method."""
+    bare: tuple[Array, Array]
+    """(10,) and (10, 10) the last row by the log alone: without what is known from elsewhere and without the thrust's common scale."""
+    reference: Reference | None = None
+    """About which the last row was linearised, where it was."""
+    notices: tuple[Notice, ...] = ()
+    belied: tuple[str, ...] = ()
+    """Known quantities that the log contradicts."""
+
+    def __post_init__(self) -> None:
+        rows = len(self.time_s)
+        if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma)):
+            raise ValueError("history arrays differ in length")
+
+
+def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:
+    """The cycles with ``start_s < time_s <= end_s`` whose executed command is known; empty where there are none."""
+    inside = np.flatnonzero(usable & (end_s > phase.start_s + 1e-9) & (end_s <= phase.end_s + 1e-9))
+    return slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)

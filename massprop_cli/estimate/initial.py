@@ -1,0 +1,157 @@
+"""A first reference from the cycles seen so far, with no starting values.
+
+The growth of the mean rate is regressed on impulses and on products of rates,
+
+    w[k+1] − w[k]  =  J τ̄ + K F̄ + G (w w) + b,          J = I⁻¹,  K = −J [c]×  (on a bearing K acts on m_r f: K = J [c − b]×… )
+
+with noise on the left alone, so the fit is unbiased and converges from nothing. A weak prior of the vehicle's own scale keeps axes
+that were never driven at a sensible value. The result only serves to linearise: it is never reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import lever_arm
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.plant import BearingBody, Reference, plant_of
+from massprop_cli.prepare.compensate import Samples, Source, acceleration
+
+SIGNIFICANT = 6.0
+"""An axis' response to its command must exceed its own sigma this many times before anything is said."""
+FIRST = 4096
+"""Cycles in which most vehicles have moved."""
+_SPREAD = 30.0
+"""Largest ratio of a reference's principal moments to the common scale."""
+
+
+def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """A reference from ``cycles``, or None while neither the rates answer to torques nor the accelerations to forces."""
+    here = samples.part(cycles)
+    rate, duration = here.rate_rad_s, here.executed.duration_s
+    growth = np.diff(rate, axis=0)
+    impulse = here.executed.rising[:-1] + here.executed.falling[1:]
+    plant = plant_of(vehicle)
+    torque: Array = impulse[:, :3]
+    load: Array = impulse[:, 3:]
+    products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
+    if isinstance(plant, BearingBody):
+        torque = torque - np.cross(plant.bearing, load)
+        load = _mean_step(_force_at(plant.bearing, here, vehicle), duration)
+    scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
+    mu = _mu(here, vehicle)
+    if scale is None:
+        return None if mu is None else _unturned(mu, vehicle)
+    mu = mu or _fallback_mu(vehicle, scale)
+    reach = np.sqrt(3 * mu / scale)
+    centre: Array = np.zeros(3)
+    if isinstance(plant, BearingBody):
+        load = plant.rotating_mass(Reference(np.eye(3), plant.bearing, mu)) * load
+        centre, reach = plant.bearing, 0.01 * reach
+    regressors = np.hstack([torque, load, products, duration[1:, None]])
+    prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
+    fit = _ridge(regressors, growth, prior, scale)
+    values, axes = np.linalg.eigh((fit[:3] + fit[:3].T) / 2)
+    inertia = (axes / np.clip(values, scale / _SPREAD, scale * _SPREAD)) @ axes.T
+    couple = inertia @ fit[3:6].T
+    cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
+    return Reference(inertia, cg + centre, mu)
+
+
+def beginning(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
+    """A reference from no more of ``cycles`` than it takes: the first :data:`FIRST`, or four times as many, and so on."""
+    length = FIRST
+    while length < cycles.stop - cycles.start:
+        found = first_reference(samples, slice(cycles.start, cycles.start + length), vehicle)
+        if found is not None:
+            return found
+        length *= 4
+    return first_reference(samples, cycles, vehicle)
+
+
+def _response(motion: Array, cause: Array, others: Array | None = None) -> float | None:
+    """Slope of a motion on its cause (rate growth on torque impulse, acceleration on force) where it is significant.
+
+    What ``others`` (gyroscopic terms, loads) explain of both is taken out first. Each axis is judged alone, and the significant ones are
+    pooled, so that an elongated body's unequal slopes don't count as noise.
+    """
+    freedom = len(motion) - 1
+    if others is not None:
+        size = np.sqrt((others**2).sum(0))
+        basis, _ = np.linalg.qr(others[:, size > 0] / size[size > 0])
+        motion, cause = (v - basis @ (basis.T @ v) for v in (motion, cause))
+        freedom -= basis.shape[1]
+    power = (cause**2).sum(0)
+    driven = power > 1e-12 * power.max()
+    if freedom < 3 or not driven.any() or power.max() == 0:
+        return None
+    motion, cause, power = motion[:, driven], cause[:, driven], power[driven]
+    slope = (motion * cause).sum(0) / power
+    sigma = np.sqrt(((motion - slope * cause) ** 2).sum(0) / freedom / power)
+    clear = slope > SIGNIFICANT * sigma
+    return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
+
+
+def _mu(samples: Samples, vehicle: Vehicle) -> float | None:
+    """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing."""
+    force = samples.executed.impulse[:, 3:] / samples.executed.duration_s[:, None]
+    felt = acceleration(samples, vehicle)
+    if vehicle.on_air_bearing:
+        up = samples.up_b[:-1]
+        force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
+    return _response(felt, force)
+
+
+def fallback(vehicle: Vehicle) -> Reference:
+    """What stands in while the log has said nothing: of the size that the jets' reach gives, and of the known mass or one kilogram."""
+    return _unturned(_fallback_mu(vehicle, 3 / _reach(vehicle) ** 2), vehicle)
+
+
+def _unturned(mu: float, vehicle: Vehicle) -> Reference:
+    """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
+    plant = plant_of(vehicle)
+    centre = plant.bearing if isinstance(plant, BearingBody) else np.zeros(3)
+    return Reference(_reach(vehicle) ** 2 / (3 * mu) * np.eye(3), centre, mu)
+
+
+def _reach(vehicle: Vehicle) -> float:
+    """Distance of the farthest jet from O, m; a decimetre where there is none."""
+    return max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
+
+
+def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
+    """1/m where no force has been felt: the known mass, else a body whose radius of gyration is its jets' reach."""
+    known = vehicle.known.get("mass")
+    return 1 / known.value if known else _reach(vehicle) ** 2 * scale / 3
+
+
+def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:
+    """(K, 3) measured specific force carried from the IMU to ``point`` with the differenced rate."""
+    rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
+    moved: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
+    return moved
+
+
+def _mean_step(values: Array, duration: Array) -> Array:
+    """Trapezoid of cycle means over each step, (K − 1, ...)."""
+    area = values * duration[:, None]
+    mean: Array = (area[:-1] + area[1:]) / 2
+    return mean
+
+
+def _ridge(regressors: Array, growth: Array, prior_sigma: Array, scale: float) -> Array:
+    """Least squares with a zero-mean prior, but ``scale`` × identity for J; two passes to find the noise."""
+    target = np.zeros((regressors.shape[1], 3))
+    target[:3] = scale * np.eye(3)
+    residual = growth - regressors @ target
+    fit = target
+    for _ in range(2):
+        weight = np.sqrt((residual**2).mean()) / prior_sigma
+        rows = np.vstack([regressors, np.diag(weight)])
+        size = np.sqrt((rows**2).sum(0))
+        size[size == 0] = 1.0
+        basis, triangle = np.linalg.qr(rows / size)
+        fit = np.linalg.solve(triangle, basis.T @ np.vstack([growth, weight[:, None] * target])) / size[:, None]
+        residual = growth - regressors @ fit
+    return fit

@@ -1,0 +1,160 @@
+"""Noise levels, off-line fits, and the causal pass through every phase: all that is estimated before anything is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import disturbances, engine
+from massprop_cli.estimate.engine import Led
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.initial import beginning
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.compensate import Source
+
+ROUNDS = 8
+"""How often disturbances may be raised until the innovations are explained."""
+SIZING = 2
+"""Passes of an off-line fit that disturbances are sized by."""
+BEGINNING, LONGER = 1024, 4
+"""Cycles that a long phase is fitted over first, and how many times as many come next."""
+Progress = Callable[[str, float], None]
+"""Told the stage and how much of it is done, 0 to 1."""
+
+
+class AsStated(NamedTuple):
+    """Off-line fits of every phase with the noise that is stated, and nothing beside it."""
+
+    used: Vehicle
+    """With noise levels where none are stated."""
+    fits: list[engine.Settled | None]
+    """None of a phase without motion."""
+    excess: Array
+    """(6,) of :func:`massprop_cli.estimate.disturbances.misfit`."""
+    gross: Array
+    """(6,) of :func:`massprop_cli.estimate.disturbances.gross_misfit`."""
+    notices: list[Notice]
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the stated noise doesn't explain the log."""
+        return not (np.isnan(self.excess).all() and np.isnan(self.gross).all())
+
+    @property
+    def dubious(self) -> bool:
+        """Whether it doesn't, or a phase tells of no body at all."""
+        return self.misfit or any(fit is None for fit in self.fits)
+
+
+class Estimates(NamedTuple):
+    """Of every phase."""
+
+    used: Vehicle
+    """With the noise levels and disturbances that were found."""
+    histories: tuple[History, ...]
+    """The causal pass."""
+    settled: list[History]
+    """The off-line fits that it is judged by; the causal pass where there is none; nothing by the thesis's method."""
+    notices: list[Notice]
+
+
+def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
+    """Noise levels and off-line fits, before anything is sized."""
+    pieces = [cycles for _, cycles in phases]
+    used, notices = disturbances.with_noise_levels(samples, pieces, stated)
+    fits = _fits(samples, phases, _first(samples, phases, used), used, consider, SIZING)
+    excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+    return AsStated(used, fits, excess, disturbances.gross_misfit(samples, pieces, used), notices)
+
+
+def estimates(
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
+) -> Estimates:
+    """The estimator once through every phase, and the off-line fits that it is judged by.
+
+    With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't.
+    """
+    used, fits, excess = _sized(samples, phases, plain, size, consider)
+    histories = tuple(
+        engine.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
+        for phase, cycles in phases
+    )
+    settled = [history if fit is None else fit.history for history, fit in zip(histories, fits, strict=True)]
+    notices = disturbances.disturbance_notices(plain.used, used, excess) if size else []
+    return Estimates(used, histories, settled, plain.notices + notices)
+
+
+def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
+    """The thesis's own filters, one after the other, with its own matrices."""
+    from massprop_cli.estimate import thesis
+
+    histories: list[History] = []
+    filters = None
+    for phase, cycles in phases:
+        history, filters = thesis.replay(samples, cycles, phase, stated, filters)
+        histories.append(history)
+    return Estimates(stated, tuple(histories), [], [])
+
+
+def _sized(
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
+) -> tuple[Vehicle, list[engine.Settled | None], Array]:
+    """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
+    pieces = [cycles for _, cycles in phases]
+    used, fits, excess = plain.used, plain.fits, plain.excess
+    if size and plain.misfit:
+        # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
+        used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used)
+        starts = _first(samples, phases, used)
+        for _ in range(ROUNDS):
+            fits = _fits(samples, phases, starts, used, consider, SIZING)
+            excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+            sized = disturbances.with_disturbances(samples, pieces, excess, used)
+            if sized == used:
+                break
+            used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
+    if used != plain.used or not all(fit is None or fit.stands for fit in fits):
+        # from the beginning again, so that the settings that were found give the very same when they are given back
+        fits = _fits(samples, phases, _first(samples, phases, used), used, consider, engine.SETTLINGS)
+        excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+    return used, fits, excess
+
+
+def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Led | None]:
+    """What each phase is fitted about first."""
+    return [_led_up(samples, cycles, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
+
+
+def _fits(
+    samples: Source,
+    phases: Sequence[tuple[Phase, slice]],
+    starts: Sequence[Led | None],
+    vehicle: Vehicle,
+    consider: Consider,
+    passes: int,
+) -> list[engine.Settled | None]:
+    return [
+        None
+        if start is None
+        else engine.settle(samples, cycles, phase, start.reference, vehicle.in_phase(phase), consider, passes, start.bound)
+        for (phase, cycles), start in zip(phases, starts, strict=True)
+    ]
+
+
+def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Vehicle) -> Led | None:
+    """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
+    if reference is None:
+        return None
+    start, length = Led(reference), BEGINNING
+    while length * LONGER <= cycles.stop - cycles.start:
+        begun = slice(cycles.start, cycles.start + length)
+        start = engine.led(samples, begun, start, vehicle, SIZING)
+        length *= LONGER
+    return start

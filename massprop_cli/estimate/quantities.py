@@ -1,0 +1,75 @@
+"""From the filter's parameters (inertia, c, 1/m at the stated thrust) to the ten quantities that are reported.
+
+Inertia and mass are proportional to the thrust that the vehicle file claims. With a common relative thrust error κ ~ N(0, scale_sigma²)
+the reported quantities are (1 + κ) times what the filter finds, so κ adds ``scale_sigma² θ θᵀ`` to their covariance; a quantity
+known from elsewhere (a weighed mass) is then a measurement of the whole set, and calibrates the scale through that covariance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Quantity, Vehicle
+
+UNTOLD = 0.3
+"""A relative sigma of 1/m above this says nothing about m."""
+
+
+def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(K, 10) values and (K, 10, 10) covariances of ixx … mass from those of the state parameters ixx … cg_z, 1/m.
+
+    Mass is NaN where its reciprocal is not known well enough to say anything.
+    """
+    mu = mean[:, 9].copy()
+    sigma = np.sqrt(covariance[:, 9, 9])
+    with np.errstate(invalid="ignore"):
+        mu[~(mu > 0) | (sigma > UNTOLD * mu)] = np.nan
+    values: Array = mean.copy()
+    values[:, 9] = 1 / mu
+    jacobian = np.ones((len(mean), 10))
+    jacobian[:, 9] = -1 / mu**2
+    full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
+    proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
+    full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
+    for name, known in vehicle.known.items():
+        values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
+    return values, full
+
+
+def alone(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with nothing known from elsewhere and its thrust taken as exact: what the log says by itself."""
+    return vehicle.model_copy(update={"known": {}, "thrust": vehicle.thrust.model_copy(update={"scale_sigma": 0.0})})
+
+
+def condition(value: Array, covariance: Array, slope: Array, measured: float, expected: float, sigma: float) -> tuple[Array, Array]:
+    """A Gaussian (n,), (n, n) conditioned on a scalar: ``measured`` ± ``sigma``, and ``expected`` with derivative ``slope`` (n,)."""
+    across = covariance @ slope
+    gain = across / (slope @ across + sigma**2)
+    return value + gain * (measured - expected), covariance - np.outer(gain, across)
+
+
+def discrepancies(mean: Array, covariance: Array, vehicle: Vehicle) -> dict[Quantity, float]:
+    """How many sigmas each known quantity lies from what the log alone says of it; ``mean`` (10,), ``covariance`` (10, 10)."""
+    values, full = quantities(mean[None], covariance[None], vehicle.model_copy(update={"known": {}}))
+    found: dict[Quantity, float] = {}
+    for name, known in vehicle.known.items():
+        i = QUANTITIES.index(name)
+        found[name] = float((known.value - values[0, i]) / np.sqrt(full[0, i, i] + known.sigma**2))
+    return {name: z for name, z in found.items() if np.isfinite(z)}
+
+
+def _condition(values: Array, covariance: Array, index: int, value: float, sigma: float) -> tuple[Array, Array]:
+    """Condition every row on one quantity measured as ``value`` ± ``sigma``; rows that can't say anything of it take it as it is."""
+    values, covariance = values.copy(), covariance.copy()
+    untold = np.isnan(values[:, index])
+    column = covariance[:, :, index]
+    gain = np.where(untold[:, None], 0.0, column / (covariance[:, index, index] + sigma**2)[:, None])
+    values = values + gain * np.where(untold, 0.0, value - values[:, index])[:, None]
+    covariance = covariance - gain[:, :, None] * np.where(untold[:, None], 0.0, column)[:, None, :]
+    values[untold, index] = value
+    covariance[untold, index, :] = 0.0
+    covariance[untold, :, index] = 0.0
+    covariance[untold, index, index] = sigma**2
+    return values, covariance

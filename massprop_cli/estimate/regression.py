@@ -1,0 +1,383 @@
+"""All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
+
+The response is linear in the coefficients φ of :mod:`massprop_cli.model.lift` whatever the mass properties are, so what a small filter on
+all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the
+triangle of an orthogonal factorisation. The ten values are a few Gauss–Newton steps on that triangle.
+
+Until an axis has been driven, noise in the measured rates looks like what its inertia would do through the gyroscopic coupling. So that
+coupling, J Γ(I), stays free of the inertia until the commands alone tell each axis' response.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, grown, root_beside_unit, triangle_of
+from massprop_cli.estimate.kalman import State
+from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
+from massprop_cli.estimate.rows import Posed, Response, Rows, Told
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import MOMENT, Lift
+from massprop_cli.model.linearise import RATE, Layout
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.system import System, drift, prior, system_of
+from massprop_cli.prepare.compensate import Source
+
+PASSES = 4
+"""How often in a row cycles are taken in anew."""
+CHECKPOINT = 64
+"""Cycles from which on they may be, next time."""
+STALE = 0.1
+"""Largest second-order error of what is linear about the reference, in sigmas, before it is renewed."""
+ASTRAY = 0.4
+"""... and of a value given on the way, before a block is ended for it."""
+LOOSE = 3.0
+"""One sigma of the coefficients of the gyroscopic coupling while they are free: ratios of moments of inertia."""
+FAINT = 0.4
+"""Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
+INCONSISTENT = 60.0
+"""More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
+KNOWN = 0.1
+"""Relative sigma below which an axis' response counts as known."""
+PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
+"""Of its natural size, one sigma of the pull of each of θ towards where the search began: what the data don't tell stays there. What turns
+on a bearing is balanced."""
+GROWN = 100.0
+"""Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
+STEPS = 6
+"""Most Gauss–Newton steps on a triangle."""
+STILL = 0.1
+"""A step of fewer sigmas is the last."""
+
+MOMENTS = [0, 3, 5]
+"""Where θ's J_xx, J_yy, J_zz stand."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that is kept of the cycles before ``at``."""
+
+    at: int
+    reference: Reference
+    """About which they, and those to come, are taken in."""
+    estimate: Reference
+    """What they told; what they don't tell stays near the centre."""
+    centre: Reference
+    """Where the search began."""
+    bound: bool
+    """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
+    moved: int
+    """The cycle at which the reference was last moved."""
+    state: State | None
+    """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
+    triangle: Array
+    """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
+
+
+class Regression:
+    """Of one phase."""
+
+    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+        self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
+        self.lift = Lift(plant_of(vehicle))
+        self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
+        self.prior = prior(samples, vehicle)
+        self.free = int((self.prior > 0).sum())
+        """m, the states whose beginning is unknown."""
+        self.assumed = len(consider.variants) + consider.thrust * len(samples.wrench)
+        """e, the assumptions."""
+        self._last: tuple[Run, Array, Array, Array] | None = None
+        self._begun: tuple[Reference, Array, Array] | None = None
+
+    def begin(self, reference: Reference) -> Run:
+        """Before the first cycle."""
+        size = self.free + self.lift.size + 1 + self.assumed
+        known = known_rows(self.prior, size)
+        triangle = np.vstack([known, np.zeros((size - len(known), size))])
+        return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
+
+    def take(self, run: Run, end: int) -> tuple[Run, Taken]:
+        """The cycles from ``run.at`` to ``end``."""
+        return self._with(run, end, self._system(run.at, end, run.reference))
+
+    def again(self, ring: list[Run], reference: Reference) -> list[Run]:
+        """The cycles of the ring anew, about a reference that they give themselves from ``reference`` on."""
+        oldest, end = ring[0], ring[-1].at
+        for _ in range(PASSES):
+            system, first = self._system(oldest.at, end, reference), max(oldest.at - 1, self.cycles.start)
+            ring = [replace(oldest, reference=reference, estimate=reference, moved=end)]
+            while ring[-1].at < end:
+                begin, stop = max(ring[-1].at - 1, first), min(ring[-1].at + CHECKPOINT, end)
+                ring.append(self._with(ring[-1], stop, system.part(begin - first, stop - first))[0])
+            ring[-1] = self.improved(ring[-1])
+            if self.stands(ring[-1]):
+                break
+            reference = ring[-1].estimate
+        return ring
+
+    def _system(self, first: int, end: int, reference: Reference) -> System:
+        """Of the cycles from ``first`` on, with the step that leads into it."""
+        cycles = slice(max(first - 1, self.cycles.start), end)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider)
+
+    def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
+        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
+        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
+        return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
+
+    def _renewed(self, run: Run, system: System) -> Run:
+        """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
+        turn = slice(-self.free, 3 - self.free or None)
+        if run.state is None or system.process is not None or self.vehicle.on_air_bearing:
+            return run
+        if np.abs(run.state.mean[:3, turn]).max() < GROWN:
+            return run
+        # the triangle's first rows alone hold the old beginning; all others are what it leaves
+        triangle = run.triangle.copy()
+        triangle[:3] = known_rows(self.prior, len(triangle))[:3]
+        mean = run.state.mean.copy()
+        mean[:3], mean[:3, turn] = 0.0, np.eye(3)
+        return replace(run, state=State(mean, run.state.root), triangle=triangle)
+
+    def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
+        """Rows (…, M + 1 + e) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
+
+        Nuisances are the beginnings and, unless ``bound``, the coefficients of the gyroscopic coupling (their departure over ``LOOSE``).
+        """
+        phi, slopes = self.lift.coefficients(theta)
+        by_phi = rows[..., self.free : self.free + self.lift.size]
+        left = rows[..., self.free + self.lift.size :].copy()
+        left[..., 0] -= by_phi @ phi
+        parts = [rows[..., : self.free], by_phi @ (slopes * scale), left]
+        if not bound:
+            coupling = self.lift.coupling
+            held = slopes * scale
+            held[coupling] = 0.0
+            parts[1:2] = [LOOSE * by_phi[..., coupling], by_phi @ held]
+        return np.concatenate(parts, -1)
+
+    def _nuisances(self, bound: bool) -> int:
+        return self.free if bound else self.free + len(self.lift.coupling)
+
+    def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
+        """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
+        bound = run.bound if bound is None else bound
+        rows, count = self._reduced(run.triangle, theta, scale, bound), self._nuisances(bound) + 10
+        known = np.eye(count - self.free, rows.shape[1], self.free)
+        if centre is not None:
+            known[-10:, count] = (centre - theta) / scale
+        return triangle_of(np.vstack([rows, known]))
+
+    def improved(self, run: Run) -> Run:
+        """With the estimate that the triangle gives; what the data don't tell stays near where the search began."""
+        lift = self.lift
+        theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
+        response: Array | None = None
+        if not bound:
+            theta, beginnings, response, chi_square = self._searched(run, theta, bound=False)
+            bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
+        tied, begun, _, chi_square = self._searched(run, theta, bound=True)
+        if bound or chi_square < most:
+            theta, beginnings, response = tied, begun, None
+        block, bias = Layout.of(self.samples, self.vehicle).gyro_bias, run.reference.gyro_bias
+        if block.stop > block.start and run.state is not None:
+            mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
+            phi, _ = lift.coefficients(theta)
+            bias = mean[:, 0] + mean[:, 1 : 1 + lift.size] @ phi + mean[:, mean.shape[1] - self.free :] @ beginnings
+        estimate = replace(lift.reference(theta, bias), response=response)
+        return replace(run, estimate=estimate, bound=bound)
+
+    def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
+        """(10,) where the search began, and (10,) one sigma of the pull towards it."""
+        if self._begun is None or self._begun[0] is not run.centre:
+            centre = self.lift.theta(run.centre)
+            self._begun = run.centre, centre, self.lift.sizes(centre)
+        _, centre, sizes = self._begun
+        cg = PULL["balanced cg" if self.vehicle.on_air_bearing else "cg"]
+        pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
+        pull *= np.maximum(self.lift.sizes(theta), sizes)
+        return centre, pull
+
+    def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
+        """Gauss–Newton on the triangle from ``theta``: θ, the states' beginnings, Φ (3, C), and chi-square of what is left."""
+        count = self._nuisances(bound)
+        for _ in range(STEPS):
+            centre, scale = self._pull(theta, run)
+            triangle = self._posed(run, theta, scale, centre, bound)
+            solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
+            before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
+            if (triangle[count : count + 10, count + 10] ** 2).sum() < STILL**2:
+                break
+        phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
+        if not bound:
+            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count]
+        response = phi[: 3 * self.lift.channels].reshape(3, -1)
+        return theta, solved[: self.free], response, float(triangle[count + 10, count + 10] ** 2)
+
+    def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
+        """Without the gyroscopic coupling."""
+        return bool((self._sigmas(run, theta)[MOMENTS] < KNOWN * theta[MOMENTS]).all())
+
+    def _sigmas(self, run: Run, theta: Array) -> Array:
+        """(10,) one sigma of each of θ by the data alone."""
+        scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+        return self._sigma_of(self._posed(run, theta, scale), scale)
+
+    def _sigma_of(self, triangle: Array, scale: Array) -> Array:
+        """(10,) of the departures that end a triangle's unknowns."""
+        count = triangle.shape[1] - 11 - self.assumed
+        own = triangle[count : count + 10, count : count + 10]
+        sigma: Array = scale * np.sqrt((np.linalg.inv(own) ** 2).sum(1))
+        return sigma
+
+    def stands(self, run: Run, most: float = STALE) -> bool:
+        """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
+        reference = run.reference
+        elapsed = self.samples.part(slice(run.at - 1, run.at)).executed.end_s[0] - self.begun_s
+        if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * (self.vehicle.imu.gyro_noise_rad_s or 0.0)):
+            return False
+        theta, scale, triangle = self._about(run)
+        return not self._stale(theta[None], self._sigma_of(triangle, scale)[None], reference, most).any()
+
+    def still(self, run: Run, most: float) -> bool:
+        """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
+        if not self.vehicle.on_air_bearing:
+            run = replace(run, reference=replace(run.reference, mu=run.estimate.mu))
+        return self.stands(run, most)
+
+    def _stale(self, theta: Array, sigma: Array, reference: Reference, most: float) -> BoolArray:
+        """(K,) whether θ (K, 10) ± ``sigma`` is so far from a reference, where it is known, that what is of second order shows."""
+        lift = self.lift
+        about = lift.theta(reference)
+        scales = lift.scales(theta)
+        known = sigma < KNOWN * scales
+        far = known & ((theta - about) ** 2 > most * sigma * scales)
+        return np.asarray(far.any(1))
+
+    def row(self, run: Run) -> tuple[Array, Array]:
+        """(10,) and (10, 10) the estimate of a run."""
+        theta, scale, whole = self._about(run)
+        triangle = whole[None, : self._nuisances(run.bound) + 10]
+        told = self._sensed(run, theta, scale, triangle)
+        mean, covariance = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
+        return mean[0], covariance[0]
+
+    def _about(self, run: Run) -> tuple[Array, Array, Array]:
+        """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
+        if self._last is None or self._last[0] is not run:
+            theta = self.lift.theta(run.estimate)
+            scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+            self._last = run, theta, scale, self._posed(run, theta, scale)
+        return self._last[1:]
+
+    def response(self, run: Run) -> Response:
+        """What each assumption does to the estimate and to the fit."""
+        (_, scale, triangle), own = self._about(run), self._nuisances(run.bound)
+        theta = self.lift.theta(run.estimate)
+        end = own + 10
+        shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
+        left = triangle[end:, end:]
+        return Response(self.lift.slopes(theta) @ shift, left.T @ left)
+
+    def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
+        """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""
+        theta, scale, triangle = self._about(before)
+        white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
+        each = self._reduced(white, theta, scale, before.bound)
+        count = self._nuisances(before.bound) + 10
+        triangles = grown(triangle[:count], each)
+        return Posed(theta, scale, each, triangles, self._sensed(before, theta, scale, triangles[1:]) if told else None)
+
+    def astray(self, before: Run, posed: Posed) -> int | None:
+        """The first cycle of a block whose estimate is too far from the reference about which the block was taken in."""
+        if posed.told is None:
+            return None
+        far = np.flatnonzero(self._stale(posed.told.theta, posed.told.sigma, before.reference, ASTRAY))
+        return int(far[0]) if far.size else None
+
+    def rows(self, before: Run, taken: Taken, posed: Posed) -> Rows:
+        """Estimates after each cycle of a block, about the one before it; of what is not told, innovations alone."""
+        reference, count = before.estimate, self._nuisances(before.bound)
+        each, triangles = posed.rows, posed.triangles
+        mean, covariance = np.full((len(each), 10), np.nan), np.full((len(each), 10, 10), np.nan)
+        if posed.told is not None:
+            mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
+        ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
+        unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
+        spread = root_beside_unit(ahead)
+        normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
+        executed = self.samples.part(slice(before.at, before.at + len(each))).executed
+        duration = executed.duration_s
+        unit = np.zeros((len(each), 6, 6))
+        unit[:, :3, :3] = reference.inertia / duration[:, None, None]
+        unit[:, 3:, 3:] = np.eye(3) / reference.mu
+        root = unit @ taken.root
+        innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
+        if before.state is None:  # nothing was expected of the first cycle
+            innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
+        for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
+            innovation[ignored, part], sigma[ignored, part], normalised[ignored, part] = np.nan, np.nan, np.nan
+        return Rows(mean, covariance, innovation, sigma, normalised)
+
+    def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:
+        """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""
+        count = triangles.shape[1] - 10
+        own = triangles[:, count:, count:]
+        root = scale[:, None] * np.linalg.inv(own[..., :10])
+        steps = root @ own[..., 10:]
+        step = steps[..., :1]
+        covariance = root @ root.transpose(0, 2, 1)
+        centre, sigmas = self._pull(theta, run)
+        pull = np.diag(sigmas**2)
+        sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
+        return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
+
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, told: Told, states: tuple[State, ...]) -> tuple[Array, Array]:
+        """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
+        count = triangles.shape[1] - 10
+        # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
+        root, step, at, sigma = told
+        slopes = self.lift.slopes(at)
+        mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
+        slopes = _curved(at, sigma)[..., None] * slopes
+        root, shift = slopes @ root, slopes @ step[..., 1:]
+        apart = slopes * self._split(run, at, sigma)[:, None, :]
+        covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
+        if states and drift(self.vehicle).any():
+            # what has drifted since the beginning is a state, affine in φ and in the states' beginnings
+            given = np.stack([state.mean[-10:] for state in states])
+            by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
+            assumed = given[..., 1 + self.lift.size : given.shape[2] - self.free]
+            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], assumed], -1), theta, scale, run.bound)
+            among = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
+            moved = among @ triangles[..., count + 10 :]
+            mean = mean + moved[..., 0] - affine[..., count + 10]
+            shift = shift + moved[..., 1:] + assumed
+            among[..., count:] += root
+            drifted = np.stack([state.root[-10:] @ state.root[-10:].T for state in states])
+            covariance = among @ among.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1) + drifted
+        if self.consider.covariance.any():
+            shift = shift[..., : len(self.consider.covariance)]
+            covariance = covariance + shift @ self.consider.covariance @ shift.transpose(0, 2, 1)
+        return mean, covariance
+
+    def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
+        """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
+        relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
+        found = np.zeros_like(theta)
+        found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
+        return found
+
+
+def _curved(theta: Array, sigma: Array) -> Array:
+    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
+    relative = sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny)
+    near = 1 / (1 - 2 * np.minimum(relative, FAINT))
+    factor = np.sqrt(np.maximum(near, near * (np.minimum(relative, 1e6) / FAINT) ** 2))
+    found = np.ones_like(theta)
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        found[:, k] = factor[:, i] * factor[:, j]
+    return found

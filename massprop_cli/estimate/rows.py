@@ -1,0 +1,86 @@
+"""What a regression gives: estimates cycle by cycle, what they were solved from, and what assumptions do to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+
+
+@dataclass(frozen=True)
+class Response:
+    """What one unit of each of e assumptions would have changed."""
+
+    shift: Array
+    """(10, e) of the state parameters at the end."""
+    gram: Array
+    """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
+
+    @property
+    def misfit(self) -> Array:
+        """(e, e) of the assumptions among themselves: the diagonal is chi-square for one unit."""
+        return self.gram[1:, 1:]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Estimates after each of K cycles; NaN where nothing can be said."""
+
+    mean: Array
+    """(K, 10) state parameters."""
+    covariance: Array
+    """(K, 10, 10)"""
+    innovation: Array
+    """(K, 6) torque [N m] and force [N]."""
+    sigma: Array
+    """(K, 6)"""
+    normalised: Array
+    """(K, 6)"""
+
+    @staticmethod
+    def untold(count: int) -> Rows:
+        """Of so many cycles of which nothing is said."""
+        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
+
+    def ending(self, value: Array, spread: Array) -> Rows:
+        """With another estimate in the last row."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[-1], covariance[-1] = value, spread
+        return replace(self, mean=mean, covariance=covariance)
+
+
+class Told(NamedTuple):
+    """What K triangles on θ's departure tell of it."""
+
+    root: Array
+    """(K, 10, 10) of the covariance by the data alone."""
+    step: Array
+    """(K, 10, 1 + e) the departure, and what assumptions do to it."""
+    theta: Array
+    """(K, 10) θ, what isn't told kept near where the search began."""
+    sigma: Array
+    """(K, 10) of each by the data alone."""
+
+
+@dataclass(frozen=True)
+class Posed:
+    """What K cycles say about θ, linear about one."""
+
+    theta: Array
+    """(10,)"""
+    scale: Array
+    """(10,) prior sigmas, in which its departure is counted."""
+    rows: Array
+    """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
+    triangles: Array
+    """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
+    told: Told | None
+    """Of the triangles after each cycle, where that is wanted."""
+
+    def first(self, count: int) -> Posed:
+        """Of so many cycles."""
+        told = None if self.told is None else Told(*(part[:count] for part in self.told))
+        return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], told=told)

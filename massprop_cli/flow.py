@@ -1,0 +1,410 @@
+"""The composed flow: a log and its vehicle in, an :class:`Analysis` out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.assumptions import Assumption, Examined, assumptions, examined
+from massprop_cli.conclude.contradict import Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
+from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
+from massprop_cli.conclude.physical import physical_note
+from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
+from massprop_cli.diagnosis import delay, outliers
+from massprop_cli.diagnosis.delay import Found
+from massprop_cli.estimate import disturbances
+from massprop_cli.estimate.history import History, phase_cycles
+from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
+from massprop_cli.inputs import clipped, columns, vehicle
+from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
+from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource
+from massprop_cli.model.sensitivity import Consider, late
+from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing, with_lag
+
+if TYPE_CHECKING:
+    from massprop_cli.diagnosis.cures import Cure
+    from massprop_cli.diagnosis.diagnose import Diagnosis
+
+_NAMES = {"delay": "command delay", "lag": "thrust lag"}
+
+
+@dataclass(frozen=True)
+class MendedAnswer:
+    """What the log gives if a named fault is mended."""
+
+    fault: Fault
+    settings: tuple[str, ...]
+    """KEY=VALUE of the vehicle file that mend it."""
+    conclusions: tuple[Conclusion, ...]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Everything that one run found, with what it was found from."""
+
+    log: Log
+    source: VehicleSource
+    vehicle: Vehicle
+    """As used: with the noise levels and disturbances that a first pass set."""
+    stated: Vehicle
+    """With its timing resolved, but without what a first pass sized."""
+    samples: Stream
+    timing: Timing
+    """Delay and lag as used, cycles."""
+    detected: Found | None
+    """What the log says of them."""
+    histories: tuple[History, ...]
+    settled: tuple[History, ...]
+    """The same about their final estimates: their innovations say whether the model holds."""
+    conclusions: tuple[Conclusion, ...]
+    docked: Docked | None
+    notices: tuple[Notice, ...]
+    assignments: tuple[str, ...]
+    lack_of_fit: tuple[Array, ...] = ()
+    """(6,) of each phase: by how much too small the sigmas of each channel are."""
+    mended: tuple[MendedAnswer, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
+    examination: Examined | None = None
+    """What each assumption does to the off-line fits; None by another method, and where there is none."""
+    faults: tuple[Fault, ...] = ()
+    """What has a name."""
+    unknown: str = ""
+    """Why nothing has, where something should."""
+
+
+def analyse(
+    log_path: Path, vehicle_path: Path | None = None, assignments: Sequence[str] = (), progress: Progress | None = None
+) -> Analysis:
+    """Read, align, compensate, estimate, conclude. :class:`InputError` where the input can't be used."""
+    if progress is not None:
+        progress("reading", 0.0)
+    log, source = _read(log_path, vehicle_path, assignments)
+    return examine(log, source, assignments, progress)
+
+
+def _read(log_path: Path, vehicle_path: Path | None, assignments: Sequence[str]) -> tuple[Log, VehicleSource]:
+    table = read_table(log_path)
+    source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    return read(table, source.vehicle), source
+
+
+def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
+    """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
+    say = progress or (lambda *_: None)
+    log = clipped.with_unstated(log)
+    found = _estimated(log, source, assignments, say)
+    change_s = next((fault.change_s for fault in found.faults if fault.change_s is not None), None)
+    if change_s is not None and source.vehicle.estimator.split_on_change:
+        split = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], change_s))
+        again = examine(log, split, assignments, progress)
+        changes = (fault.notice for fault in found.faults if fault.change_s is not None)
+        return replace(again, source=source, notices=(*changes, *again.notices))
+    mended = [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
+    judged = _judged(found, mended)
+    return replace(judged, assumptions=_assumptions(judged))
+
+
+def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
+    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
+    detected = _found_timing(log, source, say)
+    used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
+    stated = _with_timing(source.vehicle, used_timing, detected)
+    samples = Stream.of(log, stated, used_timing)
+    phases = _phases(log, stated, samples)
+    read, told = log, list[Notice]()
+    if stated.estimator.method == "default":
+        stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
+        log = outliers.without(log, stated)
+    if log is not read:
+        samples = Stream.of(log, stated, used_timing)
+    consider = _considered(log, stated, used_timing)
+    diagnosis: Diagnosis | None = None
+    if stated.estimator.method == "thesis":
+        answer = by_thesis(samples, phases, stated)
+    else:
+        plain = as_stated(samples, phases, stated, consider)
+        if check and plain.dubious and not _saturated(log):
+            say("looking for the cause", 1.0)
+            from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
+
+            diagnosis = diagnose(log, plain.used, used_timing, [cycles for _, cycles in phases])
+        size = stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
+        answer = estimates(samples, phases, plain, size, consider, say)
+    histories, settled, used = answer.histories, answer.settled, answer.used
+    if stated.estimator.refine and settled:
+        histories = tuple(settled)
+    examination = None
+    if settled and check:
+        say("what the numbers rest on", 1.0)
+        examination = examined(log, used, used_timing, samples, settled)
+    explanations, unknown = (diagnosis.explanations, diagnosis.unknown) if diagnosis else ((), "")
+    if detected is None and diagnosis:
+        detected = diagnosis.detected
+    if detected is None and examination is not None and used == _undisturbed(used, stated):
+        detected = _checked_timing(settled, used_timing, examination)
+    return Analysis(
+        log=read,
+        source=source,
+        vehicle=used,
+        stated=stated,
+        samples=samples,
+        timing=used_timing,
+        detected=detected,
+        histories=histories,
+        settled=tuple(settled) or histories,
+        conclusions=tuple(conclude(history, used) for history in histories),
+        docked=None,
+        notices=(
+            *log.notices,
+            *told,
+            *_unexplained(unknown, answer.notices),
+            *answer.notices,
+            *(n for h in histories for n in h.notices),
+        ),
+        assignments=tuple(assignments),
+        examination=examination,
+        faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in explanations)),
+        unknown=unknown,
+    )
+
+
+def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:
+    """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
+    known = all(notice.code != "noise-floor" for notice in others)
+    return [Notice("cause-unknown", unknown)] if unknown and known else []
+
+
+def _saturated(log: Log) -> list[Notice]:
+    return [notice for notice in log.notices if notice.code in SATURATED]
+
+
+def _with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
+    """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
+    period = stated.cycle.period_s
+    resolved = with_lag(stated, used.lag * period)
+    if detected is None:
+        return resolved
+    cycle, thrust = {}, {}
+    if stated.cycle.command_delay_cycles == "auto":
+        cycle["command_delay_sigma_cycles"] = detected.sigma.delay
+    if stated.thrust.lag_s == "auto":
+        thrust["lag_sigma_s"] = detected.sigma.lag * period
+    if cycle and thrust:
+        thrust["lag_delay_correlation"] = detected.correlation
+    return resolved.model_copy(
+        update={"cycle": resolved.cycle.model_copy(update=cycle), "thrust": resolved.thrust.model_copy(update=thrust)}
+    )
+
+
+def _considered(log: Log, stated: Vehicle, used: Timing) -> Consider:
+    """Delay and lag where they are uncertain."""
+    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / stated.cycle.period_s}
+    variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
+    names = [name for name, variant in variants.items() if variant is not None]
+    sigma = np.array([sigmas[name] for name in names])
+    correlation = np.eye(len(names)) + stated.thrust.lag_delay_correlation * (1 - np.eye(len(names)))
+    return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
+
+
+def _distinct(faults: Sequence[Fault]) -> list[Fault]:
+    """One of those that the same cure mends."""
+    return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
+
+
+def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None:
+    """The log examined again with the fault mended; None where it can't be."""
+    say("with the fault mended", 1.0)
+    cure = fault.cure
+    if cure is None:
+        return None
+    try:
+        log, source = cure.log(found.log), found.source
+        if fault.change_s is not None:
+            source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
+        else:
+            source = replace(source, vehicle=vehicle.changed(source.vehicle, cure.settings))
+        again = _judged(_estimated(log, source, (), say, check=False), [])
+    except InputError:
+        return None
+    return MendedAnswer(fault, (*cure.settings, *_column_settings(found, cure)), again.conclusions)
+
+
+def _column_settings(found: Analysis, cure: Cure) -> tuple[str, ...]:
+    """The keys that mend units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
+    settings: list[str] = []
+    turns = ((found.log.rate_columns, cure.gyro), (found.log.force_columns, cure.accelerometer), (columns.WRENCH, _diagonal(cure.command)))
+    for names, turn in turns:
+        if all(sum(value != 0 for value in row) == 1 for row in turn):
+            settings += [_column(found, name, names, row) for name, row in zip(names, turn, strict=False)]
+    return tuple(setting for setting in settings if setting)
+
+
+def _diagonal(factors: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(factor * (i == j) for j in range(len(factors))) for i, factor in enumerate(factors))
+
+
+def _column(found: Analysis, name: str, names: Sequence[str], row: Sequence[float]) -> str:
+    """Where a column is to be read from; empty if it stays as it is."""
+    at = next(i for i, value in enumerate(row) if value != 0)
+    if names[at] == name and row[at] == 1.0:
+        return ""
+    now = found.source.vehicle.columns.get(names[at], vehicle.Column.model_validate({"from": names[at]}))
+    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
+
+
+def _judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
+    """Conclusions with what is contradicted, the docked object, and every notice."""
+    by_method, faults = found.vehicle.estimator.method == "default", found.faults
+    conclusions, factors = [], []
+    for conclusion, history, settled in zip(found.conclusions, found.histories, found.settled, strict=True):
+        own = [f for f in faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
+        answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
+        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle) if by_method else (None, np.ones(6))
+        unnamed = [] if own or not by_method else [_explained(misfit, found.unknown), by_no_body(conclusion)]
+        against = together([by_faults(conclusion, own, answers), by_known(history), *unnamed])
+        conclusions.append(conclusion if against is None else contradicted(conclusion, against.cause, against.touched))
+        factors.append(factor)
+    docked = docked_object(tuple(conclusions), found.vehicle)
+    causes = [fault.notice for fault in faults if fault.notice not in found.notices]
+    said = [notice.message for notice in (*causes, *found.notices)]
+    others = [
+        Notice("contradicted", f"phase {c.phase.name}: {c.contradiction}")
+        for c in conclusions
+        if c.contradiction and not any(message in c.contradiction for message in said)
+    ]
+    about_docking = _docking_notices(docked, tuple(conclusions), found.vehicle)
+    notices = (*causes, *others, *found.notices, *_physical(found.conclusions), *about_docking)
+    return replace(found, conclusions=tuple(conclusions), docked=docked, notices=notices, lack_of_fit=tuple(factors), mended=tuple(mended))
+
+
+def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
+    """With what was tried to find its cause."""
+    return against if against is None or not unknown else replace(against, cause=f"{unknown}; {against.cause}")
+
+
+def _assumptions(found: Analysis) -> tuple[Assumption, ...]:
+    if found.examination is None:
+        return ()
+    return assumptions(found.examination, found.log, found.vehicle, found.settled, found.conclusions)
+
+
+def _split(vehicle: Vehicle, phases: Sequence[Phase], at_s: float) -> Vehicle:
+    """The vehicle with the phase that holds ``at_s`` cut in two. What was known of that phase is of neither part.
+
+    A docking that names it is between the parts that are next to it.
+    """
+    cut: list[Phase] = []
+    docking = vehicle.docking
+    for phase in phases:
+        if phase.start_s < at_s < phase.end_s:
+            before, after = f"{phase.name}-1", f"{phase.name}-2"
+            cut.append(Phase(name=before, start_s=phase.start_s, end_s=at_s))
+            cut.append(Phase(name=after, start_s=at_s, end_s=phase.end_s))
+            if docking is not None and docking.before == phase.name:
+                docking = docking.model_copy(update={"before": after})
+            if docking is not None and docking.after == phase.name:
+                docking = docking.model_copy(update={"after": before})
+        else:
+            cut.append(phase.model_copy(update={"known": {**vehicle.known, **phase.known}}))
+    return vehicle.model_copy(update={"phases": tuple(cut), "docking": docking, "known": {}})
+
+
+def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:
+    """The vehicle with its noise levels, but without the disturbances that were added to explain a misfit."""
+    return used.model_copy(update={"environment": stated.environment, "estimator": stated.estimator})
+
+
+def _stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:
+    """Delay and lag of the vehicle file in cycles, with ``instead`` where it says "auto"."""
+    delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
+    return Timing(instead if delay == "auto" else delay, instead if lag == "auto" else lag / stated.cycle.period_s)
+
+
+def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
+    """What the vehicle file leaves to be found ("auto"); None where it states both delay and lag."""
+    automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
+    unknown = [name for name, auto in automatic.items() if auto]
+    if not unknown:
+        return None
+    say("finding delay and lag", 0.0)
+    given = _stated_timing(source.vehicle)
+    lags = delay.LAGS if automatic["lag"] else (given.lag,)
+    coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
+    found = None
+    if coarse is not None:
+        vehicle = with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
+        samples = Stream.of(log, vehicle, coarse)
+        pieces = [cycles for _, cycles in _phases(log, vehicle, samples)]
+        used, _ = disturbances.with_noise_levels(samples, pieces, vehicle)
+        found = delay.detect(log, used, pieces, coarse, unknown)
+    if found is None:
+        remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
+        raise InputError(
+            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
+            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
+        )
+    return found
+
+
+def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:
+    """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
+    known = [history.cycles for history in settled if history.reference is not None]
+    later = examination.delay()
+    if later is None or abs(later.cycles) >= delay.MISMATCH or at.delay + later.cycles < 0:
+        return None
+    rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
+    scale = max(later.before / rows, 1.0)
+    return delay.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
+
+
+def _phases(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, slice]]:
+    begun, length = cycle_edges(log, slice(0, log.cycles))
+    start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
+    found = []
+    for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
+        cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
+        if cycles.stop - cycles.start < 2:
+            raise InputError(
+                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "
+                f"{cycles.stop - cycles.start} usable cycles; "
+                f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
+            )
+        found.append((phase, cycles))
+    return found
+
+
+def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...], used: Vehicle) -> list[Notice]:
+    apart = masses_apart(conclusions, used) if docked is None else None
+    if apart is not None:
+        message = (
+            f"the two phases' masses differ by {apart[0]:.3g} ± {apart[1]:.2g} kg, too little to tell of a docking, so no docked object is "
+            "given; name the phases under [docking] (before, after) if there is one"
+        )
+        return [Notice("no-docked-object", message)]
+    mass = docked.estimates["mass"].value if docked else None
+    if docked is None or mass is None or mass > 0:
+        return []
+    message = f"the docked object's mass is {mass:.4g} kg: phase {docked.after} weighs less than phase {docked.before}; mend [docking]"
+    return [Notice("docked-mass", message)]
+
+
+def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
+    found = []
+    for conclusion in conclusions:
+        note = physical_note(conclusion)
+        if note:
+            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {note}"))
+    return found
+
+
+__all__ = ["Analysis", "MendedAnswer", "Progress", "analyse", "examine"]

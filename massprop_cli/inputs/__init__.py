@@ -1,0 +1,1 @@
+"""What is given: logs, vehicle files, expect and tolerance files, read and checked."""

@@ -1,0 +1,247 @@
+"""The expect file: what values are expected, and how far off they may be. It is held against a result and never pulls an estimate.
+
+The models below are the schema (``massprop schema expect``); TOML or JSON. truth.json of ``massprop simulate`` is one too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, FiniteFloat, JsonValue, model_validator
+from pydantic_core import PydanticCustomError
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base import configfile
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.require import Requirement
+from massprop_cli.inputs.require import Stated as Required
+from massprop_cli.inputs.tolerance import FOUR_SIGMA, Stated, Tolerance
+from massprop_cli.inputs.vehicle import PRODUCTS, Section
+
+Convention = Literal["tensor", "positive_integral"]
+SCHEMA, TRUTH = "massprop/expect/1", "massprop/truth/1"
+_OLDER = ("env", "bound")
+"""Keys that tell a truth.json of before it named its schema."""
+
+
+class Quantity(Section):
+    """An expected value; a bare number stands for one without a tolerance of its own."""
+
+    value: FiniteFloat = Field(description="in the quantity's unit")
+    tolerance: Stated | None = Field(None, description='a number in the quantity\'s unit, "2 %", "4 sigma" or "0.05 kg m^2"')
+
+
+def _numbers_too(schema: dict[str, Any]) -> None:
+    for name in QUANTITIES:
+        schema["properties"][name]["anyOf"].insert(0, {"type": "number"})
+
+
+class Body(Section, json_schema_extra=_numbers_too):
+    """What is expected of one body: any of the ten quantities."""
+
+    poi_convention: Convention | None = Field(None, description="sign of the products here; absent: the file's")
+    tolerance: Stated | None = Field(None, description="of quantities here without one of their own; absent: the file's")
+    ixx: Quantity | None = None
+    ixy: Quantity | None = None
+    ixz: Quantity | None = None
+    iyy: Quantity | None = None
+    iyz: Quantity | None = None
+    izz: Quantity | None = None
+    cg_x: Quantity | None = None
+    cg_y: Quantity | None = None
+    cg_z: Quantity | None = None
+    mass: Quantity | None = None
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Those that are expected."""
+        return {name: getattr(self, name) for name in QUANTITIES if getattr(self, name) is not None}
+
+    @model_validator(mode="after")
+    def _fits_units(self) -> Self:
+        for name, quantity in self.quantities.items():
+            problem = quantity.tolerance.misfit(name) if quantity.tolerance else ""
+            if problem:
+                raise PydanticCustomError("unit", "{problem}", {configfile.KEY: name, "problem": problem})
+        if self.tolerance and self.tolerance.kind == "absolute":
+            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
+        return self
+
+
+NOT_FOR_ALL = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
+
+
+class PhaseBody(Body):
+    """What is expected of one phase."""
+
+    name: str
+
+
+class ExpectFile(Section):
+    """A whole expect file. A phase's own expectation goes before that for all."""
+
+    schema_: Literal["massprop/expect/1"] = Field("massprop/expect/1", alias="schema")
+    poi_convention: Convention | None = Field(
+        None, description='"tensor": ixy = -sum m x y; "positive_integral": the opposite. Required where a product other than 0 is expected'
+    )
+    tolerance: Stated | None = Field(None, description='of quantities without one of their own: "2 %" or "4 sigma"; default 4 sigma')
+    require: Required | None = Field(None, description='what must converge in every phase, and how precisely: "mass<2%, ixx", or a list')
+    all: Body = Field(Body(), description="expected in every phase")
+    phases: tuple[PhaseBody, ...] = ()
+    docked: Body = Field(Body(), description="expected of the docked object")
+
+    @model_validator(mode="after")
+    def _is_coherent(self) -> Self:
+        names = [phase.name for phase in self.phases]
+        twice = configfile.repeated(names)
+        if twice is not None:
+            raise ValueError(f"phase name {twice!r} is used twice; write its expectations in one table")
+        if self.tolerance and self.tolerance.kind == "absolute":
+            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": NOT_FOR_ALL})
+        return self
+
+
+class TruthPhase(Body):
+    """The truth of one phase; without names they are in the order of the result's."""
+
+    name: str | None = None
+
+
+class TruthFile(Section):
+    """truth.json: the ten quantities, with what they are the truth of."""
+
+    schema_: Literal["massprop/truth/1"] = Field("massprop/truth/1", alias="schema")
+    scenario: JsonValue = None
+    seed: JsonValue = None
+    env: JsonValue = None
+    delay_cycles: JsonValue = None
+    bound: JsonValue = None
+    docked_bound: JsonValue = None
+    poi_convention: Convention | None = None
+    phases: tuple[TruthPhase, ...]
+    docked: Body = Body()
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One expectation: products as tensor elements."""
+
+    value: float
+    tolerance: Tolerance
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """What a result is held against."""
+
+    source: str
+    """The file, for messages."""
+    sha256: str
+    every: dict[str, Wanted]
+    """Of every phase."""
+    phases: tuple[tuple[str | None, dict[str, Wanted]], ...]
+    """By phase name, or all without names in the order of the result's phases."""
+    docked: dict[str, Wanted]
+    required: tuple[Requirement, ...] = ()
+    """What must converge in every phase, and how precisely."""
+
+
+def load(path: Path) -> Expectations:
+    """Read an expect file; :class:`InputError` names file, line and key."""
+    return parse(configfile.read_text(path, "expect file"), path)
+
+
+def parse(text: str, path: Path) -> Expectations:
+    """The same from the file's text; ``path`` is for its kind and for messages."""
+    as_json = path.suffix.lower() == ".json"
+    data = tables(text, str(path), as_json)
+    check_place(data, str(path))
+    truth = data.get("schema") == TRUTH or ("schema" not in data and any(key in data for key in _OLDER))
+    model: type[ExpectFile | TruthFile] = TruthFile if truth else ExpectFile
+    file = configfile.validate(model, _spelt_out(data), str(path), "" if as_json else text)
+    every = file.all if isinstance(file, ExpectFile) else Body()
+    default = (file.tolerance if isinstance(file, ExpectFile) else None) or FOUR_SIGMA
+
+    def wanted(body: Body, place: str) -> dict[str, Wanted]:
+        convention = body.poi_convention or file.poi_convention
+        return {
+            name: _wanted(name, quantity, convention, quantity.tolerance or body.tolerance or default, f"{path}: {place}.{name}")
+            for name, quantity in body.quantities.items()
+        }
+
+    bodies: tuple[PhaseBody | TruthPhase, ...] = file.phases
+    phases = tuple((phase.name, wanted(phase, f"phases.{number}")) for number, phase in enumerate(bodies))
+    digest, required = hashlib.sha256(text.encode()).hexdigest(), (file.require or ()) if isinstance(file, ExpectFile) else ()
+    found = Expectations(str(path), digest, wanted(every, "all"), phases, wanted(file.docked, "docked"), required)
+    if not (found.required or found.every or found.docked or any(expected for _, expected in phases)):
+        raise InputError(f'{path}: expects nothing; write for instance [all] and below it mass = {{ value = 22.0, tolerance = "2 %" }}')
+    return found
+
+
+def tables(text: str, source: str, as_json: bool) -> dict[str, Any]:
+    """Parsed TOML or JSON; :class:`InputError` where it is neither, or a key stands twice."""
+    if not as_json:
+        return configfile.parse_toml(text, source)
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            twice = configfile.repeated(name for name, _ in pairs)
+            raise InputError(f"{source}: key {twice!r} stands twice in one table; keep one")
+        return found
+
+    try:
+        data = json.loads(text, object_pairs_hook=once)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: not valid JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{source}: holds a {type(data).__name__}, not a table of expectations; see massprop schema expect")
+    return data
+
+
+def check_place(data: Mapping[str, Any], source: str) -> None:
+    """Refuse what stands where it can't be read, with what to write instead."""
+    loose = next((key for key in data if key in QUANTITIES), None)
+    if loose is not None:
+        raise InputError(f"{source}: {loose} stands outside any table; write it under [all], [[phases]] or [docked]")
+    if isinstance(data.get("phases"), dict) and data["phases"]:
+        first = next(iter(data["phases"]))
+        raise InputError(f'{source}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')
+
+
+def _spelt_out(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The data with every bare value of a quantity as a table of its own."""
+
+    def body(given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        return {key: {"value": v} if key in QUANTITIES and not isinstance(v, dict) else v for key, v in given.items()}
+
+    phases = data.get("phases")
+    found = {key: body(value) if key in ("all", "docked") else value for key, value in data.items()}
+    return found | ({"phases": [body(phase) for phase in phases]} if isinstance(phases, list) else {})
+
+
+def _wanted(name: str, quantity: Quantity, convention: str | None, tolerance: Tolerance, place: str) -> Wanted:
+    value = quantity.value
+    if name in PRODUCTS and convention is None and value != 0:
+        raise InputError(
+            f"{place} = {value:g}: the sign convention of products is not stated; "
+            'add poi_convention = "tensor" (ixy = -sum m x y) or "positive_integral" at the top of the file'
+        )
+    if tolerance.kind == "relative" and value == 0 and tolerance.amount > 0:
+        raise InputError(
+            f'{place} = 0: {tolerance.stated(name)} of 0 is nothing; give it an absolute tolerance or one in sigmas ("4 sigma")'
+        )
+    flip = name in PRODUCTS and convention == "positive_integral" and value != 0
+    return Wanted(-value if flip else value, tolerance)
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the expect file."""
+    return ExpectFile.model_json_schema(by_alias=True)

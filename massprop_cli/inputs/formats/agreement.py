@@ -1,0 +1,101 @@
+"""Whether a mapped log's axes and units agree with each other, where its attitude was logged too: a map may be wrong.
+
+The gyro must turn as the logged attitude does; on an air bearing the accelerometer must feel gravity along the attitude's vertical.
+Another order of the axes, or another unit, that makes them agree is named.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats.resample import into_body
+from massprop_cli.inputs.formats.units import DEG, G
+from massprop_cli.inputs.tablefile import Made
+from massprop_cli.inputs.vehicle import Vehicle
+
+_STRETCHES, _LEAST = 400, 12
+"""Turns are compared over so many stretches, ..."""
+_NEAR, _FAR = 0.1, 0.7
+"""... fewer until it turns as far in each as this, rad (rms), since a camera's attitudes are noisy; more where a sum of increments is no
+turn any longer."""
+_APART, _TOGETHER = 0.5, 0.2
+"""Parts of the turn by which gyro and attitude may differ, and must agree once they are put right."""
+
+
+def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
+    """:class:`InputError` where gyro (n, 3) rad, accelerometer (n, 3) m/s² and attitude (n, 4) contradict each other."""
+    if attitude is None:
+        return
+    body = np.array(vehicle.imu.body_from_imu)
+    edges, wanted = _stretches(attitude, _STRETCHES)
+    while _rms(wanted) < _NEAR and len(edges) > 2 * _LEAST:
+        edges, wanted = _stretches(attitude, len(edges) // 2)
+    while _rms(wanted) > _FAR and 2 * len(edges) < len(attitude):
+        edges, wanted = _stretches(attitude, 2 * len(edges))
+    turned = np.diff(np.cumsum(theta_imu @ body.T, 0)[edges], axis=0)
+    _compare(path, made, "gyro", turned, wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    if vehicle.on_air_bearing:
+        up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
+        _compare(path, made, "accelerometer", force_imu @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
+
+
+def _stretches(attitude: Array, count: int) -> tuple[IntArray, Array]:
+    """Rows at which stretches begin and end, and the turn in each."""
+    edges = np.unique(np.linspace(0, len(attitude) - 1, count + 1).astype(int))
+    return edges, _turns(attitude[edges])
+
+
+def _turns(attitude: Array) -> Array:
+    """(m, 3) rotation vectors from each attitude to the next, in body axes; less than half a turn each."""
+    first, second = attitude[:-1], attitude[1:]
+    w1, v1, w2, v2 = first[:, :1], -first[:, 1:], second[:, :1], second[:, 1:]
+    w = w1 * w2 - (v1 * v2).sum(1, keepdims=True)
+    v = (w1 * v2 + w2 * v1 + np.cross(v1, v2)) * np.where(w < 0, -1.0, 1.0)
+    sine = np.linalg.norm(v, axis=1, keepdims=True)
+    angle = 2 * np.arctan2(sine, np.abs(w))
+    found: Array = np.where(sine > 0, v / np.where(sine > 0, sine, 1.0), 0.0) * angle
+    return found
+
+
+def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, least: float, factors: dict[str, float]) -> None:
+    """Refuse what differs by half of itself."""
+    size = _rms(wanted)
+    if size < least:
+        return
+
+    def apart(turn: Array) -> float:
+        return _rms(measured @ turn.T - wanted) / size
+
+    now = apart(np.eye(3))
+    if now < _APART:
+        return
+    tried = [(apart(factor * turn), axes, unit) for turn, axes in _all_axes() for unit, factor in factors.items()]
+    best, axes, unit = min(tried)
+    if best < _TOGETHER:
+        wrong = [f"axes = {list(axes)} beyond those it has"] * (axes != ("x", "y", "z")) + [f"unit = {unit!r}"] * (factors[unit] != 1.0)
+        problem = f"it agrees with {' and '.join(wrong)}: mend that under [{key}]"
+    else:
+        problem = f"no order of axes and no unit mends that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
+    raise InputError(
+        f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"
+    )
+
+
+def _rms(vectors: Array) -> float:
+    return float(np.sqrt((vectors**2).mean(0).sum()))
+
+
+def _all_axes() -> list[tuple[Array, tuple[str, ...]]]:
+    """The 24 right-angled turns, and how a map writes each."""
+    found: list[tuple[Array, tuple[str, ...]]] = []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        turn = np.zeros((3, 3))
+        turn[range(3), order] = signs
+        if np.linalg.det(turn) > 0:
+            found.append((turn, tuple(("-" if sign < 0 else "") + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))))
+    return found

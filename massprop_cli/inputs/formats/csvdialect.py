@@ -1,0 +1,70 @@
+"""CSV as spreadsheets and loggers write it: compressed, in UTF-16, with semicolons or tabs, with decimal commas."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+
+_GZIP = b"\x1f\x8b"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
+"""Numbers with a decimal comma, and with a point."""
+
+
+def utf8(path: Path, data: bytes) -> bytes:
+    """The text, unpacked where it is compressed, within the limit of a log; of UTF-16 with its mark as UTF-8."""
+    if data[:2] == _GZIP:
+        data = _unpacked(path, data)
+    if data[:2] in _UTF16:
+        try:
+            return data.decode("utf-16").encode()
+        except UnicodeError as error:
+            raise InputError(f"{path}: not a readable CSV file ({error}); save the log as UTF-8 text") from None
+    return data
+
+
+def _unpacked(path: Path, data: bytes) -> bytes:
+    most = limits.LOG.most
+    parts, size = [], 0
+    while data:
+        unpack = zlib.decompressobj(wbits=31)
+        try:
+            part = unpack.decompress(data, most + 1 - size)
+        except zlib.error as error:
+            raise InputError(f"{path}: not a readable gzip file ({error}); copy it again from the recorder") from None
+        size += len(part)
+        limits.LOG.check(f"{path}, unpacked", size)
+        if not unpack.eof:
+            raise InputError(f"{path}: not a readable gzip file (it ends too early); copy it again from the recorder")
+        parts.append(part)
+        data = unpack.unused_data
+    return b"".join(parts)
+
+
+def delimiter(header: str) -> str:
+    """What parts the names in a file's first line: the comma, unless there are more tabs or semicolons."""
+    return max(",\t;", key=header.count) if header.strip() else ","
+
+
+def with_points(path: Path, table: Any, place: Callable[[int], str]) -> Any:
+    """The table of texts with decimal commas as points. :class:`InputError` where there are both: "1.234" may be either."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    first: dict[str, tuple[str, int]] = {}
+    columns = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        at = {mark: pc.index(pc.match_substring_regex(column, pattern), True).as_py() for mark, pattern in _MARKS.items()}
+        first |= {mark: (name, row) for mark, row in at.items() if row >= 0 and mark not in first}
+        columns.append(pc.replace_substring(column, ",", ".") if at[","] >= 0 else column)
+    if len(first) == 2:
+        (one, at_one), (other, at_other) = first[","], first["."]
+        raise InputError(
+            f"{path}: {place(at_one)}, column {one}, has a decimal comma, {place(at_other)}, column {other}, a point; write all with one"
+        )
+    return pa.table(columns, names=[str(n) for n in range(len(columns))]).rename_columns(table.column_names)

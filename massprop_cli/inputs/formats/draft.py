@@ -1,0 +1,133 @@
+"""A draft of the vehicle file out of a log. Each line says where it is from; what no log can tell is a comment with how to measure it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats.traits import SETTLE, TOLD, Traits, tick_s
+from massprop_cli.inputs.formats.units import G
+
+_AT_REST = "record ten seconds with the vehicle at rest and no command, or take the IMU's data sheet"
+_GRAVITY, _NONE = 0.05, 0.1
+"""Parts of gravity within which an accelerometer feels it, or feels none."""
+
+
+def draft(name: str, found: Traits, parameters: Mapping[str, float], map_said: tuple[str, ...] = ()) -> str:
+    """The text of a vehicle file."""
+    lines = ["schema = 1", f"name = {json.dumps(name)}   # of the file"]
+    lines += [f"# map: {said}" for said in map_said]
+    lines += ["", "[cycle]", *_cycle(found), "", "[imu]", *_imu(found), "", "[environment]", *_environment(found), "", *_commands(found)]
+    lines += _px4(parameters)
+    return "\n".join(lines) + "\n"
+
+
+def _cycle(found: Traits) -> list[str]:
+    steps = found.interval_s
+    jitter = f"records come every {np.median(steps):.6g} s, from {steps.min():.6g} to {steps.max():.6g} s, jitter {steps.std():.3g} s rms"
+    if found.records is None:
+        lines = [
+            f"# {jitter}; no command changes, so the log doesn't say how many are a control cycle",
+            f"period_s = {found.period_s:.6g}   # one record",
+        ]
+    else:
+        lines = [f"# {jitter}", f"period_s = {found.period_s:.6g}   # {found.records} record(s): commands change at multiples of that only"]
+    ticks = [tick for column, values in found.commands.items() if column.startswith("jet_") and (tick := tick_s(values)) is not None]
+    if ticks:
+        lines.append(f"pwm_tick_s = {min(ticks):.6g}   # all on-times are multiples of it")
+    return [*lines, 'command_delay_cycles = "auto"   # found in the log by every estimate; state it once it is known']
+
+
+def _imu(found: Traits) -> list[str]:
+    lines = [
+        "# position_m = [x, y, z]   # from O, body axes, m: measure it; left out, the IMU is taken to be at O",
+        "# body_from_imu = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # by rows: pitch, roll and yaw the vehicle by hand and see which axis turns",
+    ]
+    said = f"by second differences over {found.quiet} quiet cycles (no command for {SETTLE} before)"
+    for key, noise in (("gyro_noise_rad_s", found.gyro_noise), ("accel_noise_m_s2", found.accel_noise)):
+        if noise is None:
+            lines.append(f"# {key} = ...   # too few quiet cycles: left out, it is estimated from the log; to measure it, {_AT_REST}")
+            continue
+        axes = ", ".join(f"{value:.2g}" for value in noise)
+        line = f"{key} = {float(np.sqrt((noise**2).mean())):.3g}   # one sigma of a cycle's mean {said}; by axis {axes}"
+        few = found.quiet < TOLD
+        lines.append(f"# {line}: too few to state, so it is estimated from the log; to measure it, {_AT_REST}" if few else line)
+    if found.gyro_mean is not None:
+        mean = ", ".join(f"{value:.3g}" for value in found.gyro_mean)
+        lines.append(
+            f"# gyro_bias_sigma_rad_s = {float(np.abs(found.gyro_mean).max()):.2g}   # if the vehicle was at rest in the quiet cycles: "
+            f"their mean rate is {mean} rad/s; if it drifted, record it at rest"
+        )
+    else:
+        lines.append(f"# gyro_bias_sigma_rad_s = ...   # left out, no bias is supposed: {_AT_REST}")
+    lines.append("# accel_bias_sigma_m_s2 = ...   # turn the vehicle over at rest: half the difference of what each axis feels up and down")
+    for key, clipped in (("gyro_range_rad_s", found.gyro_clipped), ("accel_range_m_s2", found.accel_clipped)):
+        if clipped is not None:
+            lines.append(f"{key} = {clipped:.9g}   # several records stand at just this, the largest")
+        else:
+            lines.append(f"# {key} = ...   # data sheet; the log reaches no limit")
+    return lines
+
+
+def _environment(found: Traits) -> list[str]:
+    if found.felt is None:
+        why = f"it feels {found.felt_always:.4g} m/s^2 under commands, which gravity and thrust do alike"
+    elif abs(found.felt / G - 1) < _GRAVITY:
+        return [
+            f'kind = "air_bearing"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it',
+            "# (if it only stands on the ground there, cut that off with [[phases]], and state the kind of the rest)",
+            "# bearing_position_m = [x, y, z]   # the centre of rotation from O: the bearing's drawing",
+            "# bearing_mass_kg = ...            # what slides with the vehicle and does not turn: weigh it",
+            "# initial_attitude_wxyz = [1, 0, 0, 0]   # level at the start, or from an inclinometer",
+        ]
+    elif found.felt < _NONE * G:
+        return [f'kind = "free"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.3g} m/s^2: no gravity']
+    else:
+        why = f"in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2, neither gravity nor none: is its unit right?"
+    return [f'# kind = "free"   # or "air_bearing": {why}; left out, it is free']
+
+
+def _commands(found: Traits) -> list[str]:
+    lines = []
+    for column, values in found.commands.items():
+        known = values[np.isfinite(values)]
+        if column in columns.WRENCH:
+            span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "nothing"
+            lines.append(f"# {column}: {span}, {len(np.unique(known))} different values in {len(known)} cycles")
+            continue
+        on = known[known > 0]
+        span = f"on in {len(on)} of {len(known)} cycles, {on.min():.4g} to {on.max():.4g} s" if len(on) else "never on in this log"
+        lines += [
+            "[[jets]]",
+            f"name = {json.dumps(column.removeprefix('jet_').removesuffix('_s'), ensure_ascii=False)}   # column {column}: {span}",
+            "# position_m = [x, y, z]   # of the nozzle from O, body axes, m: drawing or ruler",
+            "# force_n = [x, y, z]      # on the vehicle at full thrust, N: press on a scale, or mass flow times exhaust speed",
+            "# rise_s = ...             # and fall_s: a force or pressure sensor; left out, at once",
+            "",
+        ]
+    thrust = [
+        "[thrust]",
+        "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
+        '# lag_s = "auto"       # if thrust follows commands through a first-order lag, as a rotor does',
+    ]
+    return [*lines, *([""] * (lines[-1:] != [""])), *thrust]
+
+
+def _px4(parameters: Mapping[str, float]) -> list[str]:
+    """PX4's control allocation: geometry of its rotors or thrusters (CA_ROTORi_*), in its body axes forward, right, down."""
+    count = round(parameters.get("CA_ROTOR_COUNT", 0))
+    if not 0 < count <= 64:
+        return []
+    lines = ["", "# from the recording's own parameters (PX4 control allocation; axes forward, right, down from its centre):"]
+    for n in range(count):
+        values = {part: parameters.get(f"CA_ROTOR{n}_{part}") for part in ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")}
+        defaults = {"PX": 0.0, "PY": 0.0, "PZ": 0.0, "AX": 0.0, "AY": 0.0, "AZ": -1.0, "CT": 6.5, "KM": 0.05}
+        px, py, pz, ax, ay, az, ct, km = (defaults[part] if value is None else value for part, value in values.items())
+        size = float(np.sqrt(ax * ax + ay * ay + az * az)) or 1.0
+        force = ", ".join(f"{ct * axis / size:.6g}" for axis in (ax, ay, az))
+        place = f"position_m = [{px:.6g}, {py:.6g}, {pz:.6g}], force_n = [{force}]"
+        lines.append(f"# CA_ROTOR{n}: {place} at full (CT = {ct:.6g}), torque ratio KM = {km:.6g} m")
+    return [*lines, "# CT is what the controller reckons with, not what was measured: press each on a scale"]

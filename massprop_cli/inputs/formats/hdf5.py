@@ -1,0 +1,74 @@
+"""HDF5 by h5py (BSD): datasets of one or two dimensions and fields of tables, with the attribute ``unit`` or ``units``.
+
+A table of numbers gives a stream for each column, or for each row where it is wider than long; its path says which, as numpy writes it.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from massprop_cli.base import limits
+from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, whole
+
+VEHICLE, MAP = "massprop.vehicle", "massprop.map"
+"""Attributes of the file."""
+
+
+def read(path: Path, data: bytes) -> Read:
+    """A stream for each column of numbers; a dataset is read when it is asked for."""
+    file = h5py.File(io.BytesIO(data), "r")
+    found: list[h5py.Dataset] = []
+    # neither links into other files nor virtual datasets, which may be of any size
+    file.visititems(lambda _, item: found.append(item) if _is_own(item) else None)
+    limits.NUMBERS.check(str(path), sum(item.size * max(len(item.dtype.names or ()), 1) for item in found))
+    return Read([one for item in found for one in _streams(item)], vehicle=_text(file, VEHICLE), map=_text(file, MAP))
+
+
+def _is_own(item: Any) -> bool:
+    return isinstance(item, h5py.Dataset) and not item.is_virtual and item.external is None and item.ndim in (1, 2) and item.size > 0
+
+
+def _streams(item: h5py.Dataset) -> Iterator[Stream]:
+    path = item.name.lstrip("/")
+    unit, clock = _text(item, "unit") or _text(item, "units") or "", _clock(item)
+    if item.dtype.names:
+        if item.ndim == 1:
+            for field in item.dtype.names:
+                if item.dtype[field].kind in "iufb":
+                    yield Stream(f"{path}/{field}", len(item), partial(_field, item, field), clock, unit)
+    elif item.dtype.kind in "iufb":
+        rows, columns = (item.shape[0], 1) if item.ndim == 1 else item.shape
+        if item.ndim == 1:
+            yield Stream(path, rows, partial(_part, item, ()), clock, unit)
+        elif rows >= columns:
+            yield from (Stream(f"{path}[:,{n}]", rows, partial(_part, item, (slice(None), n)), clock, unit) for n in range(columns))
+        else:
+            yield from (Stream(f"{path}[{n},:]", columns, partial(_part, item, (n,)), clock, unit) for n in range(rows))
+
+
+def _part(item: h5py.Dataset, at: tuple[Any, ...]) -> Numbers:
+    return whole(np.asarray(item[at] if at else item[:]))
+
+
+def _field(item: h5py.Dataset, name: str) -> Numbers:
+    return whole(np.asarray(item.fields(name)[:]))
+
+
+def _clock(item: h5py.Dataset) -> str:
+    """The scale of a dataset's first dimension, where one is attached."""
+    scales = item.dims[0].keys() if len(item.dims) else []
+    return str(item.dims[0][0].name).lstrip("/") if len(scales) else ""
+
+
+def _text(item: Any, name: str) -> str | None:
+    found = item.attrs.get(name)
+    if isinstance(found, bytes):
+        return found.decode("utf-8", "replace")
+    return found if isinstance(found, str) else None

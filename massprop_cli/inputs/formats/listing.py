@@ -1,0 +1,113 @@
+"""What is in a recording: each stream's rate, range, unit and clock. Reads, decides nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import units
+from massprop_cli.inputs.formats.recording import Recording, Stream
+
+_CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A stream, as a person wants to see it."""
+
+    path: str
+    samples: int
+    rate_hz: float | None
+    """By the clock that the file names, where its unit is known."""
+    least: float | None
+    most: float | None
+    unit: str
+    clock: str
+    note: str
+    """text, constant, increasing."""
+
+
+def listed(read: Recording) -> list[Listed]:
+    """All streams in the file's order."""
+    clocks = Clocks(read)
+    return [_listed(clocks, one) for one in read.streams.values()]
+
+
+def _listed(clocks: Clocks, one: Stream) -> Listed:
+    values = numbers(one)
+    if values is None:
+        return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "text")
+    finite = values[np.isfinite(values)]
+    least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+    note = "" if finite.size == one.rows else f"{one.rows - finite.size} not finite"
+    if finite.size and least == most:
+        note = note or "constant"
+    elif one.path in clocks.increasing:
+        note = "increasing"
+    return Listed(one.path, one.rows, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
+
+
+def numbers(one: Stream) -> Array | None:
+    """A stream's values; None where they are text."""
+    try:
+        values = one.values
+    except (InputError, ValueError):
+        return None
+    return np.asarray(values, np.float64)
+
+
+class Clocks:
+    """Which streams of a recording may hold the times of others."""
+
+    def __init__(self, read: Recording) -> None:
+        self.streams = read.streams
+
+    @cached_property
+    def increasing(self) -> frozenset[str]:
+        """Streams that increase throughout."""
+        held = ((path, numbers(one)) for path, one in self.streams.items() if one.rows > 1)
+        return frozenset(path for path, values in held if values is not None and (np.diff(values) > 0).all())
+
+    def of(self, one: Stream) -> list[str]:
+        """The one that the file names; else increasing ones as long, those called so before others."""
+        if one.clock:
+            return [one.clock]
+        like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
+        return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
+
+    def unit(self, path: str) -> tuple[str, str]:
+        """A clock's unit, and what it is known by: the file, or its name's ending; empty where neither says."""
+        recorded = self.streams[path].unit
+        if units.factor(recorded, units.TIME) is not None:
+            return units.plain(recorded), "as recorded"
+        _, mark, ending = leaf(path).rpartition("_")
+        return (ending, "by its name") if mark and ending in units.TIME else ("", "")
+
+    def step(self, path: str) -> float:
+        """The median step of a clock, in its own unit."""
+        return float(np.median(np.diff(np.asarray(self.streams[path].values, np.float64))))
+
+    def rate_hz(self, one: Stream) -> float | None:
+        """Samples a second; None where the clock or its unit is not known."""
+        found = self.of(one)
+        factor = units.factor(self.unit(found[0])[0], units.TIME) if len(found) == 1 and found[0] in self.streams else None
+        if factor is None or self.streams[found[0]].rows < 2:
+            return None
+        step = self.step(found[0]) * factor
+        return 1 / step if step > 0 else None
+
+
+def leaf(path: str) -> str:
+    """The last part of a path, in lower case and without its unit in brackets."""
+    plain = path.partition("[")[0].partition(" (")[0].strip().lower()
+    return plain.replace(".", "/").rpartition("/")[2]
+
+
+def median_size(columns: Sequence[Array]) -> float:
+    """The median length of vectors."""
+    return float(np.median(np.sqrt(np.sum(np.square(np.stack(columns)), 0))))

@@ -1,0 +1,181 @@
+"""The map file: which stream of a recording is which quantity. The models below are the schema (``massprop schema map``)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, FiniteFloat, StringConstraints, field_validator, model_validator
+
+from massprop_cli.base import configfile
+from massprop_cli.inputs.formats.recording import maps_beside
+from massprop_cli.inputs.vehicle import Positive, Real, Section
+
+Path_ = Annotated[str, StringConstraints(min_length=1)]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Axes = tuple[Axis, Axis, Axis]
+_AS_RECORDED = "absent: as the file records it"
+
+
+class Clock(Section):
+    """The times of a stream: ``value * unit + offset_s``."""
+
+    path: Path_ | None = Field(None, description="stream of the times; absent: the one that the file names")
+    unit: Path_ | None = Field(None, description=f"s, ms, us or ns; {_AS_RECORDED}")
+    offset_s: FiniteFloat = Field(0.0, description="added, to bring clocks together that began apart")
+
+
+class Mapped(Section):
+    """Where a quantity is in the file."""
+
+    unit: Path_ | None = Field(None, description=_AS_RECORDED)
+    scale: Real = Field(1.0, description="a further factor, after the unit")
+    clock: Clock | None = Field(None, description="absent: the file's, or the map's own [clock]")
+
+    @model_validator(mode="after")
+    def _scales(self) -> Mapped:
+        if self.scale == 0:
+            raise ValueError("scale is zero")
+        return self
+
+
+class MappedVector(Mapped):
+    """Three streams."""
+
+    paths: Path_ | tuple[Path_ | FiniteFloat, ...] = Field(
+        description="three paths, a number (SI) for an axis that has none, or one pattern (* and ?) that fits three, in their order"
+    )
+    axes: Axes = Field(("x", "y", "z"), description='which of them, with its sign, is x, y, z: ["y", "-x", "z"]')
+
+    @field_validator("axes")
+    @classmethod
+    def _turns(cls, axes: Axes) -> Axes:
+        order = ["xyz".index(axis[-1]) for axis in axes]
+        if sorted(order) != [0, 1, 2]:
+            raise ValueError("names an axis twice; name x, y and z once each")
+        odd = [(0, 1, 2), (1, 2, 0), (2, 0, 1)].count((order[0], order[1], order[2])) == 0
+        if (sum(axis.startswith("-") for axis in axes) + odd) % 2:
+            raise ValueError("is a mirror, not a turn: no sensor is left-handed; change one sign, or swap two axes")
+        return axes
+
+
+class Sensor(MappedVector):
+    """Gyro or accelerometer, IMU axes."""
+
+    values: Literal["sample", "mean", "increment"] = Field(
+        description="what a number is: the rate at its time, the mean rate since the one before, or the increment since the one before"
+    )
+
+
+class Wrench(MappedVector):
+    """Commanded torque about O, or force."""
+
+    frame: Literal["body", "world"] = Field("body", description="world, that of [attitude]: turned into body axes with it")
+    holds: Literal["until_next", "since_last"] = Field("until_next", description="over what time a number counts")
+
+
+class Jet(Mapped):
+    """One jet's on-time."""
+
+    path: Path_
+    unit: Path_ | None = Field(
+        None, description="s, ms, us: on-time of this control cycle; open, %: the valve's state, summed over each control cycle"
+    )
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
+class Attitude(Section):
+    """Logged quaternion."""
+
+    paths: Path_ | tuple[Path_, ...] = Field(description="four paths, or one pattern that fits four")
+    order: Literal["wxyz", "xyzw"] = Field(description="of the paths")
+    turns: Literal["world_from_body", "body_from_world"] = "world_from_body"
+    world: Literal["z_up", "z_down"] = Field("z_up", description="of the file's world; with z_down (NED) the log's is turned half about x")
+    clock: Clock | None = None
+
+
+class Records(Section):
+    """What a row of the log is made of. Without it the file's own rows are the log's, and all streams must share one clock."""
+
+    samples: int | None = Field(None, ge=1, le=100_000, description="a record is so many gyro samples, ...")
+    interval_s: Positive | None = Field(None, description="... or so long, on a regular grid")
+    per_cycle: int = Field(1, ge=1, le=100_000, description="records of a control cycle")
+    start_s: FiniteFloat | None = Field(None, description="first instant, by the gyro's clock; absent: where all streams are there")
+    end_s: FiniteFloat | None = Field(None, description="last instant; absent: as long as all streams are there")
+    zero: Literal["file", "start"] = Field("file", description="what time_s counts from: as the clock does, or from the log's start")
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Records:
+        if (self.samples is None) == (self.interval_s is None):
+            raise ValueError("takes either samples or interval_s")
+        if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
+            raise ValueError(f"ends at {self.end_s} s, not after its start at {self.start_s} s")
+        return self
+
+
+class MapFile(Section):
+    """A whole map file, checked."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    clock: Clock = Field(Clock(), description="of all streams that have none of their own")
+    gyro: Sensor
+    accelerometer: Sensor
+    torque: Wrench | None = None
+    force: Wrench | None = None
+    jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")
+    attitude: Attitude | None = None
+    records: Records | None = None
+
+    @model_validator(mode="after")
+    def _commands(self) -> MapFile:
+        wrench = (self.torque is not None) + (self.force is not None)
+        if wrench == 1:
+            missing = "force" if self.force is None else "torque"
+            raise ValueError(f"[{missing}] is missing beside the other; map it, or state paths = [0, 0, 0] under it")
+        if wrench and self.jets:
+            raise ValueError("maps both jets and a commanded wrench; keep the one kind that was executed")
+        if not wrench and not self.jets:
+            raise ValueError("maps no command; add [torque] and [force], or [jets.NAME]")
+        if self.attitude is None and any(one is not None and one.frame == "world" for one in (self.torque, self.force)):
+            raise ValueError('frame = "world" needs [attitude], to turn commands into body axes')
+        return self
+
+
+@dataclass(frozen=True)
+class MapSource:
+    """A map with where it came from."""
+
+    map: MapFile
+    source: str
+    sha256: str
+    named: bool = True
+    """Whether the user named it; else it lies beside the log."""
+
+
+def parse(text: str, source: str, named: bool = True) -> MapSource:
+    """Check a map file's text; :class:`massprop_cli.base.errors.InputError` names file, line and key."""
+    found = configfile.validate(MapFile, configfile.parse_toml(text, source), source, text)
+    return MapSource(found, source, hashlib.sha256(text.encode()).hexdigest(), named)
+
+
+def load(path: Path, named: bool = True) -> MapSource:
+    """Read a map file."""
+    return parse(configfile.read_text(path, "map file"), str(path), named)
+
+
+def find(log: Path, explicit: Path | None) -> MapSource | None:
+    """The map that is named, LOGSTEM.map.toml, or map.toml beside the log; None where there is none."""
+    if explicit is not None:
+        return load(explicit)
+    for name in maps_beside(log.name):
+        path = log.with_name(name)
+        if path.exists():
+            return load(path, named=False)
+    return None
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the map file."""
+    return MapFile.model_json_schema(by_alias=True)

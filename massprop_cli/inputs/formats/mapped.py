@@ -1,0 +1,87 @@
+"""A recording and its map to the table that a log is read from; what was done on the way is stated in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli.base import arrow
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.configfile import nearest
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import oncycles, onrows, recording
+from massprop_cli.inputs.formats.mapfile import MapSource
+from massprop_cli.inputs.formats.recording import Recording
+from massprop_cli.inputs.formats.signals import Signals
+from massprop_cli.inputs.tablefile import Cells, Made, Places, Table
+
+
+@dataclass(frozen=True)
+class _Moments(Places):
+    """How a person finds a row that a map made: by its time."""
+
+    time_s: Sequence[float]
+
+    def of(self, row: int) -> str:
+        return f"record {row} as mapped (time_s = {self.time_s[row]:.9g})"
+
+
+def table(path: Path, data: bytes, source: MapSource | None) -> Table:
+    """The log's table of a file that is none, or that a map is for.
+
+    Without a map, streams that are called as the contract calls them are taken as they are. :class:`InputError` names file, path, remedy.
+    """
+    return of(recording.read(path, data), source)
+
+
+def of(read: Recording, source: MapSource | None) -> Table:
+    """The same of a recording at hand."""
+    if source is None:
+        return _table(read, _by_contract(read), None)
+    signals = Signals(read, source)
+    records = source.map.records
+    made = onrows.columns_of(signals) if records is None else oncycles.columns_of(signals, records)
+    return _table(read, made, Made(source.source, source.sha256, tuple(signals.made)))
+
+
+def _by_contract(read: Recording) -> dict[str, Array]:
+    """Streams whose paths end in a name of the contract, all as long as time_s."""
+    found: dict[str, str] = {}
+    for path in read.streams:
+        name = path.replace(".", "/").rpartition("/")[2]
+        known = name in columns.FIXED or (name.startswith("jet_") and name.endswith("_s"))
+        if known and name in found:
+            raise InputError(
+                f"{read.path}: both {found[name]!r} and {path!r} are called {name}; say which is meant in a map file: "
+                f"massprop columns {read.path} drafts one"
+            )
+        if known and name != columns.EVENT:
+            found[name] = path
+    if columns.TIME not in found:
+        hint = nearest(columns.TIME, read.streams, "the nearest path is")
+        raise InputError(
+            f"{read.path}: has no {columns.TIME}{hint}, and no map says what its {len(read.streams)} streams are; massprop columns "
+            f"{read.path} drafts one, to be saved beside it as map.toml or named with --map"
+        )
+    made: dict[str, Array] = {name: np.asarray(read.streams[path].values, np.float64) for name, path in found.items()}
+    rows = len(made[columns.TIME])
+    for name, values in made.items():
+        if len(values) != rows:
+            raise InputError(
+                f"{read.path}, {found[name]!r}: {len(values)} samples beside {rows} of {columns.TIME}; streams with clocks of their own "
+                f"need a map, which massprop columns {read.path} drafts"
+            )
+    return made
+
+
+def _table(read: Recording, made: Mapping[str, Array], said: Made | None) -> Table:
+    import pyarrow as pa
+
+    time_s = made[columns.TIME]
+    places = _Moments(None, time_s) if said is not None else Places(None)  # type: ignore[arg-type]
+    cells = {name: Cells(read.path, name, pa.chunked_array([arrow.numbers(values)]), places) for name, values in made.items()}
+    return Table(read.path, read.sha256, cells, len(time_s), places, read.vehicle, said)

@@ -1,0 +1,113 @@
+"""MATLAB files of versions 5 to 7.3 by mat-io (BSD): variables, structs, tables, timetables; paths as MATLAB spells them.
+
+``imu.gyro(:,1)`` is the first column of a field, ``runs(2).t`` a field of a struct array's second element.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import matio
+import numpy as np
+import pandas as pd
+
+from massprop_cli.base import limits
+from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, stream, whole
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_HEADER, _TAG = 128, 8
+"""Bytes of a version 5 file's header, and of an element's tag."""
+_COMPRESSED = 15
+"""The type of an element that is packed by zlib."""
+_DEEPEST = 16
+
+
+def read(path: Path, data: bytes) -> Read:
+    """A stream for each vector or column of numbers, however deep."""
+    _check_size(path, data)
+    with tempfile.TemporaryDirectory() as aside:
+        file = Path(aside) / "recording.mat"
+        file.write_bytes(data)
+        variables = matio.load_from_mat(str(file), add_table_attrs=True)
+    return Read([one for name, value in variables.items() if not name.startswith("__") for one in _streams(name, value, 0)])
+
+
+def _check_size(path: Path, data: bytes) -> None:
+    """By what the file's own headers, or a look through what it packs, say."""
+    if data[512:520] == _HDF5 or data[:8] == _HDF5:
+        sizes: list[int] = []
+        with h5py.File(io.BytesIO(data), "r") as file:
+            file.visititems(lambda _, item: sizes.append(item.size) if isinstance(item, h5py.Dataset) else None)
+        limits.NUMBERS.check(str(path), sum(sizes))
+        return
+    order: Any = "little" if data[126:128] == b"IM" else "big"
+    at, unpacked, most = _HEADER, 0, limits.NUMBERS.most * 8
+    while at + _TAG <= len(data):
+        kind, size = (int.from_bytes(data[at + n : at + n + 4], order) for n in (0, 4))
+        at += _TAG
+        if kind == _COMPRESSED:
+            unpack, rest = zlib.decompressobj(), data[at : at + size]
+            while rest and unpacked <= most:
+                unpacked += len(unpack.decompress(rest, 2**20))
+                rest = unpack.unconsumed_tail
+        else:
+            unpacked += size
+        limits.NUMBERS.check(str(path), unpacked // 8)
+        at += size
+
+
+def _streams(path: str, value: Any, depth: int) -> Iterator[Stream]:
+    if depth > _DEEPEST:
+        return
+    if isinstance(value, pd.DataFrame):
+        yield from _table(path, value)
+    elif isinstance(value, dict):
+        for name, part in value.items():
+            yield from _streams(f"{path}.{name}", part, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.names:
+        for number, element in enumerate(value.ravel(order="F"), 1):
+            place = path if value.size == 1 else f"{path}({number})"
+            for name in value.dtype.names:
+                yield from _streams(f"{place}.{name}", element[name], depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1:
+        yield from _columns(path, value)
+
+
+def _columns(path: str, value: Numbers) -> Iterator[Stream]:
+    """Of a vector, itself; of a matrix its columns, or its rows where it is wider than long: the path says which."""
+    values = whole(value)
+    if values.ndim == 1 or (1 in values.shape and values.ndim == 2):
+        yield stream(path, values.ravel())
+    elif values.ndim == 2 and values.shape[0] >= values.shape[1]:
+        yield from (stream(f"{path}(:,{n + 1})", values[:, n]) for n in range(values.shape[1]))
+    elif values.ndim == 2:
+        yield from (stream(f"{path}({n + 1},:)", values[n]) for n in range(values.shape[0]))
+
+
+def _table(path: str, table: pd.DataFrame) -> Iterator[Stream]:
+    """A table's variables; a timetable's have its times for a clock."""
+    clock = ""
+    if isinstance(table.index, pd.TimedeltaIndex | pd.DatetimeIndex):
+        clock = f"{path}.{table.index.name or 'Time'}"
+        yield stream(clock, table.index.as_unit("ns").asi8, unit="ns")
+    units = _units(table)
+    for name in table.columns:
+        values = table[name].to_numpy()
+        if values.dtype == object and len(values) and all(np.ndim(row) == 1 for row in values):
+            values = np.stack(values)
+        if values.dtype.kind not in "iufb":
+            continue
+        for one in _columns(f"{path}.{name}", values):
+            yield stream(one.path, one.values, clock, units.get(str(name), ""))
+
+
+def _units(table: pd.DataFrame) -> dict[str, str]:
+    said = table.attrs.get("VariableUnits", table.attrs.get("TableProperties", {}).get("VariableUnits"))
+    listed = [] if said is None else [str(np.ravel(unit)[0]) if np.size(unit) else "" for unit in np.ravel(np.asarray(said, dtype=object))]
+    return dict(zip(map(str, table.columns), listed, strict=False))

@@ -1,0 +1,57 @@
+"""MCAP by mcap (MIT): messages of ROS 1 and 2 by rosbags (Apache), and JSON. Read in order, so that no index is needed."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import NonSeekingReader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import rosmessages
+from massprop_cli.inputs.formats.recording import Read
+
+Decode = Callable[[bytes], Any]
+
+
+def read(path: Path, data: bytes) -> Read:
+    """A stream for each number in the messages of each topic."""
+    unpacked = 0
+    for record in StreamReader(io.BytesIO(data), emit_chunks=True, record_size_limit=None).records:
+        if isinstance(record, Chunk):
+            unpacked += record.uncompressed_size
+            limits.NUMBERS.check(str(path), unpacked // 8)
+    decoders: dict[int, Decode | None] = {}
+    streams = list(rosmessages.collected(path, _messages(data, decoders)))
+    if decoders and not any(decoders.values()):
+        raise InputError(f"{path}: none of its topics is of ROS or JSON messages; convert it, for instance with mcap convert")
+    return Read(streams)
+
+
+def _messages(data: bytes, decoders: dict[int, Decode | None]) -> Iterator[tuple[str, str, int, Any]]:
+    for schema, channel, message in NonSeekingReader(io.BytesIO(data)).iter_messages():
+        if channel.id not in decoders:
+            decoders[channel.id] = _decoder(channel.message_encoding, schema)
+        decode = decoders[channel.id]
+        if decode is not None:
+            yield channel.topic, "" if schema is None else schema.name, message.log_time, decode(message.data)
+
+
+def _decoder(encoding: str, schema: Any) -> Decode | None:
+    """How a channel's messages are read; None where they can't be."""
+    if encoding == "json":
+        return json.loads
+    if schema is None or (encoding, schema.encoding) not in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
+        return None
+    store = get_typestore(Stores.EMPTY)
+    name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+    store.register(get_types_from_msg(schema.data.decode(), name))
+    of = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
+    return lambda raw: of(raw, name)

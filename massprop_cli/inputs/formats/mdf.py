@@ -1,0 +1,73 @@
+"""MDF4 by asammdf (LGPL, an extra): a channel by its name, or as ``group/channel`` where another group has one of that name."""
+
+from __future__ import annotations
+
+import gc
+import io
+import logging
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from asammdf import MDF
+
+from massprop_cli.base import limits
+from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, whole
+
+
+def read(path: Path, data: bytes) -> Read:
+    """A stream for each channel, with its unit, on its group's master."""
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    file = _opened(data)
+    limits.NUMBERS.check(str(path), sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
+    return Read(_streams(file))
+
+
+def _opened(data: bytes) -> Any:
+    """The library's file; ValueError where it is none."""
+    hook, reason = sys.unraisablehook, ""
+    # what it could not open it fails to clear away, and would tell so on the terminal
+    sys.unraisablehook = lambda _: None
+    try:
+        return MDF(io.BytesIO(data))
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+    finally:
+        gc.collect()
+        sys.unraisablehook = hook
+    raise ValueError(reason)
+
+
+def _streams(file: Any) -> Iterator[Stream]:
+    names = Counter(channel.name for group in file.groups for channel in group.channels)
+    for at, group in enumerate(file.groups):
+        rows, master = group.channel_group.cycles_nr, file.masters_db.get(at)
+
+        def spelt(number: int, at: int = at, group: Any = group) -> str:
+            name = str(group.channels[number].name)
+            return name if names[name] == 1 else f"{at}/{name}"
+
+        clock = "" if master is None else spelt(master)
+        for number, channel in enumerate(group.channels):
+            unit = "s" if number == master else str(getattr(channel, "unit", "") or _conversion_unit(channel))
+            load = partial(_master, file, at) if number == master else partial(_values, file, at, number)
+            yield Stream(spelt(number), rows, load, "" if number == master else clock, unit)
+
+
+def _conversion_unit(channel: Any) -> str:
+    return str(getattr(channel.conversion, "unit", "") or "") if channel.conversion is not None else ""
+
+
+def _master(file: Any, group: int) -> Numbers:
+    return np.asarray(file.get_master(group))
+
+
+def _values(file: Any, group: int, number: int) -> Numbers:
+    values = np.asarray(file.get(group=group, index=number, raw=False, ignore_invalidation_bits=True).samples)
+    if values.ndim != 1 or values.dtype.kind not in "iufb":
+        raise ValueError(f"channel {file.groups[group].channels[number].name} holds no plain numbers")
+    return whole(values)

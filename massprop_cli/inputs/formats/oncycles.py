@@ -1,0 +1,199 @@
+"""A recording whose streams have clocks of their own, put on records and control cycles as its map states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats.mapfile import Records
+from massprop_cli.inputs.formats.onrows import wrenches
+from massprop_cli.inputs.formats.signals import Signal, Signals
+
+GAP = 2.5
+"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
+_LIKE = 0.2
+"""Commands that come as often as control cycles, to this part of a cycle, begin them."""
+_SAME = 1e-3
+"""Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
+_EARLY = 0.25
+"""Of a cycle: an on-time stamped so much before a cycle begins is still that cycle's."""
+
+
+@dataclass(frozen=True)
+class _Command:
+    """One commanded quantity."""
+
+    signal: Signal
+    holds: resample.Holds
+    names: tuple[str, ...]
+    kind: str
+    """mean, on_time or share (of a cycle)."""
+
+
+def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
+    """The log's columns by the contract's names; :class:`massprop_cli.base.errors.InputError` where nothing was recorded in between."""
+    said = signals.map
+    gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
+    accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
+    attitude = None if said.attitude is None else signals.attitude(said.attitude)
+    commands = _commands(signals, attitude)
+    slow = [] if attitude is None else [attitude]
+    spans = [_Span(gyro, resample.knots(gyro.times.s, said.gyro.values))]
+    spans += [_Span(accelerometer, resample.knots(accelerometer.times.s, said.accelerometer.values))]
+    spans += [_Span(signal, signal.times.s) for signal in slow]
+    spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in commands if each.signal.paths]
+    edges = _edges(signals, records, spans, [command.signal for command in commands])
+    _check(signals, edges, [gyro, accelerometer], slow)
+    zero = edges[0] if records.zero == "start" else 0.0
+    made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
+    length = median(np.diff(edges))
+    if zero:
+        signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
+    for signal, kind, names in (
+        (gyro, said.gyro.values, columns.DELTA_THETA),
+        (accelerometer, said.accelerometer.values, columns.DELTA_V),
+    ):
+        found = resample.increments(signal.values, signal.times.s, kind, edges)
+        made |= dict(zip(names, found.T, strict=True))
+        signals.made.append(
+            f"{signal.key}: {len(signal.values)} values ({kind}) every {signal.times.step_s:.6g} s by {signal.times.path!r}, "
+            f"{'summed' if kind == 'increment' else 'integrated'} over {len(edges) - 1} records of {length:.6g} s"
+        )
+    if attitude is not None and said.attitude is not None:
+        turned = resample.z_up(resample.attitude_at(attitude.values, attitude.times.s, edges[1:]), said.attitude.world)
+        made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
+        signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
+    cycles = edges[:: records.per_cycle]
+    for command in commands:
+        values = _on_cycles(signals, command, cycles)
+        made |= dict(zip(command.names, np.repeat(values, records.per_cycle, 0).T, strict=True))
+    return made
+
+
+def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
+    found = []
+    for key, wrench, known, names in wrenches(signals):
+        signal = signals.wrench(key, wrench, known)
+        if wrench.frame == "world" and attitude is not None:
+            at = resample.attitude_at(attitude.values, attitude.times.s, signal.times.s)
+            signal = replace(signal, values=resample.into_body(signal.values, at))
+            signals.made.append(f"{key}: turned from world into body axes with the logged attitude at each command's time")
+        found.append(_Command(signal, wrench.holds, names, "mean"))
+    for name, jet in signals.map.jets.items():
+        signal, share = signals.jet(name, jet)
+        found.append(_Command(signal, jet.holds, (columns.jet(name),), "share" if share else "on_time"))
+    return found
+
+
+@dataclass(frozen=True)
+class _Span:
+    """When a signal is there."""
+
+    signal: Signal
+    at_s: Array
+
+
+def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[Signal]) -> Array:
+    """Where records begin and end, whole control cycles of them within all streams; the gyro's span is the first."""
+    gyro, knots = spans[0].signal, spans[0].at_s
+    first, last = max(spans, key=lambda one: one.at_s[0]), min(spans, key=lambda one: one.at_s[-1])
+    late, early = first.signal, last.signal
+    start, end = float(first.at_s[0]), float(last.at_s[-1])
+    if start >= end:
+        raise signals.error(
+            f"{late.key}.clock",
+            late.times.path,
+            f"two clocks don't overlap: {late.key} is {late.times.span()}, {early.key} {early.times.span()}; "
+            "mend clock.unit, or state the clock.offset_s between them",
+        )
+    zero = gyro.times.zero_s
+    start = start if records.start_s is None else max(start, records.start_s - zero)
+    end = end if records.end_s is None else min(end, records.end_s - zero)
+    length = records.interval_s or (records.samples or 1) * gyro.times.step_s
+    cycle = length * records.per_cycle
+    driving = next((one.times for one in commands if abs(one.times.step_s / cycle - 1) < _LIKE), None)
+    slack = _SAME * gyro.times.step_s
+    if driving is not None and (driving.s >= start - slack).any():
+        start = float(driving.s[driving.s >= start - slack][0])
+        signals.made.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
+    if records.samples is None:
+        edges = start + length * np.arange(max(int((end - start + slack) / length), 0) + 1)
+    else:
+        # commands are stamped with less care than a cycle is long; without any, nothing before the start is taken
+        near = int(np.argmin(np.abs(knots - start))) if driving is not None else int(np.searchsorted(knots, start - slack))
+        edges = knots[near :: records.samples]
+        edges = edges[edges <= end + slack]
+    whole = (len(edges) - 1) // records.per_cycle * records.per_cycle
+    if whole < 2 * records.per_cycle:
+        raise signals.error(
+            "records",
+            gyro.times.path,
+            f"from {start + zero:.13g} to {end + zero:.13g} s, where all streams are there, are not two control cycles of {cycle:.6g} s; "
+            f"gyro is {gyro.times.span()}, {early.key} {early.times.span()}, {late.key} {late.times.span()}",
+        )
+    return edges[: whole + 1]
+
+
+def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequence[Signal]) -> None:
+    """Sensors must be at least as fast as records, and nothing may have a gap."""
+    length = median(np.diff(edges))
+    for signal in sensors:
+        if signal.paths and signal.times.step_s > 1.01 * length:
+            raise signals.error(
+                signal.key,
+                signal.paths[0],
+                f"comes every {signal.times.step_s:.6g} s; records of {length:.6g} s would be made up. Make records at least as long",
+            )
+    for signal in (*sensors, *slow):
+        times = signal.times
+        inside = times.s[(times.s >= edges[0]) & (times.s <= edges[-1])]
+        if not signal.paths:
+            continue
+        steps = np.diff(inside)
+        lost = np.flatnonzero(steps > GAP * times.step_s)
+        wide = lost[steps[lost] > length]
+        if wide.size:
+            at = inside[wide[0]]
+            raise signals.error(
+                signal.key,
+                signal.paths[0],
+                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (median interval {times.step_s:.6g} s); "
+                "take one side of it with records.start_s or end_s",
+            )
+        if lost.size:
+            signals.made.append(
+                f"{signal.key}: {lost.size} gap(s) of up to {steps[lost].max():.6g} s, shorter than a record, are bridged evenly; "
+                f"the first after {inside[lost[0]] + times.zero_s:.13g} s"
+            )
+
+
+def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
+    """(K, n) the command of each control cycle."""
+    signal, step, length = command.signal, command.signal.times.step_s, median(np.diff(cycles))
+    said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
+    if command.kind == "on_time":
+        count, first = resample.in_each(signal.times.s, cycles, _EARLY)
+        wrong = np.flatnonzero(count != 1)
+        if wrong.size:
+            at = cycles[wrong[0]] + signal.times.zero_s
+            raise signals.error(
+                signal.key,
+                signal.paths[0],
+                f"{count[wrong[0]]} on-times in the control cycle of {length:.6g} s at {at:.13g} s; one each is wanted: mend [records], "
+                'or unit = "open" if this is the state of a valve',
+            )
+        apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
+        signals.made.append(f"{said}, one in each control cycle, stamped up to {apart:.3g} s from its beginning")
+        return signal.values[first]
+    if not signal.paths:
+        signals.made.append(f"{signal.key}: taken as {', '.join(f'{v:g}' for v in signal.values[0])} throughout, as the map states")
+        return np.repeat(signal.values[:1], len(cycles) - 1, 0)
+    found = resample.means(signal.values, signal.times.s, command.holds, cycles)
+    how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
+    signals.made.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
+    return found * np.diff(cycles)[:, None] if command.kind == "share" else found

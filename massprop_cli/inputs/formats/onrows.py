@@ -1,0 +1,60 @@
+"""A recording whose streams share one clock: its rows are the log's."""
+
+from __future__ import annotations
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats.mapfile import Wrench
+from massprop_cli.inputs.formats.signals import Signal, Signals
+
+
+def columns_of(signals: Signals) -> dict[str, Array]:
+    """The log's columns by the contract's names."""
+    said = signals.map
+    gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
+    accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
+    made: dict[str, Array] = {columns.TIME: gyro.times.s}
+    for signal, kind, rates, increments in (
+        (gyro, said.gyro.values, columns.GYRO, columns.DELTA_THETA),
+        (accelerometer, said.accelerometer.values, columns.ACCEL, columns.DELTA_V),
+    ):
+        values = _beside(gyro, signal, signals).values
+        if kind == "sample":
+            values = resample.own_increments(values, gyro.times.s)
+            signals.made.append(f"{signal.key}: samples integrated between their own times by the trapezoid rule")
+        made |= dict(zip(rates if kind == "mean" else increments, values.T, strict=True))
+    attitude = None
+    if said.attitude is not None:
+        attitude = _beside(gyro, signals.attitude(said.attitude), signals).values
+        made |= dict(zip(columns.QUATERNION, resample.z_up(attitude, said.attitude.world).T, strict=True))
+    for key, wrench, known, names in wrenches(signals):
+        values = _beside(gyro, signals.wrench(key, wrench, known), signals).values
+        if wrench.frame == "world" and attitude is not None:
+            values = resample.into_body(values, attitude)
+            signals.made.append(f"{key}: turned from world into body axes with the logged attitude of the same row")
+        made |= dict(zip(names, values.T, strict=True))
+    for name, jet in said.jets.items():
+        on, share = signals.jet(name, jet)
+        if share:
+            raise signals.error(on.key, on.paths[0], "a valve's state wants control cycles to be summed over; state [records] in the map")
+        made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
+    return made
+
+
+def wrenches(signals: Signals) -> list[tuple[str, Wrench, dict[str, float], tuple[str, ...]]]:
+    """Commanded torque and force where the map has them: key, entry, units, columns."""
+    said = signals.map
+    both = (("torque", said.torque, units.TORQUE, columns.WRENCH[:3]), ("force", said.force, units.FORCE, columns.WRENCH[3:]))
+    return [(key, wrench, known, names) for key, wrench, known, names in both if wrench is not None]
+
+
+def _beside(gyro: Signal, signal: Signal, signals: Signals) -> Signal:
+    """The signal, once it is seen to be on the gyro's clock."""
+    own, its = signal.times, gyro.times
+    if own is not its and (len(own.s) != len(its.s) or (own.s != its.s).any()):
+        path = signal.paths[0] if signal.paths else ""
+        raise signals.error(
+            signal.key, path, f"its clock {own.path!r} is not the gyro's, {its.path!r}; state [records] in the map, onto which both are put"
+        )
+    return signal

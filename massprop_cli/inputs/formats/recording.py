@@ -1,0 +1,213 @@
+"""The seam between formats and the rest: a recording is named streams, and a reader is one function.
+
+A new format is one module with ``streams(path, data)`` and one line in :data:`KINDS`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+
+Numbers = NDArray[Any]
+"""Numbers of any type: clocks of nanoseconds stay whole."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One signal of a recording."""
+
+    path: str
+    """Its name in the file, unique there."""
+    rows: int
+    load: Callable[[], Numbers] = field(repr=False)
+    clock: str = ""
+    """Path of the stream that holds its times; empty where the file doesn't say."""
+    unit: str = ""
+    """As recorded; empty where none is."""
+
+    @cached_property
+    def values(self) -> Numbers:
+        """(rows,) numbers. :class:`InputError` where a cell is none."""
+        return self.load()
+
+
+def stream(path: str, values: Numbers, clock: str = "", unit: str = "") -> Stream:
+    """A stream of values at hand."""
+    return Stream(path, len(values), lambda: values, clock, unit)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A file as its reader gives it."""
+
+    path: Path
+    sha256: str
+    kind: str
+    """What the file is, for messages."""
+    streams: Mapping[str, Stream]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Settings of the vehicle that the file carries, such as PX4's."""
+    vehicle: str | None = None
+    """A vehicle file within."""
+    map: str | None = None
+    """A map file within."""
+
+
+@dataclass(frozen=True)
+class Read:
+    """What a reader gives."""
+
+    streams: Iterable[Stream]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    vehicle: str | None = None
+    map: str | None = None
+
+
+_ASIDE = re.compile(r"['\"]?(<_io\.BytesIO[^>]*>|\S*\brecording\.\w+)['\"]?")
+
+
+class Reader(Protocol):
+    """A format's module."""
+
+    def read(self, path: Path, data: bytes) -> Read:
+        """The streams of a file's bytes; ``path`` is for messages. What it raises says that the file is damaged."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A format."""
+
+    name: str
+    module: str
+    """In this package."""
+    extra: str = ""
+    """Of the distribution, where it needs one."""
+
+
+_MATLAB, _HDF5, _ULOG = Kind("MATLAB file", "matlab", "matlab"), Kind("HDF5 file", "hdf5", "hdf5"), Kind("PX4 ULog", "ulog", "ulog")
+_BAG, _MCAP, _MDF = Kind("ROS bag", "rosbag", "ros"), Kind("MCAP file", "mcapfile", "mcap"), Kind("MDF4 file", "mdf", "mdf")
+TABLE = Kind("table", "tabular")
+KINDS = {
+    ".parquet": TABLE,
+    ".csv": TABLE,
+    ".tsv": TABLE,
+    ".mat": _MATLAB,
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".ulg": _ULOG,
+    ".bag": _BAG,
+    ".db3": _BAG,
+    ".mcap": _MCAP,
+    ".mf4": _MDF,
+}
+"""By the end of a file's name; .csv and .tsv may end in .gz besides."""
+SUFFIXES = (*KINDS, ".csv.gz", ".tsv.gz")
+
+
+def maps_beside(log: str) -> tuple[str, str]:
+    """The names of map files that belong to a log of this name, the first before the second."""
+    plain = log[: -len(".gz")] if log.lower().endswith(".gz") else log
+    return f"{Path(plain).stem}.map.toml", "map.toml"
+
+
+def suffix(path: Path) -> str:
+    """How the file's name ends, in lower case, without a .gz."""
+    plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    return plain.suffix.lower()
+
+
+def kind(path: Path) -> Kind:
+    """The format of a file by its name; :class:`InputError` where it is none."""
+    found = KINDS.get(suffix(path))
+    if found is None or (path.suffix.lower() == ".gz" and suffix(path) not in (".csv", ".tsv")):
+        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {_others()}")
+    return found
+
+
+def is_plain(path: Path) -> bool:
+    """Whether a file is a table, which may be a log without any map."""
+    return KINDS.get(suffix(path)) is TABLE
+
+
+def _others() -> str:
+    names = [name for name in SUFFIXES if name not in (".parquet", ".csv")]
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def load(path: Path) -> Recording:
+    """A recording from its file."""
+    try:
+        return read(path, limits.content(path, "log"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+
+
+def read(path: Path, data: bytes) -> Recording:
+    """A recording from a file's bytes; :class:`InputError` where it can't be read."""
+    if not data:
+        raise InputError(f"{path}: the file is empty; record the log again")
+    found = kind(path)
+    reader: Reader = _reader(path, found)
+    with damaged(path, found):
+        said = reader.read(path, data)
+        streams: dict[str, Stream] = {}
+        cells = 0
+        for one in said.streams:
+            cells += one.rows
+            limits.NUMBERS.check(str(path), cells)
+            limits.STREAMS.check(str(path), len(streams) + 1)
+            streams.setdefault(one.path, one)
+    if not any(one.rows for one in streams.values()):
+        raise InputError(f"{path}: holds no numbers; record the log again")
+    return Recording(path, hashlib.sha256(data).hexdigest(), found.name, streams, said.parameters, said.vehicle, said.map)
+
+
+def _reader(path: Path, found: Kind) -> Any:
+    try:
+        with _unremarked():
+            return import_module(f"massprop_cli.inputs.formats.{found.module}")
+    except ImportError as error:
+        if not found.extra:
+            raise
+        raise InputError(f"{path}: reading a {found.name} needs the package {error.name}; pip install 'massprop[{found.extra}]'") from None
+
+
+@contextmanager
+def damaged(path: Path, found: Kind) -> Iterator[None]:
+    """What a library raises over a file becomes an :class:`InputError`: each raises errors of its own, and most any."""
+    try:
+        with _unremarked():
+            yield
+    except (InputError, KeyboardInterrupt):
+        raise
+    except Exception as error:
+        # neither a file's copy aside nor an object's address is anything to a reader
+        reason = _ASIDE.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
+        raise InputError(f"{path}: not a readable {found.name} ({reason}); copy it again from the recorder") from None
+
+
+@contextmanager
+def _unremarked() -> Iterator[None]:
+    """A library's remarks on itself are no concern of whoever reads the result."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def whole(values: Numbers) -> Numbers:
+    """Numbers as they are, true and false as 1 and 0."""
+    return values.astype(np.uint8) if values.dtype == bool else values

@@ -1,0 +1,99 @@
+"""Streams with clocks of their own, put on the records and control cycles of a log.
+
+A rate is integrated and an increment summed, so that a record holds what happened in it, whatever the samples' times. A command holds until
+the next and its mean over each control cycle is taken, so that no impulse is lost.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, IntArray
+
+Values = Literal["sample", "mean", "increment"]
+Holds = Literal["until_next", "since_last"]
+
+
+def own_increments(values: Array, times_s: Array) -> Array:
+    """(n, 3) increments over the intervals that end at the samples of a rate, by the trapezoid rule.
+
+    The first, which has none before it, counts as a mean over a median interval.
+    """
+    steps = np.diff(times_s)
+    rest = (values[1:] + values[:-1]) / 2 * steps[:, None]
+    return np.concatenate([values[:1] * np.median(steps), rest])
+
+
+def knots(times_s: Array, kind: Values) -> Array:
+    """When a sum of increments is known: at the samples, and for what is over an interval at the beginning of the first."""
+    return times_s if kind == "sample" else np.insert(times_s, 0, times_s[0] - np.median(np.diff(times_s)))
+
+
+def increments(values: Array, times_s: Array, kind: Values, edges_s: Array) -> Array:
+    """(m, 3) increments between m + 1 edges within the :func:`knots`.
+
+    Their sum is read off at the edges; within one sample's interval it grows evenly (of a rate at single instants, by the mean of the two
+    around it).
+    """
+    known = knots(times_s, kind)
+    steps = np.diff(known)[:, None]
+    each = values if kind == "increment" else values * steps if kind == "mean" else (values[1:] + values[:-1]) / 2 * steps
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(each, 0)])
+    return np.stack([np.diff(np.interp(edges_s, known, column)) for column in total.T], 1)
+
+
+def means(values: Array, times_s: Array, holds: Holds, edges_s: Array) -> Array:
+    """(m, n) means between m + 1 edges of values that hold until the next, or since the last."""
+    steps = np.diff(times_s)
+    last = float(np.median(steps))
+    if holds == "until_next":
+        knots, held = np.append(times_s, max(times_s[-1] + last, edges_s[-1])), values
+    else:
+        knots, held = np.insert(times_s, 0, min(times_s[0] - last, edges_s[0])), values
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(held * np.diff(knots)[:, None], 0)])
+    summed = np.stack([np.diff(np.interp(edges_s, knots, total[:, axis])) for axis in range(values.shape[1])], 1)
+    return summed / np.diff(edges_s)[:, None]
+
+
+def span(times_s: Array, holds: Holds) -> Array:
+    """The times from and until which values hold: a command until a median interval after the last, or from one before the first."""
+    last = float(np.median(np.diff(times_s)))
+    return np.append(times_s, times_s[-1] + last) if holds == "until_next" else np.insert(times_s, 0, times_s[0] - last)
+
+
+def in_each(times_s: Array, edges_s: Array, early: float) -> tuple[IntArray, IntArray]:
+    """How many samples lie in each interval between edges, and the number of the first in it.
+
+    One that comes earlier than an interval by less than this part of it is counted in it.
+    """
+    slack = early * float(np.median(np.diff(edges_s)))
+    at = np.searchsorted(times_s, edges_s - slack)
+    return np.diff(at), np.minimum(at[:-1], len(times_s) - 1)
+
+
+def attitude_at(quaternions: Array, times_s: Array, wanted_s: Array) -> Array:
+    """(m, 4) quaternions between samples, along the straight line and of unit length; outside, the nearest."""
+    after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
+    share = np.clip((wanted_s - times_s[after - 1]) / (times_s[after] - times_s[after - 1]), 0, 1)[:, None]
+    first, second = quaternions[after - 1], quaternions[after]
+    # q and −q are the same attitude
+    near = second * np.where((first * second).sum(1) < 0, -1.0, 1.0)[:, None]
+    between = (1 - share) * first + share * near
+    found: Array = between / np.linalg.norm(between, axis=1)[:, None]
+    return found
+
+
+def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
+    """(n, 4) the same attitudes from a world whose z is up: one with z down is turned half about its x."""
+    w, x, y, z = quaternions.T
+    return quaternions if world == "z_up" else np.stack([-x, w, -z, y], 1)
+
+
+def into_body(vectors: Array, quaternions: Array) -> Array:
+    """(n, 3) world vectors in body axes, by quaternions wxyz that turn body into world."""
+    w, v = quaternions[:, :1], -quaternions[:, 1:]
+    twice = 2 * np.cross(v, vectors)
+    turned: Array = vectors + w * twice + np.cross(v, twice)
+    return turned

@@ -1,0 +1,88 @@
+"""Messages of ROS 1 and ROS 2, by whatever definitions their file carries, as flat fields: ``topic/field/part[0]``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base import limits
+from massprop_cli.inputs.formats.recording import Stream, stream
+
+LOG_TIME = "@log_time"
+"""The clock of a topic: when its messages were recorded; that of the header, where there is one, is the better."""
+_LONGEST = 64
+"""Numbers of an array that each become a stream of their own; images and clouds are no signals."""
+_UNITS = {
+    "sensor_msgs/Imu": {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
+    "geometry_msgs/Wrench": {"force": "N", "torque": "N m"},
+    "geometry_msgs/WrenchStamped": {"force": "N", "torque": "N m"},
+}
+"""What the standard's own messages state (REP 103: SI)."""
+
+
+class Topic:
+    """The messages of one topic as they come."""
+
+    def __init__(self, name: str, kind: str) -> None:
+        self.name, self.kind = name, kind.replace("/msg/", "/")
+        self.time_ns: list[int] = []
+        self.rows: list[dict[str, float | int]] = []
+
+    def add(self, time_ns: int, message: Any) -> None:
+        """One message."""
+        self.time_ns.append(time_ns)
+        self.rows.append(dict(_fields(message, "")))
+
+    def streams(self) -> Iterator[Stream]:
+        """Fields that every message has, on the header's clock where there is one."""
+        clock = f"{self.name}/{LOG_TIME}"
+        yield stream(clock, np.array(self.time_ns, np.int64), unit="ns")
+        if not self.rows:
+            return
+        shared = [path for path in self.rows[0] if all(path in row for row in self.rows)]
+        stamps = [path for path in shared if path == "header/stamp" and len({row[path] for row in self.rows}) == len(self.rows)]
+        own = f"{self.name}/{stamps[0]}" if stamps else clock
+        for path in shared:
+            values = np.array([row[path] for row in self.rows])
+            unit = "ns" if path.endswith("stamp") else self._unit(path)
+            yield stream(f"{self.name}/{path}", values, "" if f"{self.name}/{path}" == own else own, unit)
+
+    def _unit(self, path: str) -> str:
+        parts = path.removeprefix("wrench/").split("/")
+        return _UNITS.get(self.kind, {}).get(parts[0], "") if len(parts) == 2 else ""
+
+
+def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[Stream]:
+    """The streams of messages (topic, type, time in ns, message)."""
+    topics: dict[str, Topic] = {}
+    cells = 0
+    for name, kind, time_ns, message in messages:
+        topic = topics.setdefault(name, Topic(name, kind))
+        topic.add(time_ns, message)
+        cells += len(topic.rows[-1]) + 1
+        limits.NUMBERS.check(str(path), cells)
+    for topic in topics.values():
+        yield from topic.streams()
+
+
+def _fields(message: Any, path: str) -> Iterator[tuple[str, float | int]]:
+    """Numbers of a message and of those within it. Times become whole nanoseconds."""
+    if isinstance(message, bool | np.bool_ | int | float | np.number):
+        yield path, message.item() if isinstance(message, np.generic) else message
+    elif isinstance(message, dict):
+        for part in ("nanosec", "nsec"):
+            if set(message) == {"sec", part}:
+                yield path, int(message["sec"]) * 10**9 + int(message[part])
+                return
+        for name, part in message.items():
+            yield from _fields(part, f"{path}/{name}" if path else str(name))
+    elif isinstance(message, Sequence | np.ndarray) and not isinstance(message, str | bytes | bytearray):
+        if len(message) <= _LONGEST:
+            for number, part in enumerate(message):
+                yield from _fields(part, f"{path}[{number}]")
+    elif is_dataclass(message):
+        yield from _fields({part.name: getattr(message, part.name) for part in fields(message) if part.name[:2] != "__"}, path)

@@ -1,0 +1,248 @@
+"""What a map names, found in a recording: numbers in SI units with the times at which they hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.configfile import nearest
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import units
+from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, MappedVector, MapSource, Sensor, Wrench
+from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
+
+_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Times:
+    """A clock, in seconds."""
+
+    path: str
+    s: Array
+    """(n,) strictly increasing, less the recording's zero."""
+    zero_s: float
+
+    @property
+    def step_s(self) -> float:
+        """The median interval."""
+        return median(np.diff(self.s))
+
+    def span(self) -> str:
+        """From when to when, by the clock itself."""
+        return f"{self.s[0] + self.zero_s:.13g} to {self.s[-1] + self.zero_s:.13g} s by {self.path!r}"
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Numbers of one quantity, SI."""
+
+    key: str
+    """In the map file."""
+    paths: tuple[str, ...]
+    values: Array
+    """(n, axes)"""
+    times: Times
+
+
+class Signals:
+    """A recording under a map. Every error names the file, the path in it, and what the map should say."""
+
+    def __init__(self, recording: Recording, source: MapSource) -> None:
+        self.recording, self.map, self.source = recording, source.map, source.source
+        self.made: list[str] = []
+        """What was done, for whoever reads the result."""
+        self._clocks: dict[tuple[str, str | None, float], Times] = {}
+        self._zero = Fraction(0)
+        records = self.map.records
+        if records is not None and records.zero == "start":
+            said = self._clock_of("gyro", self._paths("gyro", self.map.gyro.paths, 3), self.map.gyro.clock)
+            self._zero = self._exact(said, self._counts("gyro", said.path or "")[0], self._time_factor("gyro.clock", said))
+
+    def error(self, key: str, path: str, problem: str) -> InputError:
+        """What is wrong with a path under a key of the map."""
+        return InputError(f"{self.recording.path}, {path!r}: {problem} ([{key}] of {self.source})")
+
+    def sensor(self, key: str, said: Sensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> Signal:
+        """Gyro or accelerometer, the sensor's axes turned as the map says."""
+        return self._vector(key, said, increments if said.values == "increment" else rates)
+
+    def wrench(self, key: str, said: Wrench, known: Mapping[str, float]) -> Signal:
+        """Commanded torque or force in the frame that the map states."""
+        return self._vector(key, said, known)
+
+    def jet(self, name: str, said: Jet) -> tuple[Signal, bool]:
+        """On-times in s, or openings from 0 to 1; and whether it is these."""
+        key = f"jets.{name}"
+        stream = self._stream(key, said.path)
+        known = {unit: value for unit, value in units.TIME.items() if unit != "ns"} | units.SHARE
+        factor, unit = self._factor(key, stream, said.unit, known)
+        values = self._numbers(key, stream, empty=self.map.records is None) * (factor * said.scale)
+        clock = self._clock_of(key, [said.path], said.clock)
+        return self._signal(key, [stream.path], values[:, None], clock), unit in units.SHARE
+
+    def attitude(self, said: Attitude) -> Signal:
+        """Unit quaternions wxyz, the file's own world from body."""
+        paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
+        columns = [self._numbers("attitude", self._stream("attitude", path)) for path in paths]
+        quaternion = self._together("attitude", paths, columns)
+        if said.order == "xyzw":
+            quaternion = quaternion[:, [3, 0, 1, 2]]
+        norm = np.linalg.norm(quaternion, axis=1)
+        bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
+        if bad.size:
+            raise self.error(
+                "attitude", paths[0], f"the quaternion's norm is {norm[bad[0]]:.4g} at sample {bad[0]}, not 1; are these four its parts?"
+            )
+        quaternion = quaternion / norm[:, None]
+        if said.turns == "body_from_world":
+            quaternion = quaternion * np.array([1, -1, -1, -1])
+        return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
+
+    def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> Signal:
+        paths = self._paths(key, said.paths, 3)
+        streams = [self._stream(key, path) if isinstance(path, str) else None for path in paths]
+        columns = []
+        for path, stream in zip(paths, streams, strict=True):
+            if stream is None:
+                columns.append(np.array([float(path)]))
+                continue
+            factor, _ = self._factor(key, stream, said.unit, known)
+            columns.append(
+                self._numbers(key, stream, empty=key in ("torque", "force") and self.map.records is None) * (factor * said.scale)
+            )
+        named = [path for path in paths if isinstance(path, str)]
+        rows = max(map(len, columns)) if named else 1
+        columns = [np.full(rows, column[0]) if stream is None else column for column, stream in zip(columns, streams, strict=True)]
+        values = self._together(key, [str(path) for path in paths], columns)
+        turned = np.stack([values[:, "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in said.axes], 1)
+        if not named:
+            gyro = self._paths("gyro", self.map.gyro.paths, 3)
+            times = self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
+            return Signal(key, (), np.broadcast_to(turned, (len(times.s), 3)), times)
+        return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
+
+    def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> Signal:
+        times = self._times(key, clock)
+        if len(times.s) != len(values):
+            raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {len(times.s)}; name the clock it has")
+        return Signal(key, tuple(paths), values, times)
+
+    def _together(self, key: str, paths: Sequence[str], columns: Sequence[Array]) -> Array:
+        lengths = {len(column) for column in columns}
+        if len(lengths) > 1:
+            said = ", ".join(f"{path!r} {len(column)}" for path, column in zip(paths, columns, strict=True))
+            raise self.error(key, paths[0], f"axes have different numbers of samples ({said}); name streams that belong together")
+        return np.stack(columns, 1)
+
+    def _paths(self, key: str, said: str | Sequence[str | float], count: int) -> list[str | float]:
+        """The paths that are meant, a pattern resolved."""
+        found: list[str | float] = list(said) if not isinstance(said, str) else list(fitting(said, list(self.recording.streams)))
+        if isinstance(said, str) and len(found) != count:
+            listed = ", ".join(map(repr, found[:_SHOWN])) + (", …" if len(found) > _SHOWN else "")
+            hint = listed or f"nothing{nearest(said, self.recording.streams, 'the nearest path is')}"
+            raise self.error(key, said, f"the pattern fits {len(found)} paths, not {count}: {hint}; massprop columns lists all")
+        if len(found) != count:
+            raise self.error(key, str(found[:1]), f"{len(found)} paths; give {count}")
+        return found
+
+    def _stream(self, key: str, path: str) -> Stream:
+        found = self.recording.streams.get(path)
+        if found is None:
+            hint = nearest(path, self.recording.streams, "the nearest is")
+            raise self.error(key, path, f"no such path in this {self.recording.kind}{hint}; massprop columns lists all")
+        if found.rows == 0:
+            raise self.error(key, path, "holds no sample; was it recorded? massprop columns lists what was")
+        return found
+
+    def _numbers(self, key: str, stream: Stream, empty: bool = False) -> Array:
+        values = np.asarray(stream.values, np.float64)
+        bad = np.flatnonzero(np.isinf(values) if empty else ~np.isfinite(values))
+        if bad.size:
+            raise self.error(
+                key, stream.path, f"{values[bad[0]]} at sample {bad[0]} is not a finite number; cut it away with records.start_s or end_s"
+            )
+        return values
+
+    def _factor(self, key: str, stream: Stream, said: str | None, known: Mapping[str, float]) -> tuple[float, str]:
+        """To SI by the unit that is stated or recorded; it is refused where these contradict each other."""
+        recorded = units.plain(stream.unit)
+        text = said or recorded
+        choices = ", ".join(known)
+        if not text:
+            raise self.error(key, stream.path, f"the file records no unit; state unit = one of {choices}")
+        factor = units.factor(text, known)
+        if factor is None:
+            raise self.error(key, stream.path, f"unit {text!r} is none of this quantity; it is one of {choices}")
+        if said and recorded and recorded != units.plain(said):
+            problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or mend it"
+            if units.is_any(recorded):
+                raise self.error(key, stream.path, problem)
+        return factor, units.plain(text)
+
+    def _clock_of(self, key: str, paths: Sequence[str | float], said: Clock | None) -> Clock:
+        """The clock with a path: of the quantity, of the stream as the file says, of the map."""
+        named = [path for path in paths if isinstance(path, str)]
+        own = next((self._stream(key, path).clock for path in named), "")
+        stated = said or (self.map.clock if self.map.clock.path or not own else Clock(offset_s=self.map.clock.offset_s))
+        if stated.path is None and not own:
+            raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
+        return stated if stated.path is not None else replace_clock(stated, own)
+
+    def _counts(self, key: str, path: str) -> Numbers:
+        """A clock's numbers as recorded, all finite, whole ones with a sign."""
+        stream = self._stream(f"{key}.clock", path)
+        self._numbers(f"{key}.clock", stream)
+        return stream.values.astype(np.int64) if stream.values.dtype.kind == "u" else stream.values
+
+    @staticmethod
+    def _exact(clock: Clock, value: Any, factor: float) -> Fraction:
+        """A time in seconds, without rounding."""
+        return Fraction(value.item()) * Fraction(str(factor)) + Fraction(clock.offset_s)
+
+    def _time_factor(self, key: str, clock: Clock) -> float:
+        return self._factor(key, self._stream(key, clock.path or ""), clock.unit, units.TIME)[0]
+
+    def _times(self, key: str, clock: Clock) -> Times:
+        path = clock.path or ""
+        held = (path, clock.unit, clock.offset_s)
+        if held not in self._clocks:
+            factor = self._time_factor(f"{key}.clock", clock)
+            values = self._counts(key, path)
+            if self._zero:
+                # whole nanoseconds since 1970 don't fit a float: their differences do
+                first = float(self._exact(clock, values[0], factor) - self._zero)
+                seconds = np.asarray(values - values[0], np.float64) * factor + first
+            else:
+                seconds = np.asarray(values, np.float64) * factor + clock.offset_s
+            back = np.flatnonzero(np.diff(seconds) <= 0)
+            if back.size or len(seconds) < 2:
+                where = f"stands still or goes back at sample {back[0] + 1}" if back.size else "has one sample only"
+                raise self.error(f"{key}.clock", path, f"time {where}; name another clock, or sort and cut the recording")
+            self._clocks[held] = Times(path, seconds, float(self._zero))
+        return self._clocks[held]
+
+
+def replace_clock(clock: Clock, path: str) -> Clock:
+    """The clock with a path."""
+    return clock.model_copy(update={"path": path})
+
+
+def fitting(pattern: str, paths: Sequence[str]) -> list[str]:
+    """The paths that a pattern fits, 2 before 10; ``*`` is any text within a level of the path, ``**`` any text, ``?`` one character."""
+    if pattern in paths:
+        return [pattern]
+    parts = re.split(r"(\*\*|\*|\?)", pattern)
+    fits = re.compile("".join({"**": ".*", "*": "[^/]*", "?": "[^/]"}.get(part, re.escape(part)) for part in parts))
+    return sorted((path for path in paths if fits.fullmatch(path)), key=natural)
+
+
+def natural(path: str) -> list[tuple[int, str]]:
+    """Sorts x2 before x10."""
+    return [(int(part), "") if part.isdecimal() and part.isascii() else (-1, part) for part in re.split(r"(\d+)", path)]

@@ -1,0 +1,162 @@
+"""What a log tells of its vehicle without any vehicle file: cycles, noise, gravity, commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.tablefile import Table
+
+SETTLE = 4
+"""Cycles without a command before one counts as quiet: commands come late, and jets fall."""
+ENOUGH = 20
+"""Quiet cycles, at least, to tell a mean, ..."""
+TOLD = 130
+"""... and to tell a noise level to a twentieth of it: 0.57 / √N by second differences of three axes."""
+_SAME = 1e-9
+_TICK, _ROUNDED = 1e-3, 1e-3
+"""The least tick as part of the longest on-time, and the rounding of on-times as part of that."""
+_CLIPPED = 5
+"""So many records at one extreme are no chance."""
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What was found; None where the log can't tell."""
+
+    interval_s: Array
+    """(n - 1,) from record to record."""
+    records: int | None
+    """Of a control cycle: commands change at its multiples only."""
+    commands: Mapping[str, Array]
+    """By column: the command of each cycle, or of each record where cycles aren't known."""
+    quiet: int
+    """Cycles without command, and settled."""
+    gyro_noise: Array | None
+    """(3,) rad/s, one sigma of a cycle's mean."""
+    accel_noise: Array | None
+    """(3,) m/s²."""
+    gyro_mean: Array | None
+    """(3,) rad/s over the quiet cycles."""
+    felt: float | None
+    """m/s², the median size of the specific force over them."""
+    felt_always: float
+    """The same over the whole log."""
+    gyro_clipped: float | None
+    """rad/s, an extreme that many records share."""
+    accel_clipped: float | None
+
+    @property
+    def period_s(self) -> float:
+        """Of a control cycle; of a record where cycles aren't known."""
+        return median(self.interval_s) * (self.records or 1)
+
+
+def traits(table: Table) -> Traits:
+    """Look through a log; :class:`InputError` where it has no IMU or goes back in time."""
+    time_s = _numbers(table, (columns.TIME,))[:, 0]
+    steps = np.diff(time_s)
+    if len(steps) < 2 or not (steps > 0).all():
+        raise InputError(f"{table.path}: {columns.TIME} does not increase throughout; sort or cut the log")
+    interval = np.concatenate([[median(steps)], steps])[:, None]
+    rate = _rates(table, columns.DELTA_THETA, columns.GYRO, interval)
+    force = _rates(table, columns.DELTA_V, columns.ACCEL, interval)
+    names = [name for name in table.columns if name in columns.WRENCH or (name.startswith("jet_") and name.endswith("_s"))]
+    raw = {name: table.columns[name].numbers() for name in names}
+    records = _records(raw)
+    count = records or 1
+    whole = len(time_s) // count * count
+    weight = interval[:whole].reshape(-1, count, 1)
+    mean_rate, mean_force = ((v[:whole].reshape(-1, count, 3) * weight).sum(1) / weight.sum(1) for v in (rate, force))
+    commands = {name: values[:whole:count] for name, values in raw.items()}
+    quiet = _quiet(commands, len(mean_rate))
+    return Traits(
+        interval_s=steps,
+        records=records,
+        commands=commands,
+        quiet=int(quiet.sum()),
+        gyro_noise=_noise(mean_rate, quiet),
+        accel_noise=_noise(mean_force, quiet),
+        gyro_mean=mean_rate[quiet].mean(0) if quiet.sum() >= ENOUGH else None,
+        felt=float(np.median(np.linalg.norm(mean_force[quiet], axis=1))) if quiet.sum() >= ENOUGH else None,
+        felt_always=float(np.median(np.linalg.norm(mean_force, axis=1))),
+        gyro_clipped=_clipped(rate),
+        accel_clipped=_clipped(force),
+    )
+
+
+def tick_s(on_s: Array) -> float | None:
+    """The step of which all on-times are multiples, by Euclid's algorithm; None where there is none above a thousandth of the longest."""
+    values = np.unique(on_s[np.isfinite(on_s) & (on_s > 0)])
+    if len(values) < 2:
+        return None
+    tick, floor = float(values[0]), _TICK * float(values[-1])
+    for value in values[1:]:
+        larger, smaller = float(value), tick
+        while smaller > _ROUNDED * floor:
+            rest = larger % smaller
+            larger, smaller = smaller, min(rest, smaller - rest)
+        tick = larger
+        if tick < floor:
+            return None
+    return tick
+
+
+def _numbers(table: Table, names: tuple[str, ...]) -> Array:
+    for name in names:
+        if name not in table.columns:
+            raise InputError(f"{table.path}: column {name!r} is missing; massprop columns {table.path} drafts a map that says where it is")
+    values = np.stack([table.columns[name].numbers() for name in names], 1)
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        row, column = (int(i) for i in bad[0])
+        raise InputError(f"{table.path}, {table.places.of(row)}, column {names[column]}: not a finite number; mend or cut the record")
+    return values
+
+
+def _rates(table: Table, increments: tuple[str, ...], rates: tuple[str, ...], interval: Array) -> Array:
+    if increments[0] in table.columns or rates[0] not in table.columns:
+        return _numbers(table, increments) / interval
+    return _numbers(table, rates)
+
+
+def _records(raw: Mapping[str, Array]) -> int | None:
+    """The greatest number of records at whose multiples alone commands stand or change."""
+    found = 0
+    for values in raw.values():
+        held = np.flatnonzero(~np.isnan(values))
+        # of a column with empty cells the others are cycle starts; else those where it changes are some of them
+        starts = held if len(held) < len(values) else np.flatnonzero(np.diff(values)) + 1
+        found = math.gcd(found, *map(int, starts)) if len(starts) else found
+    return found or None
+
+
+def _quiet(commands: Mapping[str, Array], count: int) -> BoolArray:
+    """Cycles without any command, nor in those before."""
+    still = np.ones(count, bool)
+    for values in commands.values():
+        still &= np.nan_to_num(values) == 0.0
+    ahead = np.concatenate([np.zeros(SETTLE, bool), still])
+    quiet: BoolArray = np.logical_and.reduce([ahead[n : n + count] for n in range(SETTLE + 1)])
+    return quiet if commands else np.zeros(count, bool)
+
+
+def _noise(means: Array, quiet: BoolArray) -> Array | None:
+    """(3,) one sigma, by second differences of quiet cycles, which steady turning and drifting leave alone."""
+    three = quiet[2:] & quiet[1:-1] & quiet[:-2]
+    if three.sum() < ENOUGH:
+        return None
+    second = (means[2:] - 2 * means[1:-1] + means[:-2])[three]
+    found: Array = np.sqrt((second**2).mean(0) / 6)
+    return found
+
+
+def _clipped(values: Array) -> float | None:
+    largest = float(np.abs(values).max())
+    return largest if largest > 0 and (np.abs(values) > largest * (1 - _SAME)).sum() >= _CLIPPED else None

@@ -1,0 +1,55 @@
+"""PX4's ULog by pyulog (BSD): ``topic/field[0]``, further instances as ``topic.1/field``, units as PX4 defines its fields."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+from pyulog import ULog
+
+from massprop_cli.base import limits
+from massprop_cli.inputs.formats.recording import Read, Stream, stream
+
+CLOCK = "timestamp"
+_UNITS = {
+    "sensor_combined/gyro_rad": "rad/s",
+    "sensor_combined/accelerometer_m_s2": "m/s^2",
+    "sensor_gyro/": "rad/s",
+    "sensor_accel/": "m/s^2",
+    "vehicle_imu/delta_angle": "rad",
+    "vehicle_imu/delta_velocity": "m/s",
+    "vehicle_angular_velocity/xyz": "rad/s",
+    "vehicle_acceleration/xyz": "m/s^2",
+}
+"""By the beginning of a path without its instance (msg/*.msg of PX4 state them in comments)."""
+_AXIS = re.compile(r"(xyz|[xyz]|gyro_rad|accelerometer_m_s2|delta_angle|delta_velocity)(\[\d\])?$")
+
+
+def read(path: Path, data: bytes) -> Read:
+    """A stream for each field, and the parameters at the start."""
+    # what the library prints would stand in the midst of ours
+    with redirect_stdout(io.StringIO()):
+        log = ULog(io.BytesIO(data))
+    if log.file_corruption:
+        raise ValueError("messages in it are damaged")
+    limits.NUMBERS.check(str(path), sum(len(values) for topic in log.data_list for values in topic.data.values()))
+    parameters = {name: float(value) for name, value in log.initial_parameters.items()}
+    return Read([one for topic in log.data_list for one in _streams(topic)], parameters)
+
+
+def _streams(topic: Any) -> Iterator[Stream]:
+    place = topic.name if topic.multi_id == 0 else f"{topic.name}.{topic.multi_id}"
+    clock = f"{place}/{CLOCK}"
+    for field, values in topic.data.items():
+        yield stream(f"{place}/{field}", values, "" if field == CLOCK else clock, _unit(topic.name, field))
+
+
+def _unit(topic: str, field: str) -> str:
+    if field.startswith(CLOCK):
+        return "us"
+    known = (unit for beginning, unit in _UNITS.items() if f"{topic}/{field}".startswith(beginning))
+    return next(known, "") if _AXIS.fullmatch(field) else ""

@@ -1,0 +1,66 @@
+"""Streams that belong together as the axes of a vector, found by their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from massprop_cli.inputs.formats.recording import Recording, Stream
+
+_MARKS = (
+    (re.compile(r"\[(?::,)?(\d)(?:,:)?\]$"), 0),
+    (re.compile(r"\((?::,)?(\d)(?:,:)?\)$"), 1),
+    (re.compile(r"(?<![a-zA-Z])([wxyzWXYZ])(?![a-zA-Z])(?!.*(?<![a-zA-Z])[wxyzWXYZ](?![a-zA-Z]))"), 0),
+    (re.compile(r"([wxyzWXYZ])(?:\s*[\[(][^\])]*[\])])?$"), 0),
+    (re.compile(r"(?<=\D)(\d)(?:\s*[\[(][^\])]*[\])])?$"), 0),
+    (re.compile(r"(?<![a-zA-Z])([pqr])(?![a-zA-Z])(?!.*/)"), 0),
+)
+"""How names mark an axis, and from what number they count."""
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Three or four streams of one length and clock."""
+
+    stem: str
+    """Their name with * for the axis."""
+    axes: str
+    """What stands for it: ``xyz``, ``wxyz``, ``012``, ``pqr``."""
+    streams: tuple[Stream, ...]
+
+    @property
+    def paths(self) -> list[str]:
+        """Of its axes, in their order."""
+        return [one.path for one in self.streams]
+
+
+def vectors(read: Recording) -> list[Vector]:
+    """All that are complete. A stream may be of more than one, where its name can be read in two ways."""
+    groups: dict[tuple[str, int], dict[str, Stream]] = {}
+    for one in read.streams.values():
+        for stem, axis, way in _ways(one.path):
+            groups.setdefault((stem, way), {})[axis] = one
+    found = []
+    taken: set[tuple[str, ...]] = set()
+    for (stem, _), axes in groups.items():
+        for order in ("wxyz", "0123", "xyz", "012", "pqr"):
+            streams = tuple(axes[axis] for axis in order if axis in axes)
+            if len(axes) == len(order) == len(streams) and _alike(streams) and tuple(one.path for one in streams) not in taken:
+                taken.add(tuple(one.path for one in streams))
+                found.append(Vector(stem, order, streams))
+    return found
+
+
+def _alike(streams: Sequence[Stream]) -> bool:
+    return len({(one.rows, one.clock, one.unit) for one in streams}) == 1
+
+
+def _ways(path: str) -> Iterator[tuple[str, str, int]]:
+    """The name without its axis, the axis, and which of the ways it was read in."""
+    for way, (mark, first) in enumerate(_MARKS):
+        match = mark.search(path)
+        if match:
+            axis = match[1].lower()
+            axis = str(int(axis) - first) if axis.isdigit() else axis
+            yield f"{path[: match.start(1)]}*{path[match.end(1) :]}", axis, way

@@ -1,0 +1,165 @@
+"""How large a Parquet file is once it is unpacked, told from its headers alone (github.com/apache/parquet-format, parquet.thrift).
+
+A few kilobytes may say that they are a billion rows, or truly be that. Arrow believes what the headers say and allocates it, so it is
+counted here before: cells by the footer, values and bytes by the header of every page, since the footer need not agree with those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import thrift
+
+_MARK = b"PAR1"
+_TAIL = 8
+"""Bytes at the end: the footer's length and the file's mark."""
+_TEXT = 6
+"""The physical type BYTE_ARRAY; the only other whose values may be longer than two numbers is FIXED_LEN_BYTE_ARRAY."""
+_DATA, _DICTIONARY, _DATA_2 = 0, 2, 3
+_BY_PREFIXES = 7
+"""The encoding DELTA_BYTE_ARRAY."""
+_Fields = Mapping[int, Any]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column without columns below it."""
+
+    path: str
+    kind: int
+    width: int
+    """Numbers of 8 bytes that a value takes; of text one, as it stays in its dictionary."""
+
+
+@dataclass(frozen=True)
+class _Page:
+    """What a page's header says of it."""
+
+    kind: int
+    unpacked: int
+    """Bytes."""
+    packed: int
+    """Bytes that follow the header."""
+    values: int
+    encoding: int
+
+
+def table(place: str, data: bytes) -> Any:
+    """The file's Arrow table, once it is checked. What Arrow raises, and ValueError, say that it is damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # text stays in its dictionary: one long text on a million rows would be as many texts
+    texts = checked(place, data)
+    try:
+        # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
+        file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts)
+    except KeyError as error:
+        raise ValueError(f"column {error} can't be found") from None
+    return file.read(use_threads=False)
+
+
+def checked(place: str, data: bytes) -> list[str]:
+    """Paths of the file's columns of text, which are to be read as dictionaries.
+
+    :class:`InputError` where more would be unpacked than the limits allow, ValueError where a header can't be read.
+    """
+    length = int.from_bytes(data[-_TAIL:-4], "little")
+    if len(data) < _TAIL + len(_MARK) or data[-4:] != _MARK or length > len(data) - _TAIL:
+        raise ValueError("it does not end as one")
+    limits.FOOTER.check(place, length)
+    footer, _ = thrift.struct(data[: len(data) - _TAIL], len(data) - _TAIL - length)
+    columns = list(_columns(_structs(footer, 2)))
+    groups = _structs(footer, 4)
+    limits.COLUMNS.check(place, len(columns))
+    limits.NUMBERS.check(place, len(columns) * sum(_count(group, 3) for group in groups))
+    _check_pages(place, data, columns, groups)
+    return [column.path for column in columns if column.kind == _TEXT]
+
+
+def _columns(schema: Sequence[_Fields]) -> Iterator[_Column]:
+    """The leaves of a schema, which lists a tree depth first."""
+    path: list[str] = []
+    left: list[int] = []
+    for element in schema[1:]:
+        name = element.get(4)
+        path.append(name.decode() if isinstance(name, bytes) else "")
+        if _count(element, 5):
+            left.append(_count(element, 5))
+            continue
+        yield _Column(".".join(path), _count(element, 1), max(1, -(-_count(element, 2) // 8)))
+        path.pop()
+        while left:
+            left[-1] -= 1
+            if left[-1]:
+                break
+            left.pop()
+            path.pop()
+
+
+def _check_pages(place: str, data: bytes, columns: Sequence[_Column], groups: Sequence[_Fields]) -> None:
+    cells = unpacked = pages = 0
+    for group in groups:
+        chunks = _structs(group, 1)
+        if len(chunks) != len(columns):
+            raise ValueError("its row groups have other columns than its schema")
+        for column, chunk in zip(columns, chunks, strict=True):
+            for page in _pages(data, chunk):
+                pages += 1
+                unpacked += page.unpacked
+                cells += page.values * column.width
+                limits.PAGES.check(place, pages)
+                limits.NUMBERS.check(place, max(cells, unpacked // 8))
+                if page.encoding == _BY_PREFIXES and page.kind != _DICTIONARY:
+                    raise InputError(
+                        f"{place}, column {column.path}: text packed as DELTA_BYTE_ARRAY, whose size can't be told before it is "
+                        "unpacked; drop the column, or write it with a dictionary"
+                    )
+
+
+def _pages(data: bytes, chunk: _Fields) -> Iterator[_Page]:
+    """The pages of a column chunk, as Arrow would read them."""
+    said = chunk.get(3)
+    if not isinstance(said, dict):
+        raise ValueError("a column does not say where it is")
+    at, dictionary = _count(said, 9), _count(said, 11)
+    if 0 < dictionary < at:
+        at = dictionary
+    end, left = at + _count(said, 7), _count(said, 5)
+    if end > len(data):
+        raise ValueError("a column lies outside of the file")
+    while left > 0 and at < end:
+        page, at = _page(data, at)
+        yield page
+        at += page.packed
+        left -= page.values if page.kind in (_DATA, _DATA_2) else 0
+
+
+def _page(data: bytes, at: int) -> tuple[_Page, int]:
+    """A page's header, and where its content begins."""
+    fields, at = thrift.struct(data, at)
+    kind = _count(fields, 1)
+    said = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
+    of_kind: _Fields = said if isinstance(said, dict) else {}
+    encoding = _count(of_kind, 4 if kind == _DATA_2 else 2)
+    return _Page(kind, _count(fields, 2), _count(fields, 3), _count(of_kind, 1), encoding), at
+
+
+def _count(fields: _Fields, number: int) -> int:
+    """A field that is a count or a size, 0 where it is missing."""
+    value = fields.get(number, 0)
+    if not isinstance(value, int) or value < 0:
+        raise ValueError("a header has a negative size")
+    return value
+
+
+def _structs(fields: _Fields, number: int) -> list[_Fields]:
+    """A field that is a list of structs."""
+    found = fields.get(number, [])
+    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+        raise ValueError("a header can't be read")
+    return found

@@ -1,0 +1,131 @@
+"""What is wanted of quantities: that they converge, and how precisely. ``--require``, ``--want`` and the same keys of files.
+
+``"mass<2%, ixx, cg_z < 0.5 mm"``: the sign may be left out (``"mass 2 %"``). Per cent are of the quantity's own value; one sigma counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import PlainValidator
+
+from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.base.errors import InputError, UsageError
+
+ALL = "all"
+_ITEM = re.compile(r"([^\s<≤]+)(?:\s*(?:<=|[<≤\s])(.*))?")
+_AMOUNT = re.compile(r"\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*)?")
+_SCALES = {"kg": {"kg": 1.0, "g": 1e-3}, "m": {"m": 1.0, "mm": 1e-3}, "kg m^2": {"kg m^2": 1.0}}
+"""What may be written of a quantity with each SI unit."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """A sigma that is small enough."""
+
+    amount: float
+    """Part of the value's size where relative, else in the quantity's SI unit."""
+    relative: bool
+    written: str
+
+    def sigma(self, value: float) -> float:
+        """The largest sigma of a value that is precise enough, in the quantity's SI unit."""
+        return self.amount * abs(value) if self.relative else self.amount
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A quantity that must converge, to a precision where there is one."""
+
+    quantity: str
+    precision: Precision | None = None
+
+    def __str__(self) -> str:
+        return self.quantity if self.precision is None else f"{self.quantity}<{self.precision.written}"
+
+
+class MisreadError(ValueError):
+    """A requirement that can't be understood (``syntax``), or makes no sense."""
+
+    def __init__(self, message: str, syntax: bool) -> None:
+        super().__init__(message)
+        self.syntax = syntax
+
+
+def requirements(stated: str | Sequence[str] | None, option: str = "--require") -> tuple[Requirement, ...]:
+    """Requirements in the order of the ten quantities, from a text with commas between or a sequence of such texts.
+
+    Upper and lower case are alike, "all" is the ten of them; what is said of a quantity goes before what is said of all, and a precision
+    before none. :class:`UsageError` for what can't be understood, :class:`InputError` for a precision that makes no sense.
+    """
+    try:
+        return read(stated)
+    except MisreadError as error:
+        raise (UsageError if error.syntax else InputError)(f"{option} {error}") from None
+
+
+def precise(stated: str, option: str = "--want") -> tuple[Requirement, ...]:
+    """The same where every quantity needs a precision."""
+    found = requirements(stated, option)
+    bare = next((item.quantity for item in found if item.precision is None), None)
+    if bare is not None or not found:
+        raise InputError(
+            f'{option} {bare or "nothing"}: says no precision; write for instance "{bare or "mass"} 2 %" or "{_example(bare or "mass")}"'
+        )
+    return found
+
+
+def read(stated: object) -> tuple[Requirement, ...]:
+    """The same; :class:`MisreadError` says what is wrong, for the reader of a file to name the place."""
+    if stated is not None and not isinstance(stated, str) and not (isinstance(stated, (list, tuple)) and all(map(_is_text, stated))):
+        raise MisreadError(f'{stated!r}: no requirement; write for instance "mass<2%, ixx"', True)
+    texts = [] if stated is None else [stated] if isinstance(stated, str) else [*stated]
+    found: dict[str, Precision | None] = {}
+    for name, precision in [_item(item.strip()) for text in texts for item in text.split(",")]:
+        before = found.get(name)
+        if before is not None and precision is not None and before != precision:
+            raise MisreadError(f"{name}<{precision.written}: {name}<{before.written} is asked as well; keep one of them", True)
+        found[name] = precision or before
+    return tuple(Requirement(name, found.get(name) or found.get(ALL)) for name in QUANTITIES if name in found or ALL in found)
+
+
+def _is_text(item: object) -> bool:
+    return isinstance(item, str)
+
+
+def _item(text: str) -> tuple[str, Precision | None]:
+    """One quantity as a lower-case name, with its precision."""
+    parts = _ITEM.fullmatch(text)
+    written, amount = parts.groups() if parts else (text, None)
+    name = written.lower()
+    if name not in (*QUANTITIES, ALL):
+        said = f"{text}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
+        # a name alone may be a slip of the command line; a precision of what doesn't exist is a demand that makes no sense
+        raise MisreadError(said, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
+    return name, None if amount is None else _precision(text, name, amount.strip())
+
+
+def _precision(text: str, name: str, amount: str) -> Precision:
+    found = _AMOUNT.fullmatch(amount)
+    if found is None:
+        raise MisreadError(f'{text}: {amount!r} is no precision; write for instance "{_example(name)}" or "{name}<2%"', True)
+    number, unit = float(found[1]), " ".join((found[2] or "").replace("²", "^2").replace("*", " ").replace("·", " ").split())
+    scales = _SCALES[UNITS[name]] if name != ALL else {}
+    if unit != "%" and unit not in scales:
+        allowed = " or ".join(["%", *scales])
+        said = f"{unit!r} is no unit of {name}" if unit else "has no unit"
+        raise MisreadError(f'{text}: {said}; give it in {allowed}, for instance "{_example(name)}"', False)
+    if not 0 < number < 1e300:
+        raise MisreadError(f"{text}: a precision is above 0 and finite", False)
+    return Precision(number * (0.01 if unit == "%" else scales[unit]), unit == "%", f"{found[1]} {unit}".replace(" %", "%"))
+
+
+def _example(name: str) -> str:
+    return f"{name}<{'0.5 mm' if name in CG else '200 g' if name == 'mass' else '2%' if name == ALL else '0.01 kg m^2'}"
+
+
+Stated = Annotated[tuple[Requirement, ...], PlainValidator(read, json_schema_input_type=str | list[str])]
+"""Requirements in a file: a text with commas, or a list of texts."""

@@ -1,0 +1,238 @@
+"""Files to columns of numbers: CSV and Parquet here, other recordings and whatever has a map by ``formats``."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Mapping, Sequence
+from csv import Error as CsvError
+from csv import reader as csv_lines
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from massprop_cli.base import limits
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.configfile import repeated
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import parquetheader
+from massprop_cli.inputs.formats import csvdialect, recording
+
+if TYPE_CHECKING:
+    from massprop_cli.inputs.formats.mapfile import MapSource
+
+VEHICLE_KEY = b"massprop.vehicle"
+"""Parquet metadata key under which a log may carry its own vehicle file."""
+MAP_KEY = b"massprop.map"
+"""The same of its map file."""
+_URL = re.compile(r"\w\w+:/")
+_LINE_END = re.compile(r"\r\n?")
+_BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
+
+
+@dataclass(frozen=True)
+class Places:
+    """How a person finds a row: by its line in a CSV file, else by its number from 0."""
+
+    lines: Sequence[int] | None
+
+    def of(self, row: int) -> str:
+        """``line 17`` or ``row 15``."""
+        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as read from a file: numbers with NaN for null, and where they came from."""
+
+    path: Path
+    sha256: str
+    columns: Mapping[str, Cells]
+    rows: int
+    places: Places
+    embedded_vehicle: str | None
+    made: Made | None = None
+    embedded_map: str | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a map made a log's columns of a recording."""
+
+    map: str
+    """Where the map file is."""
+    sha256: str
+    """Of the map file."""
+    said: tuple[str, ...]
+    """What was resampled, integrated or turned, in words."""
+
+
+def read_table(path: Path, map_file: Path | None = None) -> Table:
+    """Read a file whole, by the map that is named or belongs to it where there is one.
+
+    :class:`InputError` for anything that is not a readable, non-empty recording.
+    """
+    if limits.is_folder(path):
+        raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
+    try:
+        data = limits.content(path, "log")
+    except FileNotFoundError:
+        # a path takes the second slash of a URL away
+        url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
+        raise InputError(f"{path}: no such file; check the path{url}") from None
+    if (
+        recording.is_plain(path)
+        and map_file is None
+        and not any(path.with_name(name).exists() for name in recording.maps_beside(path.name))
+    ):
+        return parse(path, data)
+    from massprop_cli.inputs.formats import mapfile
+
+    return parse(path, data, mapfile.find(path, map_file))
+
+
+def parse(path: Path, data: bytes, by: MapSource | None = None) -> Table:
+    """The same from the file's bytes; ``path`` is for its kind and for messages. A map within the file goes before one beside it."""
+    kind = recording.kind(path)
+    if kind is recording.TABLE:
+        table = columns_of(path, data)
+        if by is None and table.embedded_map is None:
+            return table
+    from massprop_cli.inputs.formats import mapfile, mapped
+
+    read = recording.read(path, data)
+    if read.map is not None and (by is None or not by.named):
+        by = mapfile.parse(read.map, f"{path} (embedded map)")
+    return mapped.of(read, by)
+
+
+def columns_of(path: Path, data: bytes) -> Table:
+    """The columns of a CSV or Parquet file as they are."""
+    if not data:
+        raise InputError(f"{path}: the file is empty; record the log again")
+    readers = {".parquet": _read_parquet, ".csv": _read_csv, ".tsv": _read_csv}
+    table, places, metadata = readers[recording.suffix(path)](path, data)
+    if table.num_rows == 0:
+        raise InputError(f"{path}: has a header but no rows; record the log again")
+    names = table.column_names
+    twice = repeated(names)
+    if twice is not None:
+        header = "" if places.lines is None else ", line 1"
+        raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
+    columns = {name: Cells(path, name, table.column(index), places) for index, name in enumerate(names)}
+    vehicle, mapped = (metadata.get(key) for key in (VEHICLE_KEY, MAP_KEY))
+    return Table(path, hashlib.sha256(data).hexdigest(), columns, table.num_rows, places, vehicle, embedded_map=mapped)
+
+
+def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str]]:
+    import pyarrow as pa
+
+    try:
+        table = parquetheader.table(str(path), data)
+    except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
+    metadata = table.schema.metadata or {}
+    embedded = {key: metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in metadata}
+    for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
+        limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
+    return table, Places(None), embedded
+
+
+def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str]]:
+    import pyarrow as pa
+    from pyarrow import csv
+
+    data = csvdialect.utf8(path, data)
+    try:
+        header, _, rest = _LINE_END.sub("\n", data.decode("utf-8-sig")).partition("\n")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
+    cut = csvdialect.delimiter(header)
+    limits.COLUMNS.check(f"{path}, line 1", header.count(cut) + 1)
+    limits.NUMBERS.check(str(path), (header.count(cut) + 1) * rest.count("\n"))
+    names = _names(path, header, cut)
+    if not any(names):
+        raise InputError(f"{path}, line 1: no header; the first line names the columns")
+    if len(names) == 1:
+        raise InputError(
+            f"{path}, line 1: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs"
+        )
+    if not rest.strip():
+        raise InputError(f"{path}: has a header but no rows; record the log again")
+    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
+    options = csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+    try:
+        table = csv.read_csv(io.BytesIO(data), read_options=options, convert_options=convert, parse_options=csv.ParseOptions(delimiter=cut))
+    except pa.ArrowException as error:
+        for number, line in enumerate(rest.split("\n"), 2):
+            found = line.count(cut) + 1
+            if line.strip() and found != len(names) and '"' not in line:
+                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
+        raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
+    lines: Sequence[int] = range(2, table.num_rows + 2)
+    if _BLANK_LINE.search(rest):
+        lines = [number for number, line in enumerate(rest.split("\n"), 2) if line.strip()]
+    places = Places(lines)
+    return csvdialect.with_points(path, table, places.of) if cut != "," else table, places, {}
+
+
+def _names(path: Path, header: str, cut: str) -> list[str]:
+    """The columns that a CSV file's first line names."""
+    try:
+        return [name.strip() for name in next(csv_lines([header], delimiter=cut), [])]
+    except CsvError as error:
+        raise InputError(f"{path}, line 1: not a readable header ({error}); the first line names the columns") from None
+
+
+@dataclass(frozen=True)
+class Cells:
+    """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
+
+    path: Path
+    name: str
+    data: Any
+    places: Places
+
+    def numbers(self) -> Array:
+        """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
+        import pyarrow as pa
+
+        data = self.data.combine_chunks()
+        if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
+            raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
+        if pa.types.is_dictionary(data.type):
+            converted = self._converted(data.dictionary, data).take(data.indices)
+        else:
+            converted = data if pa.types.is_float64(data.type) else self._converted(data, data)
+        # from buffers: to_numpy() and fill_null() would import pandas where it is installed
+        valid, held = converted.buffers()
+        part = slice(converted.offset, converted.offset + len(converted))
+        values = np.frombuffer(held, np.float64)[part]
+        if converted.null_count == 0:
+            return values
+        return np.where(np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[part] == 1, values, np.nan)
+
+    def _converted(self, data: Any, whole: Any) -> Any:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
+            data = pc.utf8_trim_whitespace(data)
+        try:
+            return data.cast(pa.float64())
+        except (pa.ArrowException, NotImplementedError):  # the latter from pyarrow, of a type that has no cast
+            raise self._no_number(whole) from None
+
+    def _no_number(self, data: Any) -> InputError:
+        for row, cell in enumerate(value.as_py() for value in data):
+            try:
+                is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
+            except (TypeError, ValueError):
+                is_number = False
+            if not is_number:
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; mend the cell")
+        return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

@@ -1,0 +1,123 @@
+"""How far a result may lie from a baseline: so many sigmas, or as a tolerance file says, quantity by quantity.
+
+The models below are the schema (``massprop schema tolerance``). Tolerances are texts, "2 %", "4 sigma" or "0.05 kg m^2": a bare number
+would read as the value that an expect file has there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, PlainValidator, model_validator
+from pydantic_core import PydanticCustomError
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base import configfile
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import expect
+from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance, parse
+from massprop_cli.inputs.vehicle import Section
+
+
+def _text(given: object) -> Tolerance:
+    if not isinstance(given, str):
+        raise ValueError('a tolerance file holds texts with units; write "2 %", "4 sigma" or "0.05 kg m^2"')
+    return parse(given)
+
+
+Text = Annotated[Tolerance | None, PlainValidator(_text, json_schema_input_type=str)]
+
+
+class Limits(Section):
+    """What is allowed of one body's quantities."""
+
+    tolerance: Text = Field(None, description="of the quantities that are not named here")
+    ixx: Text = None
+    ixy: Text = None
+    ixz: Text = None
+    iyy: Text = None
+    iyz: Text = None
+    izz: Text = None
+    cg_x: Text = None
+    cg_y: Text = None
+    cg_z: Text = None
+    mass: Text = None
+
+    @model_validator(mode="after")
+    def _fits_units(self) -> Self:
+        for name in QUANTITIES:
+            stated: Tolerance | None = getattr(self, name)
+            problem = stated.misfit(name) if stated else ""
+            if problem:
+                raise PydanticCustomError("unit", "{problem}", {configfile.KEY: name, "problem": problem})
+        if self.tolerance and self.tolerance.kind == "absolute":
+            raise PydanticCustomError("unit", "{problem}", {configfile.KEY: "tolerance", "problem": expect.NOT_FOR_ALL})
+        return self
+
+    def of(self, quantity: str) -> Tolerance | None:
+        """Of a quantity; None where nothing is stated."""
+        own: Tolerance | None = getattr(self, quantity)
+        return own or self.tolerance
+
+
+class PhaseLimits(Limits):
+    """What is allowed of one phase."""
+
+    name: str
+
+
+class ToleranceFile(Section):
+    """A whole tolerance file. What it does not name is held to so many sigmas."""
+
+    schema_: Literal["massprop/tolerance/1"] = Field("massprop/tolerance/1", alias="schema")
+    all: Limits = Field(Limits(), description="in every phase")
+    phases: tuple[PhaseLimits, ...] = ()
+    docked: Limits = Field(Limits(), description="of the docked object")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What is allowed."""
+
+    fallback: Tolerance = FOUR_SIGMA
+    file: ToleranceFile = field(default_factory=ToleranceFile)
+    source: str = ""
+
+    def of(self, quantity: str, phase: str | None) -> Tolerance:
+        """Of a quantity in a phase, or of the docked object (None)."""
+        own = [limits for limits in self.file.phases if limits.name == phase]
+        for limits in [self.file.docked] if phase is None else [*own, self.file.all]:
+            stated = limits.of(quantity)
+            if stated is not None:
+                return stated
+        return self.fallback
+
+    def check(self, phases: list[str]) -> None:
+        """:class:`InputError` where the file names a phase that the results lack."""
+        for limits in self.file.phases:
+            if limits.name not in phases:
+                has = ", ".join(repr(name) for name in phases)
+                raise InputError(f"{self.source}: names phase {limits.name!r}, which the results do not have; they have {has}")
+
+
+def load(path: Path | None, max_sigma: float) -> Gate:
+    """The gate of a tolerance file, and of so many sigmas beside it; :class:`InputError` names file, line and key."""
+    fallback = Tolerance(max_sigma, "sigma")
+    if path is None:
+        return Gate(fallback)
+    text = configfile.read_text(path, "tolerance file")
+    as_json = path.suffix.lower() == ".json"
+    data = expect.tables(text, str(path), as_json)
+    expect.check_place(data, str(path))
+    file = configfile.validate(ToleranceFile, data, str(path), "" if as_json else text)
+    limits = [file.all, file.docked, *file.phases]
+    if all(getattr(stated, name) is None for stated in limits for name in (*QUANTITIES, "tolerance")):
+        raise InputError(f'{path}: states no tolerance; write for instance [all] and below it mass = "2 %"')
+    return Gate(fallback, file, str(path))
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the tolerance file."""
+    return ToleranceFile.model_json_schema(by_alias=True)

@@ -1,0 +1,294 @@
+"""The vehicle's response over control cycles, linear: in coefficients that are products of its mass properties, or in these themselves.
+
+Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.prepare.align`):
+
+    I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
+
+Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.lift` (:func:`lifted`). The products of rates in it
+come from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.model.within`). Because the
+rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the
+measured one enters to second order only.
+
+Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
+
+:func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
+then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
+bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
+integrated attitude turned by it).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inverse, tensor, times
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import MOMENT, J, Lift, products, products_by_rate
+from massprop_cli.model.lift import MU as LIFT_MU
+from massprop_cli.model.plant import BearingBody, Motion, Reference, plant_of
+from massprop_cli.model.within import STEEP, Windows, Within, level, motion_within, swing, windows
+from massprop_cli.prepare.compensate import Samples, Source
+
+PARAMETERS = slice(0, 10)
+INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
+RATE = slice(10, 13)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the optional nuisance states stand; an absent one is an empty slice."""
+
+    gyro_bias: slice
+    accel_bias: slice
+    torque: slice
+    tilt: slice
+    size: int
+
+    @staticmethod
+    def of(samples: Source, vehicle: Vehicle) -> Layout:
+        """The states that this vehicle and log ask for."""
+        wanted = (
+            vehicle.imu.gyro_bias_sigma_rad_s > 0,
+            vehicle.imu.accel_bias_sigma_m_s2 > 0,
+            vehicle.environment.disturbance_walk_n_m > 0,
+            vehicle.on_air_bearing and not samples.attitude_logged,
+        )
+        slices, end = [], RATE.stop
+        for want in wanted:
+            slices.append(slice(end, end + 3 * want))
+            end += 3 * want
+        gyro_bias, accel_bias, torque, tilt = slices
+        return Layout(gyro_bias, accel_bias, torque, tilt, end)
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Of cycles ``first … first + K − 1``, in both forms: step k leads from cycle k to k + 1; n states."""
+
+    transition: Array
+    """(K − 1, n, n)"""
+    observation: Array
+    """(K, 6, n) rate and specific force in terms of the state."""
+    moment_to_rate: Array
+    """(K − 1, 3, 3) impulse of a moment [N m s] to its growth of the mean rate [rad/s]."""
+    steps: Array
+    """(K − 1, 3) growth of the rate that the reference expects, rad/s."""
+
+
+@dataclass(frozen=True)
+class Linear(_Steps):
+    """A linear system about one reference."""
+
+    drive: Array
+    """(K − 1, n)"""
+    measured: Array
+    """(K, 6)"""
+
+
+@dataclass(frozen=True)
+class Lifted(_Steps):
+    """The same response with the N coefficients φ of :mod:`massprop_cli.model.lift` left free, or c combinations of them.
+
+    Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
+    """
+
+    drive: Array
+    """(K − 1, n, 1 + N)"""
+    measured: Array
+    """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
+
+
+def lifted(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
+) -> Lifted:
+    """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
+
+    ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
+    (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
+    """
+    plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
+    lift = Lift(plant)
+    within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
+    theta, response, motion = within.theta, within.response, within.motion
+    duration = here.executed.duration_s
+    bin_s = duration / motion.rate.shape[1]
+    step, whole, known = integrals(here, lift, theta, within)
+    steps = times(response, step) + known
+    combined = lift.size if onto is None else onto.shape[1]
+
+    rate = here.rate_rad_s - reference.gyro_bias
+    # the derivative of ω × I ω with respect to the rate is linear in the rate; the step's derivatives with respect to the rate of the cycle
+    # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
+    mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
+    by_rate = response[:, -6:] @ products_by_rate(np.eye(3))
+    leaving, entering = (_bounded(np.einsum("kl,lij->kij", part, by_rate)) for part in (mean.rising[:-1], mean.falling[1:]))
+    solve = inverse(np.eye(3) - entering)
+    own = tensor(theta[J])
+    to_rate = solve @ own
+    states = layout.size - RATE.start
+    turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
+    transition = np.zeros((len(step), states, states))
+    transition[:] = np.eye(states)
+    transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
+    drive = np.zeros((len(step), states, 1 + combined))
+    drive[:, turning, 0] = times(solve, known - times(leaving, rate[:-1]) - times(entering, rate[1:]))
+    if onto is None:
+        each = drive[:, turning, 1 : 1 + 3 * lift.channels].reshape(len(step), 3, 3, lift.channels)
+        np.multiply(solve[..., None], step[:, None, None, :], out=each)
+        drive[:, turning, 1 : 1 + 3 * lift.channels] = each.reshape(len(step), 3, -1)
+    else:
+        drive[:, turning, 1:] = solve @ _by_axis(step, onto)
+    if torque.stop > torque.start:
+        transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+    tilting = np.zeros((len(duration), 3, 3))
+    if tilt.stop > tilt.start:
+        # the integrated attitude turned with the measured rate, the vehicle with the true one
+        by_tilt = windows(plant.moment_by_tilt(reference, motion), bin_s)
+        tilting = by_tilt.whole / duration[:, None, None]
+        transition[:, turning, tilt] = to_rate @ by_tilt.step
+        transition[:, tilt, tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
+        transition[:, tilt, turning] = np.eye(3) * duration[:-1, None, None]
+        drive[:, tilt, 0] = -here.rate_rad_s[:-1] * duration[:-1, None]
+
+    euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m), onto)
+    observation = np.zeros((len(duration), 6, states))
+    observation[:, :3, turning] = np.eye(3)
+    for rows, columns, matrix in (
+        (slice(0, 3), layout.gyro_bias, np.eye(3)),
+        (slice(3, 6), layout.accel_bias, np.eye(3)),
+        (slice(3, 6), layout.torque, euler @ own),
+        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting),
+    ):
+        if columns.stop > columns.start:
+            observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
+    measured = np.zeros((len(duration), 6, 1 + combined))
+    measured[:, :3, 0] = here.rate_rad_s
+    measured[:, 3:, 0] = here.specific_force_m_s2 - offset
+    np.negative(felt, out=measured[:, 3:, 1:])
+    return Lifted(transition, observation, to_rate, steps, drive, measured)
+
+
+def _bounded(derivative: Array) -> Array:
+    """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
+    size = np.sqrt((derivative**2).sum((1, 2)))
+    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
+    return found
+
+
+def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
+    """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
+    plant, executed, motion = lift.plant, samples.executed, within.motion
+    duration = executed.duration_s
+    bin_s = duration / motion.rate.shape[1]
+    # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
+    second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
+    # the commands' own exactly, the rest by its bins
+    jets = np.stack([executed.rising, executed.impulse])
+    parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
+    if isinstance(plant, BearingBody):
+        jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
+        force = motion.wrench[..., 3:]
+        parts.insert(0, (motion.up, (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12))
+        parts.insert(1, (level(motion.up, force), level(motion.up, executed.skew_bins[..., 3:]).sum(1)))
+    each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
+    rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)
+    whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
+    known = windows(swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
+    return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
+
+
+def _by_axis(channels: Array, onto: Array) -> Array:
+    """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
+    count = 3 * channels.shape[1]
+    by_channel = onto[:count].reshape(3, -1, onto.shape[1])
+    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
+    return found
+
+
+def _felt(
+    whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array, onto: Array | None
+) -> tuple[Array, Array, Array]:
+    """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N or c) by the coefficients, (K, 3) the rest."""
+    plant, channels = lift.plant, lift.channels
+    rate_dot = times(response, whole)
+    square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
+    centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    rotation = centripetal + cross_matrix(rate_dot)
+    own = np.empty((len(whole), 3, 4))
+    if isinstance(plant, BearingBody):
+        theta = lift.theta(reference)
+        arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
+        onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
+        euler = onto_level @ along - cross_matrix(arm)
+        own[..., 0], own[..., 1:] = whole[:, 6:9], -onto_level @ rotation
+        offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(onto_level @ along, rate_dot)
+    else:
+        euler = np.broadcast_to(-cross_matrix(position - reference.cg), rotation.shape)
+        own[..., 0], own[..., 1:] = whole[:, 3:6], -rotation
+        offset = times(centripetal, position) + cross(rate_dot, reference.cg)
+    if onto is not None:
+        return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * channels :], offset
+    by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
+    return euler, np.concatenate([by_response, own], -1), offset
+
+
+def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
+    """The linear system of ``cycles`` (a slice with both ends given) about ``reference``. Row k uses data of cycles k and before only."""
+    lift, layout = Lift(plant_of(vehicle)), Layout.of(samples, vehicle)
+    theta = lift.theta(reference)
+    phi, slopes = lift.coefficients(theta)
+    by_parameter = slopes @ np.linalg.inv(lift.slopes(theta))
+    about = phi - by_parameter @ parameters(reference)
+    free = lifted(samples, cycles, reference, vehicle, np.column_stack([about, by_parameter]))
+    states = slice(RATE.start, None)
+    transition = np.zeros((len(free.drive), layout.size, layout.size))
+    transition[:, PARAMETERS, PARAMETERS] = np.eye(10)
+    transition[:, states, states] = free.transition
+    transition[:, RATE, PARAMETERS] = free.drive[:, :3, 2:]
+    drive = np.zeros((len(free.drive), layout.size))
+    drive[:, states] = free.drive[..., 0] + free.drive[..., 1]
+    observation = np.zeros((len(free.measured), 6, layout.size))
+    observation[..., states] = free.observation
+    observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
+    measured = free.measured[..., 0] + free.measured[..., 1]
+    return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
+
+
+def parameters(reference: Reference) -> Array:
+    """(10,) the reference as state entries: inertia, c, mu."""
+    return np.concatenate([elements(reference.inertia), reference.cg, [reference.mu]])
+
+
+def natural_sizes(reference: Reference) -> Array:
+    """(10,) the size that each state parameter has by nature: trace, sqrt(trace/mass), 1/mass."""
+    trace = float(np.trace(reference.inertia))
+    sizes = np.empty(10)
+    sizes[INERTIA], sizes[CG], sizes[MU] = trace, np.sqrt(trace * reference.mu), reference.mu
+    return sizes
+
+
+FARTHEST = 1e3
+"""Factor on mass or a moment of inertia, and natural sizes of the CG's shift, that no single step may exceed."""
+
+
+def stepped(reference: Reference, target: Array, gyro_bias: Array | None = None) -> Reference | None:
+    """The reference moved to parameters ``target`` (10,) that a fit linear about it has found; None where that is no body.
+
+    The response is linear in J = I⁻¹, so the step is taken there, ``J ← J − J δI J``: it lands right from a reference however far off.
+    """
+    if not np.isfinite(target).all() or not 1 / FARTHEST < target[MU] / reference.mu < FARTHEST:
+        return None
+    if np.linalg.norm(target[CG] - reference.cg) > FARTHEST * natural_sizes(reference)[CG][0]:
+        return None
+    inverse = np.linalg.inv(reference.inertia)
+    response = inverse - inverse @ (tensor(target[INERTIA]) - reference.inertia) @ inverse
+    principal = np.linalg.eigvalsh(response)
+    root = np.linalg.cholesky(reference.inertia)
+    change = np.linalg.eigvalsh(root.T @ response @ root)
+    if principal[0] < 1e-3 * principal[2] or change[0] < 1 / FARTHEST or change[2] > FARTHEST:
+        return None
+    bias = reference.gyro_bias if gyro_bias is None else gyro_bias
+    return Reference(np.linalg.inv(response), target[CG].copy(), float(target[MU]), bias)

@@ -1,0 +1,105 @@
+"""What a method could learn from this vehicle at all, and what this log's commands told it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.rigidbody import angular_acceleration, cross_matrix, inertia_regressor, times, torque_regressor
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.linearise import CG, PARAMETERS, RATE, linearise, parameters
+from massprop_cli.model.plant import Reference
+from massprop_cli.prepare.compensate import Source, blocks
+
+DROWNED = 1 / 3
+"""A channel tells nothing where disturbances exceed this part of the power that commands and mass properties explain in it."""
+_MOTIONS = 60
+_RANK = 1e-9
+
+
+def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> BoolArray:
+    """(10,) whether any motion of this vehicle informs each quantity (thesis eq. 3.17: rank of the stacked regressors).
+
+    Motions without a pattern, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it
+    does not enter the null space of what they show.
+    """
+    drawn = _patternless(len(capability) + 6)
+    wrench = drawn[:, 6:] @ capability if len(capability) else np.zeros((_MOTIONS, 6))
+    torque, force = wrench[:, :3], wrench[:, 3:]
+    size = np.abs(torque).max() or 1.0
+    rate = drawn[:, :3] * np.sqrt(size / np.trace(reference.inertia))
+    rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
+    spin = cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate)
+    gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
+    if vehicle.estimator.method == "thesis":
+        reaction = gravity / reference.mu * _directions(drawn[:, 3:6])
+        rows = np.concatenate([torque_regressor(rate, rate_dot, force + reaction), (force * reference.mu)[..., None]], -1)
+        rows = np.concatenate([rows, np.zeros((_MOTIONS, 3, 10))], 1)
+        rows[:, 3:, 9] = rows[:, :3, 9]
+        rows[:, :3, 9] = 0.0
+    else:
+        load = force if not vehicle.on_air_bearing else (gravity * _directions(drawn[:, 3:6]) + force * reference.mu) / reference.mu
+        inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
+        rows = np.zeros((_MOTIONS, 6, 10))
+        rows[:, :3, :6], rows[:, :3, 6:9] = inertia, -cross_matrix(load)
+        rows[:, 3:, 9] = force
+        rows[:, 3:, 6:9] = 0.0 if vehicle.on_air_bearing else -spin
+    return _in_row_space(rows.reshape(-1, 10))
+
+
+def _patternless(columns: int) -> Array:
+    """(motions, columns) numbers between −1 and 1 of which no column follows from others: incommensurate waves."""
+    return np.cos(np.outer(np.arange(1, _MOTIONS + 1), np.sqrt(np.arange(columns) + 0.5)))
+
+
+def _directions(found: Array) -> Array:
+    """Of length one."""
+    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    return unit
+
+
+def _in_row_space(rows: Array) -> BoolArray:
+    size = np.sqrt((rows**2).sum(0))
+    seen = size > 0
+    scaled = rows / np.where(seen, size, 1.0)
+    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+    null = right[singular < _RANK * max(singular[0], 1e-300)]
+    within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
+    return within
+
+
+def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, BoolArray]:
+    """Which channel told what, and which channels told nothing of the commands.
+
+    Returns the share (10, 6) of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,) whether in
+    that channel the part of the residual that is not white noise is more than ``DROWNED`` of what commands and mass properties explain.
+    """
+    gyro = vehicle.imu.gyro_noise_rad_s or 1.0
+    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
+    accel = scale * (vehicle.imu.accel_noise_m_s2 or 1.0)
+    theta = parameters(reference)
+    commanded = theta.copy()
+    commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
+    slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
+    told, parts = np.zeros((6, 10)), []
+    for part in blocks(cycles):
+        system = linearise(samples, part, reference, vehicle)
+        own = slice(None, None if part.stop == cycles.stop else -1)
+        turning, pushing = system.transition[:, RATE, PARAMETERS], system.observation[own, 3:, PARAMETERS]
+        told[:3] += (turning**2).sum(0) / gyro**2
+        told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
+        growth = np.diff(samples.part(part).rate_rad_s, axis=0)
+        parts.append((system.steps, growth - system.steps, system.measured[own, 3:] - times(pushing, theta), times(pushing, commanded)))
+    share = (told / np.maximum(told.sum(0), 1e-300)).T
+    steps, left, felt, pushed = (np.concatenate(one) for one in zip(*parts, strict=True))
+    steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)
+    if vehicle.imu.accel_bias_sigma_m_s2 > 0:
+        felt = felt - felt.mean(0)
+    residual = left, felt
+    explained = np.concatenate([(steps**2).mean(0), (pushed**2).mean(0)])
+    variance = np.concatenate([(e**2).mean(0) for e in residual])
+    lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
+    coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
+    noise = np.concatenate([np.full(3, 2 * gyro**2), (accel / scale) ** 2])
+    significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(residual[1])))
+    return share, (coloured > DROWNED * explained) & significant

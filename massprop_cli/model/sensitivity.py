@@ -1,0 +1,125 @@
+"""What a change of something that is taken for granted does to the measurements, and so to the estimate.
+
+The filter is linear in what it is fed, so beside its mean it can carry what one unit of an assumption's change would have done to that
+mean (one more column of the same recursion): the shift of the estimate for a delay a cycle longer, an IMU a metre further on. An
+assumption that is uncertain by sigma then adds sigma² times the outer product of its shift to the covariance (a *consider* parameter:
+S. F. Schmidt 1966), without being estimated from the log a second time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.linearise import Lifted, lifted
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.within import Within, motion_within
+from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+STEP = 0.02
+"""Cycles; half the difference behind the derivative with respect to delay and lag."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """The log as it would have been read under another assumption."""
+
+    samples: Source
+    vehicle: Vehicle | None = None
+    """None: the filter's own, so that only the samples differ."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """An assumption changed to both sides; its derivative is the difference of the sides over their distance."""
+
+    low: Side
+    high: Side
+    distance: float
+
+
+@dataclass(frozen=True)
+class Consider:
+    """Assumptions that are uncertain, and their covariance (e, e)."""
+
+    variants: tuple[Variant, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: bool = False
+    """Whether each command channel's own thrust follows, per unit of its relative change; it adds nothing to the covariance."""
+
+
+def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
+    """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each assumption, at the reference and the measured rates."""
+    state = np.zeros((len(here.measured), here.transition.shape[1]))
+    state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
+    driven, measured = [], []
+    read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
+    moved: dict[tuple[int, int], Within] = {}
+    for variant in consider.variants:
+        for side in (variant.low, variant.high):
+            if id(side) not in read:
+                read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle, moved)
+        low, high = read[id(variant.low)], read[id(variant.high)]
+        driven.append((high[0] - low[0]) / variant.distance)
+        measured.append((high[1] - low[1]) / variant.distance)
+    if consider.thrust:
+        growth, force = thrust_columns(samples, cycles, reference, vehicle, here)
+        drive, seen = np.zeros((len(growth), state.shape[1], growth.shape[2])), np.zeros((len(force), 6, force.shape[2]))
+        drive[:, :3], seen[:, 3:] = growth, -force
+        driven.extend(np.moveaxis(drive, -1, 0))
+        measured.extend(np.moveaxis(seen, -1, 0))
+    return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def thrust_columns(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted | None = None
+) -> tuple[Array, Array]:
+    """What each channel's own part of the thrust does, per unit of its relative change.
+
+    (K − 1, 3, C) growth of the rate and (K, 3, C) specific force. ``here`` is the response of ``cycles`` where it is at hand.
+    """
+    to_rate = (here or lifted(samples, cycles, reference, vehicle)).moment_to_rate
+    executed, plant = samples.part(cycles).executed, plant_of(vehicle)
+    channels = executed.channels
+    rising, whole = channels.rising, channels.whole
+    moment = plant.jet_moment(reference) @ channels.wrench.T
+    growth = (to_rate @ moment) * (rising[:-1] + (whole - rising)[1:])[:, None, :]
+    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
+    turning = np.linalg.solve(reference.inertia, moment)
+    push = reference.mu * channels.wrench[:, 3:].T + np.cross(turning.T, arm).T
+    return growth, push * whole[:, None, :] / executed.duration_s[:, None, None]
+
+
+def _expected(
+    side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, moved: dict[tuple[int, int], Within]
+) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log.
+
+    Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
+    """
+    lift = Lift(plant_of(vehicle))
+    phi, _ = lift.coefficients(lift.theta(reference))
+    same = id(side.samples), id(vehicle.environment)
+    if same not in moved:
+        moved[same] = motion_within(side.samples.part(cycles), reference, lift)
+    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same])
+    then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
+    return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)
+
+
+def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | None:
+    """Delay or lag (``name``) changed, per control cycle; None where the log is too short for it."""
+    low, high = timing.moved([name], [-STEP]), timing.moved([name], [STEP])
+    try:
+        sides = [Side(Stream.of(log, vehicle, side)) for side in (low, high)]
+    except InputError:
+        return None
+    return Variant(sides[0], sides[1], sum(high) - sum(low))

@@ -1,0 +1,169 @@
+"""The motion within a control cycle, rebuilt from its mean rate and its commands, and integrals of it under the cycle's windows.
+
+The gyro gives each cycle's mean rate; how the rate changes within, the commands give (Φ of :mod:`massprop_cli.model.lift` times what acts).
+In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross, lever_arm, tensor, times
+from massprop_cli.model.lift import MOMENT, MU, J, Lift, products
+from massprop_cli.model.plant import BearingBody, Motion, Reference
+from massprop_cli.prepare.compensate import Samples
+
+STEEP = 0.5
+"""Largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step."""
+_REFINEMENTS = 3
+"""Passes that rebuild the motion within a cycle; each gains a factor of rate × cycle."""
+
+
+class Windows(NamedTuple):
+    """An integral over each cycle: under the rising and falling halves of the triangular window, and plain."""
+
+    rising: Array
+    falling: Array
+    whole: Array
+
+    @property
+    def step(self) -> Array:
+        """(K − 1, ...) from each cycle into the next."""
+        joined: Array = self.rising[:-1] + self.falling[1:]
+        return joined
+
+
+def windows(per_bin: Array, bin_s: Array, lateness: Array | None = None) -> Windows:
+    """Integrals of a (K, B, ...) quantity given as means over bins of length ``bin_s`` (K,).
+
+    ``lateness`` (K, ...) is the sum of the bins' first moments, each about its own middle and over its own length: the rising half
+    weights what comes late in a bin more.
+    """
+    bins = per_bin.shape[1]
+    weight = (np.arange(bins) + 0.5) / bins
+    bin_s = bin_s.reshape(-1, *(1,) * (per_bin.ndim - 2))
+    rising, whole = np.einsum("b,kb...->k...", weight, per_bin) * bin_s, per_bin.sum(1) * bin_s
+    if lateness is not None:
+        rising += lateness / bins
+    return Windows(rising, whole - rising, whole)
+
+
+def by_component(vectors: Array) -> Array:
+    """The same (..., C), in memory one component after the other: numpy is several times as fast there as over short rows."""
+    apart = np.ascontiguousarray(vectors.transpose(-1, *range(vectors.ndim - 1)))
+    return apart.transpose(*range(1, vectors.ndim), 0)
+
+
+class Within(NamedTuple):
+    """The motion in each bin, and what of it is needed beyond."""
+
+    theta: Array
+    """(10,) θ of the reference by which it was rebuilt."""
+    response: Array
+    """(3, C) Φ of it."""
+    motion: Motion
+    """Means over each bin."""
+    rates: tuple[Array, Array]
+    """(K, 3) the rate at the start and at the end of each cycle."""
+    ups: tuple[Array, Array]
+    """(K, 3) the vertical there."""
+
+
+def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
+    """Rate, angular acceleration and attitude in each bin: measured cycle means, with the shape that the commands give them."""
+    theta = lift.theta(reference)
+    response = response_of(reference, lift, theta)
+    executed = samples.executed
+    mean = samples.rate_rad_s - reference.gyro_bias
+    impulse, skew = executed.impulse_bins, executed.skew_bins
+    bin_s = (executed.duration_s / impulse.shape[1])[:, None, None]
+    shape = (*impulse.shape[:2], 3)
+    up_start = samples.up_b[:-1]
+    on_bearing = isinstance(lift.plant, BearingBody)
+    wrench, skew = by_component(impulse / bin_s), by_component(skew)
+    rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
+    motion = Motion(wrench, rate, np.zeros_like(rate), up)
+    ups = up_start, up_start
+    driven: Array = np.zeros(3)
+    late: Array = driven
+    for again in range(_REFINEMENTS):
+        coupled = times(response[:, -6:], products(motion.rate))
+        coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
+        if on_bearing or not again:
+            driven = times(response[:, :-6], multiplied(lift, motion.wrench, motion.up))
+            # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
+            late = times(response[:, :-6], multiplied(lift, skew, np.zeros_like(rate), motion.up))
+        rate_dot = driven + coupled
+        if on_bearing:
+            rate_dot = rate_dot + swing(theta, motion)
+        own = rate_dot * bin_s
+        change = _summed(own)
+        within = change - own / 2 - late
+        start = mean - within.sum(1) / within.shape[1]
+        rate = start[:, None] + within
+        up = motion.up
+        if on_bearing:
+            turned = _summed(rate * bin_s)
+            up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
+            ups = up_start, end[:, 0]
+        motion = Motion(motion.wrench, rate, rate_dot, up)
+    return Within(theta, response, motion, (start, start + change[:, -1]), ups)
+
+
+def _summed(per_bin: Array) -> Array:
+    """(K, B, 3) sums over the bins up to each."""
+    found = per_bin.copy(order="K")
+    for later in range(1, found.shape[1]):
+        found[:, later] += found[:, later - 1]
+    return found
+
+
+def _turned(up: Array, angle: Array) -> Array:
+    """(K, B, 3) the vertical (K, 3) after the body has turned by ``angle`` (K, B, 3), rad, to second order."""
+    tilt = cross(up[:, None], angle)
+    found: Array = up[:, None] + tilt + cross(tilt, angle) / 2
+    return found
+
+
+def response_of(reference: Reference, lift: Lift, theta: Array) -> Array:
+    """(3, C) Φ of a reference."""
+    if reference.response is not None:
+        return reference.response
+    return lift.response(theta)
+
+
+def multiplied(lift: Lift, wrench: Array, up: Array, level_of: Array | None = None) -> Array:
+    """(K, B, C − 6) what Φ multiplies in each bin but products of rates: of wrench (K, B, 6) and vertical (K, B, 3).
+
+    ``level_of`` is the vertical that says what is level, if it is not ``up``.
+    """
+    if not isinstance(lift.plant, BearingBody):
+        return wrench
+    torque, force = wrench[..., :3], wrench[..., 3:]
+    return np.concatenate([torque - cross(lift.plant.bearing, force), up, level(up if level_of is None else level_of, force)], -1)
+
+
+def level(up: Array, v: Array) -> Array:
+    """The part of vectors that lies in the level plane, P v."""
+    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
+    return part
+
+
+def swing(theta: Array, motion: Motion) -> Array:
+    """(K, B, 3) angular acceleration, on a bearing, by the acceleration that the CG's own swing gives the base: second order in κ."""
+    kappa = theta[MOMENT]
+    swung = cross(kappa, level(motion.up, lever_arm(motion.rate, motion.rate_dot, kappa))) * theta[MU]
+    return times(tensor(theta[J]), swung)
+
+
+def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:
+    """(K, B, 1) part of the gyroscopic coupling that changes the rate by no more than ``STEEP`` of itself within a cycle."""
+    most, change = ((v**2).sum(-1, keepdims=True) for v in (STEEP * rate, coupled * cycle_s))
+    steep = change > most
+    if not steep.any():
+        return np.ones(())
+    found: Array = np.sqrt(most / np.maximum(np.maximum(most, change), np.finfo(float).tiny))
+    return np.where(steep, found, 1.0)

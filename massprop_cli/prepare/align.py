@@ -1,0 +1,191 @@
+"""Commands to executed force and torque, averaged under the windows that the IMU data carry.
+
+Differencing two cycle-mean rates gives the mean of the angular acceleration under a triangular window that spans both
+cycles. So every impulse is split in two: the part weighted with the *rising* half of the window (weights 0 → 1 over the
+cycle, which belongs to the step into the next cycle) and the *falling* half (1 → 0, the step from the previous one):
+
+    rate[k+1] − rate[k]  =  I⁻¹ ( rising impulse of k + falling impulse of k+1 )      (no gyroscopic torque)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, frozen
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.actuators import capability, channel_wrench, executed
+
+CANCELLED = 1e-12
+"""Part of what each channel makes alone below which their sum is rounding."""
+LAGS_FORGOTTEN = 5.0
+"""After this many time constants a lagging actuator has forgotten what it did before the log began."""
+LAGS_KEPT = 40.0
+"""... and after these to the last digit of a number."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Impulses of each command channel over its full thrust, (K, C) s: under the rising half of the triangular window, and plain."""
+
+    rising: Array
+    whole: Array
+    wrench: Array
+    """(C, 6) torque about O and force of each at full thrust."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """IMU data and executed wrench per control cycle. ``K`` cycles, ``B`` bins in each; wrench = torque about O, force."""
+
+    start_s: Array
+    """(K,) start of each cycle."""
+    duration_s: Array
+    """(K,) its length."""
+    rate_imu_rad_s: Array
+    """(K, 3) mean rate, IMU axes."""
+    specific_force_imu_m_s2: Array
+    """(K, 3) mean specific force, IMU axes."""
+    attitude_wxyz: Array | None
+    """(K, 4) logged attitude at the end of each cycle."""
+    impulse_bins: Array
+    """(K, B, 6) impulse of the wrench in equal parts of each cycle, N m s and N s, body axes."""
+    skew_bins: Array
+    """(K, B, 6) first moment of the same about the middle of its part, over the part's length: positive where it comes late."""
+    rising: Array
+    """(K, 6) impulse weighted with the rising half of the triangular window."""
+    falling: Array
+    """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse."""
+    channels: Channels
+    """What each command channel did, in terms of its full thrust."""
+    pulse_covariance: Array | None
+    """(K, 6, 6) covariance of the cycle's impulse from independent pulse errors, where there are any."""
+    capability: Array
+    """(r, 6) wrenches that this vehicle can command."""
+    usable: BoolArray
+    """(K,) false where the executing command was issued before the log began."""
+    ignored: BoolArray
+    """(K, 2) whose gyro, whose accelerometer is not used."""
+
+    @property
+    def end_s(self) -> Array:
+        """(K,) end of each cycle."""
+        return self.start_s + self.duration_s
+
+    def part(self, cycles: slice) -> Aligned:
+        """Of some of its cycles."""
+        channels, pulses = self.channels, self.pulse_covariance
+        return replace(
+            self,
+            **{name: getattr(self, name)[cycles] for name in _PER_CYCLE},
+            attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[cycles],
+            channels=replace(channels, rising=channels.rising[cycles], whole=channels.whole[cycles]),
+            pulse_covariance=None if pulses is None else pulses[cycles],
+        )
+
+    @property
+    def impulse(self) -> Array:
+        """(K, 6) impulse of the executed wrench over each cycle."""
+        return self.rising + self.falling
+
+
+_PER_CYCLE = (
+    "start_s",
+    "duration_s",
+    "rate_imu_rad_s",
+    "specific_force_imu_m_s2",
+    "impulse_bins",
+    "skew_bins",
+    "rising",
+    "falling",
+    "usable",
+    "ignored",
+)
+
+
+def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None = None) -> Aligned:
+    """Sum records into cycles and pair each cycle with what was executed during it; all of them, or ``cycles`` with both ends given.
+
+    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods. Raises
+    :class:`InputError` if the log is shorter than the delay.
+    """
+    of = slice(0, log.cycles) if cycles is None else cycles
+    delay_s = delay_cycles * vehicle.cycle.period_s
+    usable_s = first_usable_s(log, vehicle, delay_s)
+    start, duration = cycle_edges(log, of)
+    # and those whose commands may still act; the one that comes next may go on with a pulse
+    before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
+    issued = slice(before, min(of.stop + 1, log.cycles))
+    wrench = channel_wrench(log, vehicle)
+    bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
+    integral, moment = (
+        x.reshape(count, bins, -1)
+        for x in executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, _bin_edges(start, duration, bins))
+    )
+    bin_s = (duration / bins)[:, None, None]
+    rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
+    channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench)
+    each = slice(of.start * records, of.stop * records)
+    return Aligned(
+        start_s=frozen(start),
+        duration_s=frozen(duration),
+        rate_imu_rad_s=frozen(log.delta_theta_imu_rad[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
+        specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
+        attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
+        impulse_bins=frozen(_net(integral, wrench)),
+        skew_bins=frozen(_net(moment / bin_s - integral / 2, wrench)),
+        rising=frozen(_net(rising, wrench)),
+        falling=frozen(_net(channels.whole - rising, wrench)),
+        channels=channels,
+        pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
+        capability=capability(log, vehicle),
+        usable=start >= usable_s,
+        ignored=np.zeros((count, 2), dtype=bool) if log.ignored is None else log.ignored[of],
+    )
+
+
+def cycle_edges(log: Log, cycles: slice) -> tuple[Array, Array]:
+    """(K,) start and length of cycles."""
+    records = log.records_per_cycle
+    duration = log.interval_s[cycles.start * records : cycles.stop * records].reshape(-1, records).sum(1)
+    return log.cycle_end_s[cycles] - duration, duration
+
+
+def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
+    """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
+    first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
+    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
+    usable_s = first + memory_s - 1e-6 * vehicle.cycle.period_s
+    if last < usable_s:
+        raise InputError(
+            f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
+            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+        )
+    return usable_s
+
+
+def _memory_s(vehicle: Vehicle, delay_s: float) -> float:
+    """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
+    ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * vehicle.thrust.stated_lag_s
+
+
+def _net(part: Array, wrench: Array) -> Array:
+    """(..., 6) what channels (..., C) make together; nothing where they cancel but for rounding."""
+    found: Array = part @ wrench
+    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
+    return found
+
+
+def _bin_edges(start: Array, duration: Array, bins: int) -> Array:
+    inner = start[:, None] + duration[:, None] * (np.arange(bins) / bins)
+    return np.append(inner.ravel(), start[-1] + duration[-1])
+
+
+def _pulse_covariance(impulse: Array, wrench: Array, pulse_sigma: float) -> Array | None:
+    if pulse_sigma == 0:
+        return None
+    return frozen(np.einsum("kj,ja,jb->kab", (pulse_sigma * impulse) ** 2, wrench, wrench))

@@ -1,0 +1,221 @@
+"""IMU mounting, attitude, gravity and lever arm: aligned data to :class:`Samples` in body axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import cross, lever_arm, times
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import Aligned
+
+
+class Source(Protocol):
+    """The control cycles of a log, of which any part can be had."""
+
+    @property
+    def wrench(self) -> Array:
+        """(C, 6) torque about O and force of each command channel at full thrust."""
+
+    @property
+    def capability(self) -> Array:
+        """(r, 6) wrenches that this vehicle can command."""
+
+    @property
+    def attitude_logged(self) -> bool:
+        """Whether the log itself holds the attitude."""
+
+    @property
+    def end_s(self) -> Array:
+        """(K,) end of each cycle."""
+
+    def __len__(self) -> int: ...
+
+    def part(self, cycles: slice) -> Samples:
+        """Of these cycles alone, a slice with both ends given."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One control cycle each, body axes, gravity's direction known. What the estimators take."""
+
+    executed: Aligned
+    rate_rad_s: Array
+    """(K, 3) mean body rate."""
+    rate_step_rad_s: Array
+    """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
+    specific_force_m_s2: Array
+    """(K, 3) mean specific force at the IMU."""
+    up_b: Array
+    """(K + 1, 3) world vertical in body axes at the start of each cycle and the end of the last; zeros in free flight."""
+
+    def __len__(self) -> int:
+        return len(self.rate_rad_s)
+
+    @property
+    def wrench(self) -> Array:
+        """(C, 6) torque about O and force of each command channel at full thrust."""
+        return self.executed.channels.wrench
+
+    @property
+    def capability(self) -> Array:
+        """(r, 6) wrenches that this vehicle can command."""
+        return self.executed.capability
+
+    @property
+    def attitude_logged(self) -> bool:
+        """Whether the log itself holds the attitude."""
+        return self.executed.attitude_wxyz is not None
+
+    @property
+    def end_s(self) -> Array:
+        """(K,) end of each cycle."""
+        return self.executed.end_s
+
+    def part(self, cycles: slice) -> Samples:
+        """Of these cycles alone, a slice with both ends given."""
+        return Samples(
+            executed=self.executed.part(cycles),
+            rate_rad_s=self.rate_rad_s[cycles],
+            rate_step_rad_s=self.rate_step_rad_s[cycles],
+            specific_force_m_s2=self.specific_force_m_s2[cycles],
+            up_b=self.up_b[cycles.start : cycles.stop + 1],
+        )
+
+
+T = TypeVar("T", bound=np.generic)
+BLOCK = 2048
+"""Cycles that are looked at at once."""
+
+
+def blocks(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
+    """Cycles in parts of which each begins with the one that the last ended with, so that every step between two is in one of them."""
+    for first in range(cycles.start, cycles.stop - 1, size):
+        yield slice(first, min(first + size + 1, cycles.stop))
+
+
+def gathered(samples: Source, cycles: slice, found: Callable[[Samples], NDArray[T]]) -> NDArray[T]:
+    """What is found of each cycle, one part of the log after the other."""
+    parts = [slice(first, min(first + BLOCK, cycles.stop)) for first in range(cycles.start, cycles.stop, BLOCK)]
+    return np.concatenate([found(samples.part(part)) for part in parts])
+
+
+def duration_s(samples: Samples) -> Array:
+    """(K,) length of each cycle."""
+    return samples.executed.duration_s
+
+
+@dataclass(frozen=True)
+class Before:
+    """What a part of a log goes on from: the cycle before it."""
+
+    rate_rad_s: Array
+    """(3,) its mean body rate."""
+    turn_rad: Array
+    """(3,) by how much it turned."""
+    attitude_wxyz: Array
+    """(4,) at its end; anything in free flight."""
+
+
+def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None) -> Samples:
+    """Turn IMU data into body axes and find the vertical, from the logged attitude or by integrating the gyro.
+
+    Of a whole log, or of a part of it with what it goes on from. The lever arm is not taken out here: :func:`acceleration` does it with
+    the differenced rate, as the thesis does, and the default estimator inside its model, with the angular acceleration that the commands
+    cause.
+    """
+    body_from_imu = np.array(vehicle.imu.body_from_imu)
+    rate = times(body_from_imu, aligned.rate_imu_rad_s)
+    up: Array = np.zeros((len(rate) + 1, 3))
+    if vehicle.on_air_bearing:
+        if before is None and aligned.attitude_wxyz is not None:
+            check_attitude(aligned.attitude_wxyz, rate * aligned.duration_s[:, None])
+        up = world_up_b(_attitude_at_edges(aligned, vehicle, rate, before))
+    return Samples(
+        executed=aligned,
+        rate_rad_s=frozen(rate),
+        rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
+        specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2)),
+        up_b=frozen(up),
+    )
+
+
+def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
+    """(K, 3) acceleration of the rotation centre, m/s², body axes: specific force less lever arm and gravity (thesis 4.3, 4.4).
+
+    The centre is O in free flight and the bearing on a testbed; ω̇ is the differenced rate over the cycle.
+    """
+    centre = vehicle.environment.bearing_position_m if vehicle.on_air_bearing else (0.0, 0.0, 0.0)
+    arm = np.array(vehicle.imu.position_m) - np.array(centre)
+    rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
+    gravity = vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
+    compensated: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, arm) - gravity
+    return compensated
+
+
+def world_up_b(attitude_wxyz: Array) -> Array:
+    """World Z in body axes, (..., 3): the last row of the rotation world ← body."""
+    w, x, y, z = np.moveaxis(attitude_wxyz, -1, 0)
+    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
+
+
+def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> Array:
+    """(K + 1, 4) attitude at cycle edges, from the log where it has one, else integrated from the gyro."""
+    turns = rate * aligned.duration_s[:, None]
+    if aligned.attitude_wxyz is not None:
+        back = quaternion_product(aligned.attitude_wxyz[0], quaternion_of(-turns[0]))
+        return np.vstack([back if before is None else before.attitude_wxyz, aligned.attitude_wxyz])
+    if before is None:
+        return integrate_attitude(np.array(vehicle.environment.initial_attitude_wxyz), turns)
+    return integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
+
+
+def check_attitude(attitude_wxyz: Array, turns: Array) -> None:
+    """Refuse a logged attitude that doesn't turn as the gyro does: another order or direction of its quaternions."""
+    back = attitude_wxyz[:-1] * np.array([1, -1, -1, -1])
+    steps = quaternion_product(back, attitude_wxyz[1:])
+    logged = 2 * steps[:, 1:] * np.sign(steps[:, :1])
+    apart, turned = (float(np.sqrt((v**2).sum())) for v in (logged - turns[1:], turns[1:]))
+    if apart > 0.5 * turned and apart > 0.01 * np.sqrt(len(turns)):
+        raise InputError(
+            f"columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
+            "quaternions are wxyz, world from body. Mend them, or leave them out"
+        )
+
+
+def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | None = None) -> Array:
+    """(K + 1, 4) attitude from angle increments (K, 3) in rad, with the first-order coning correction.
+
+    A rotation vector over one increment is ``Δθ[k] + Δθ[k−1] × Δθ[k] / 12`` (Savage 1998, two-interval form); Δθ[−1] is ``turn_before``.
+    """
+    vectors = turns.copy()
+    vectors[1:] += np.cross(turns[:-1], turns[1:]) / 12
+    if turn_before is not None:
+        vectors[0] += np.cross(turn_before, turns[0]) / 12
+    attitude = np.vstack([initial_wxyz, quaternion_of(vectors)])
+    # all products of first factors, of twice as many with each pass
+    reach = 1
+    while reach < len(attitude):
+        attitude[reach:] = quaternion_product(attitude[:-reach], attitude[reach:])
+        reach *= 2
+    unit: Array = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    return unit
+
+
+def quaternion_of(rotation_vector: Array) -> Array:
+    """(..., 4) unit quaternion of a rotation vector in rad."""
+    angle = np.linalg.norm(rotation_vector, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation_vector], -1)
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (..., 4)."""
+    scalar, vector = a[..., :1], a[..., 1:]
+    real = scalar * b[..., :1] - (vector * b[..., 1:]).sum(-1, keepdims=True)
+    return np.concatenate([real, scalar * b[..., 1:] + b[..., :1] * vector + cross(vector, b[..., 1:])], -1)

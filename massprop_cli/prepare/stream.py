@@ -1,0 +1,107 @@
+"""A log's control cycles, aligned and compensated part by part as they are asked for, so that memory does not grow with the log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import times
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.actuators import capability, channel_wrench
+from massprop_cli.prepare.align import Aligned, align, cycle_edges, first_usable_s
+from massprop_cli.prepare.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
+from massprop_cli.prepare.timing import Timing, with_lag
+
+GRID = 1024
+"""Parts begin at multiples of so many cycles, ..."""
+LEAST = 6 * GRID
+"""... and are so long at least: a causal pass looks back by less than two of the six."""
+
+
+class Alignment:
+    """Of one log under one timing; the part that was asked for last is kept, since what is varied beside it asks for the same."""
+
+    def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
+        self.log, self.delay = log, timing.delay
+        self.vehicle = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
+        self.usable_s = first_usable_s(log, self.vehicle, self.delay * self.vehicle.cycle.period_s)
+        self._held = slice(0, min(LEAST, log.cycles))
+        self._aligned = align(self.log, self.vehicle, self.delay, self._held)
+
+    def part(self, cycles: slice) -> Aligned:
+        """Of these cycles."""
+        if cycles != self._held:
+            self._held, self._aligned = cycles, align(self.log, self.vehicle, self.delay, cycles)
+        return self._aligned
+
+
+class Stream:
+    """The cycles of a log as the estimators take them (:class:`massprop_cli.prepare.compensate.Source`)."""
+
+    def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float = 1.0, accelerometer: float = 1.0) -> None:
+        """``gyro`` and ``accelerometer`` are factors on what these measured. :class:`InputError` where a logged attitude is none."""
+        self.alignment, self.vehicle, self.gyro, self.accelerometer = alignment, vehicle, gyro, accelerometer
+        self.log = alignment.log
+        self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
+        self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
+        self.attitude_logged = self.log.attitude_wxyz is not None
+        self._attitudes = [np.array(vehicle.environment.initial_attitude_wxyz)]
+        self._held = slice(0, 0)
+        self._samples: Samples | None = None
+        if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
+            records = self.log.records_per_cycle
+            check_attitude(self.log.attitude_wxyz[records - 1 :: records], self._motion(slice(0, len(self)))[1])
+
+    @staticmethod
+    def of(log: Log, vehicle: Vehicle, timing: Timing) -> Stream:
+        """A log under one timing; :class:`InputError` if it is shorter than the delay."""
+        alignment = Alignment(log, vehicle, timing)
+        return Stream(alignment, alignment.vehicle)
+
+    def changed(self, vehicle: Vehicle | None = None, gyro: float = 1.0, accelerometer: float = 1.0) -> Stream:
+        """The same commands with another IMU or another attitude at the beginning."""
+        return Stream(self.alignment, vehicle or self.vehicle, gyro, accelerometer)
+
+    def __len__(self) -> int:
+        return self.log.cycles
+
+    def part(self, cycles: slice) -> Samples:
+        """Of these cycles alone, a slice with both ends given."""
+        if self._samples is None or cycles.start < self._held.start or cycles.stop > self._held.stop:
+            first = cycles.start // GRID * GRID
+            self._held = slice(first, min(max(first + LEAST, cycles.stop), len(self)))
+            self._samples = self._compensated(self._held)
+        return self._samples.part(slice(cycles.start - self._held.start, cycles.stop - self._held.start))
+
+    def _compensated(self, cycles: slice) -> Samples:
+        aligned = self.alignment.part(cycles)
+        rate, force = self.gyro * aligned.rate_imu_rad_s, self.accelerometer * aligned.specific_force_imu_m_s2
+        scaled = replace(aligned, rate_imu_rad_s=rate, specific_force_imu_m_s2=force)
+        return compensate(scaled, self.vehicle, self._before(cycles.start))
+
+    def _before(self, cycle: int) -> Before | None:
+        if cycle == 0:
+            return None
+        rate, turn = self._motion(slice(cycle - 1, cycle))
+        return Before(rate[0], turn[0], self._attitude(cycle) if self.vehicle.on_air_bearing else self._attitudes[0])
+
+    def _attitude(self, cycle: int) -> Array:
+        """(4,) at the start of a cycle on the grid."""
+        if self.log.attitude_wxyz is not None:
+            logged: Array = self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1]
+            return logged
+        for first in range((len(self._attitudes) - 1) * GRID, cycle, GRID):
+            turns = self._motion(slice(max(first - 1, 0), first + GRID))[1]
+            before, turns = (turns[0], turns[1:]) if first else (None, turns)
+            self._attitudes.append(integrate_attitude(self._attitudes[-1], turns, before)[-1])
+        return self._attitudes[cycle // GRID]
+
+    def _motion(self, cycles: slice) -> tuple[Array, Array]:
+        """(K, 3) mean body rate, and the angle that it makes."""
+        records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
+        turned = self.log.delta_theta_imu_rad[cycles.start * records : cycles.stop * records].reshape(-1, records, 3).sum(1)
+        rate = times(np.array(self.vehicle.imu.body_from_imu), self.gyro * (turned / duration[:, None]))
+        return rate, rate * duration[:, None]

@@ -1,0 +1,31 @@
+"""When commands act: the delay from command to execution and the lag of the thrust, and a log's samples under them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import align
+from massprop_cli.prepare.compensate import Samples, compensate
+
+
+class Timing(NamedTuple):
+    """Delay and first-order lag, control cycles each."""
+
+    delay: float
+    lag: float
+
+    def of(self, log: Log, vehicle: Vehicle) -> Samples:
+        """The log's samples under this timing."""
+        return compensate(align(log, with_lag(vehicle, self.lag * vehicle.cycle.period_s), self.delay), vehicle)
+
+    def moved(self, unknown: Sequence[str], steps: Iterable[float]) -> Timing:
+        """With some entries changed, none below zero."""
+        return self._replace(**{name: max(getattr(self, name) + float(step), 0.0) for name, step in zip(unknown, steps, strict=True)})
+
+
+def with_lag(vehicle: Vehicle, lag_s: float) -> Vehicle:
+    """The vehicle with this lag of its thrust."""
+    return vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"lag_s": lag_s})})

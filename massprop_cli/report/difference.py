@@ -1,0 +1,55 @@
+"""The table that ``massprop compare`` prints."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from massprop_cli.base import escape
+from massprop_cli.report import digits, vocabulary
+from massprop_cli.report.terminal import fitted
+from massprop_cli.result.compare import Comparison, Difference, Part
+from massprop_cli.result.judge import INFORMED
+
+_NUMBERS = ("result", "baseline", "difference", "± sigma", "sigmas", "allowed")
+
+
+def show(found: Comparison, console: Console) -> None:
+    """Print one table per phase and docked object, with what the numbers mean below."""
+    console.print(escape.rich(f"{found.result.path} against the baseline {found.baseline.path}"))
+    for part in found.parts:
+        fitted(_table(part), console)
+    for line in _legend(found):
+        console.print(escape.rich(line))
+
+
+def _legend(found: Comparison) -> list[str]:
+    return [
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = −Σ m x y. CG from O in body axes.",
+        "± is one standard deviation of the difference, sqrt(s1² + s2²); what both results share is not taken into account.",
+        *(f"Note: {note}." for note in found.notes),
+    ]
+
+
+def _table(part: Part) -> Table:
+    title = f"phase {part.name}" if part.part == "phase" else part.name
+    table = Table(title=escape.rich(title), title_justify="left", title_style="bold")
+    for name in ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within"):
+        table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=name != "within")
+    for name, d in part.differences.items():
+        sign = "[green]✓[/]" if d.within else "[red]✗[/]"
+        table.add_row(name, *_cells(d), vocabulary.unit(d.unit), vocabulary.unit(d.stated), f"{sign} {escape.rich(d.note)}".rstrip())
+    return table
+
+
+def _cells(d: Difference) -> list[str]:
+    sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}"
+    difference, sigma = digits.numbers(d.difference, d.difference_sigma)
+    if d.difference == 0 or (d.difference is not None and d.difference_sigma is None):
+        difference = f"{d.difference:.6g}"
+    return [_value(d.value, d.sigma, d.verdict), _value(d.baseline_value, d.baseline_sigma, d.baseline_verdict), difference, sigma, sigmas]
+
+
+def _value(value: float | None, sigma: float | None, verdict: str) -> str:
+    shown = digits.numbers(value, sigma, verdict)[0]
+    return shown if verdict in INFORMED else f"[dim]{shown}[/]"

@@ -1,0 +1,37 @@
+"""What a result does not tell, and the motion that would; where log and vehicle file contradict each other, no motion would."""
+
+from __future__ import annotations
+
+from massprop_cli.report import vocabulary
+from massprop_cli.result.judge import contradiction, parts
+from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
+
+_WISH = "; it wants "
+"""What a reason says of motion comes after this."""
+
+
+def gaps(found: Result) -> list[str]:
+    """A sentence for each quantity of each phase that is not converged: verdict, reason, cure."""
+    return [
+        f"{name} in {part}: {gap(name, item, contradiction(body))}"
+        for part, body in parts(found)
+        if isinstance(body, PhaseItem)
+        for name, item in body.estimates.items()
+        if item.verdict != "converged"
+    ]
+
+
+def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:
+    """Why a quantity is not converged, and what to do; ``contradicted`` is the contradiction of its phase."""
+    told = f"{item.verdict}: {reason(item, contradicted)}"
+    if contradicted and item.verdict != "unobservable":
+        return f"{told}; {vocabulary.remedy(quantity, item.verdict, contradicted)}"
+    cure = vocabulary.cure(quantity)
+    return told if cure in item.reason else f"{told}{_WISH}{cure}"
+
+
+def reason(item: EstimateItem, contradicted: str = "") -> str:
+    """Why, without the motion that it wants where none would help."""
+    if item.verdict == "contradicted":
+        return contradicted or item.reason
+    return item.reason.partition(_WISH)[0] if contradicted and item.verdict != "unobservable" else item.reason

@@ -1,0 +1,59 @@
+"""An SVG made part of a page: ids of its own, the page's font and colours, nothing that reaches outside."""
+
+from __future__ import annotations
+
+import html
+import re
+
+from massprop_cli.base.escape import line
+from massprop_cli.report.figures import palette
+
+_UNUSED = re.compile(r' id="(?:figure|patch|line2d|text|xtick|ytick|matplotlib\.axis|legend|LineCollection|FillBetweenPolyCollection)_\d+"')
+_COLOUR = re.compile("|".join(palette.NAMES))
+_STYLE = re.compile(r'(?<= style=")[^"]*')
+
+
+def inline(svg: bytes, prefix: str, says: str) -> str:
+    """The ``<svg>`` element alone; ``prefix`` makes its ids unique in the page, ``says`` is its alternative text."""
+    text = svg.decode()
+    text = text[text.index("<svg") :]
+    box = re.search(r'viewBox="[^"]*"', text)
+    body = text[text.index(">") + 1 :].replace("</svg>", "").strip()
+    body = re.sub(r"<title>.*?</title>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r' transform="rotate\(-0 [^"]*"', "", _UNUSED.sub("", body))
+    body = body.replace("xlink:href=", "href=")
+    body = re.sub(r' id="([^"]*)"', rf' id="{prefix}-\1"', body)
+    body = body.replace('href="#', f'href="#{prefix}-').replace("url(#", f"url(#{prefix}-")
+    body = _STYLE.sub(lambda style: _themed(style[0]), body)
+    body = _flat(re.sub(r">\s+<", "><", body).strip())
+    told = html.escape(line(says))
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{told}"><title>{told}</title>{body}</svg>'
+
+
+def _flat(body: str) -> str:
+    """Without groups that say nothing."""
+    body, changes = body.replace("<g/>", ""), 1
+    while changes:
+        body, changes = re.subn(r"<g>((?:(?!<g[ >]|</g>).)*)</g>", r"\1", body, flags=re.DOTALL)
+    return body
+
+
+def gathered(page: str) -> str:
+    """The page with the styles of all its drawings as classes, whose rules stand where the sheet says ``/* drawings */``.
+
+    Only within tags: a name that looks like a style stays text.
+    """
+    rules: dict[str, str] = {}
+
+    def named(found: re.Match[str]) -> str:
+        return f'{found[1]} class="{rules.setdefault(found[2], f"d{len(rules)}")}"'
+
+    page = re.sub(r'(<[a-z]+(?: [^<>]*?)?) style="([^"]*)"', named, page)
+    return page.replace("/* drawings */", "\n".join(f".{name} {{ {style} }}" for style, name in rules.items()), 1)
+
+
+def _themed(style: str) -> str:
+    style = re.sub(r"font-family: [^;]*;?\s*", "", style)
+    style = re.sub(r"(font: [^;']*)'[^;]*", r"\1var(--font)", style)
+    return _COLOUR.sub(lambda colour: f"var(--{palette.NAMES[colour[0]]})", style)

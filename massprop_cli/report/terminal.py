@@ -1,0 +1,142 @@
+"""The table that ``massprop estimate`` prints."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
+from massprop_cli.base import escape
+from massprop_cli.report import assumptions, digits, mended, vocabulary
+from massprop_cli.result.judge import INFORMED, contradiction
+from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
+
+_STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
+_NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
+
+_ENDLESS = 10_000
+
+
+def show(found: Result, console: Console) -> None:
+    """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
+    for phase in found.phases:
+        title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
+        _part(title, phase, found, console)
+    if found.docked_object is not None:
+        docked = found.docked_object
+        _part(f"docked object: phase {docked.after} less phase {docked.before}", docked, found, console)
+    for told in _legend(found):
+        console.print(escape.rich(told))
+    for one in found.mended:
+        _mended(one, console)
+    _assumptions(found, console)
+
+
+def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
+    heading = assumptions.sigma_heading(found, body)
+    table = _table(title, body.estimates, heading)
+    if _width(table, console) > console.width:
+        # an explanation in a heading is no reason to run over the edge
+        table = _table(title, body.estimates, heading.replace(" (", "\n("))
+    fitted(table, console)
+    implied = assumptions.implied_thrust(body)
+    if implied:
+        console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))
+    cause = contradiction(body)
+    if cause:
+        console.print(escape.rich(f"contradicted: {cause}"), style=_STYLE["contradicted"])
+
+
+def fitted(table: Table, console: Console) -> None:
+    """Print a table; without its lines where the terminal is too narrow for them, and beyond its edge before a number is cut short."""
+    terminal = console.width
+    if _width(table, console) > terminal:
+        table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
+    console.width = max(terminal, Measurement.get(console, console.options.update(width=_ENDLESS), table).minimum)
+    console.print(table)
+    console.width = terminal
+
+
+def _width(table: Table, console: Console) -> int:
+    return Measurement.get(console, console.options.update(width=_ENDLESS), table).maximum
+
+
+def _mended(one: Mended, console: Console) -> None:
+    console.print()
+    console.print(escape.rich(f"{mended.TITLE} (not the result): {one.message} [{one.code}]"), style="bold")
+    for phase in one.phases:
+        table = Table(title=escape.rich(f"mended, phase {phase.name}"), title_justify="left", title_style="dim")
+        for name in ("quantity", "value", "± sigma", "unit", "verdict"):
+            table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=True)
+        for name, value, sigma, unit, verdict in mended.rows(phase):
+            table.add_row(escape.rich(name), *_dimmed(verdict, value, sigma), unit, f"[{_STYLE[verdict]}]{verdict}[/]")
+        fitted(table, console)
+        if phase.contradiction:
+            console.print(escape.rich(mended.still(phase)), style=_STYLE["contradicted"])
+    for option in mended.options(one):
+        console.print(f"  {escape.rich(option)}", soft_wrap=True)
+
+
+def _assumptions(found: Result, console: Console) -> None:
+    if not found.assumptions:
+        return
+    console.print()
+    console.print("Assumptions: what the values rest on", style="bold")
+    shown = assumptions.open_ones(found)
+    for assumption in shown:
+        console.print(escape.rich(f"- {assumptions.said(assumption)}"))
+    if len(shown) < len(found.assumptions):
+        console.print(f"- {len(found.assumptions) - len(shown)} more that the vehicle file states: in result.json and in the report")
+    for one in assumptions.sensitivities(shown):
+        table = Table(title=escape.rich(f"what one step changes, phase {one.phase}"), title_justify="left", title_style="dim")
+        table.add_column("quantity", no_wrap=True)
+        for code, step in one.steps:
+            table.add_column(f"{escape.rich(code)}\n{escape.rich(step)}", justify="right", no_wrap=True)
+        table.add_column("unit", no_wrap=True)
+        for name, unit, changes in one.rows:
+            table.add_row(name, *changes, unit)
+        table.add_row("noticed?", *one.noticed, "")
+        fitted(table, console)
+
+
+def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
+    return texts if verdict in INFORMED else tuple(f"[dim]{text}[/]" for text in texts)
+
+
+def _legend(found: Result) -> list[str]:
+    vehicle = found.vehicle
+    bearing = vehicle.environment == "air_bearing"
+    method = found.provenance.settings.get("estimator.method")
+    lines = [
+        f"{vehicle.name}, --method {method}. Inertia of the {'rotating body' if bearing else 'body'} about its CG in body axes; "
+        "products are the tensor's own elements,",
+        "ixy = −Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
+        + (" Mass includes the bearing's." if bearing else ""),
+    ]
+    return [*lines, vocabulary.thrust_scale(found)]
+
+
+def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Table:
+    table = Table(title=escape.rich(title), title_justify="left", title_style="bold")
+    nominal = any(item.nominal is not None for item in estimates.values())
+    expected = any(item.expected is not None for item in estimates.values())
+    names = ["quantity", "value", heading, "unit", "verdict", "final at"]
+    for name in [*names, *(["nominal"] if nominal else []), *(["expected", "tolerance", "met"] if expected else [])]:
+        table.add_column(name, justify="right" if name in (*_NUMBERS, heading) else "left", no_wrap=True)
+    for name, item in estimates.items():
+        value, sigma = digits.numbers(item.value, item.sigma, item.verdict)
+        final = "" if item.final_at_s is None else f"{item.final_at_s:.2f} s"
+        verdict = f"[{_STYLE[item.verdict]}]{item.verdict}[/]"
+        cells = [*([_nominal(item)] if nominal else []), *(_expected(item) if expected else [])]
+        table.add_row(name, *_dimmed(item.verdict, value, sigma), vocabulary.unit(item.unit), verdict, final, *cells)
+    return table
+
+
+def _nominal(item: EstimateItem) -> str:
+    return "" if item.nominal is None else f"{item.nominal:g}"
+
+
+def _expected(item: EstimateItem) -> tuple[str, str, str]:
+    if item.expected is None:
+        return "", "", ""
+    return f"{item.expected.value:.9g}", vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"

@@ -1,0 +1,77 @@
+"""What every report says in words: names, units, conventions, verdicts, and the manoeuvre that would cure one."""
+
+from __future__ import annotations
+
+from massprop_cli.conclude.verdict import WANTED, Verdict
+from massprop_cli.result.judge import contradiction, parts
+from massprop_cli.result.schema import Result
+
+SYMBOLS = {
+    "ixx": "Ixx", "ixy": "Ixy", "ixz": "Ixz", "iyy": "Iyy", "iyz": "Iyz", "izz": "Izz",
+    "cg_x": "CG x", "cg_y": "CG y", "cg_z": "CG z", "mass": "Mass",
+}  # fmt: skip
+"""How people write the ten quantities."""
+VERDICTS: dict[Verdict, str] = {
+    "converged": "informed by the motion, and steady within tolerance to the end",
+    "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
+    "not_excited": "a motion of this vehicle could tell it, but this log's commands did not, or disturbances drowned them",
+    "contradicted": "log and vehicle file contradict each other: the value stands as found, its sigma does not hold; not to be used",
+    "unobservable": "no motion of this vehicle could tell it by this method",
+}
+SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
+"""A sign for each verdict, so that colour is never the only one."""
+
+
+def unit(text: str) -> str:
+    """A unit as people write it."""
+    return text.replace("^2", "²")
+
+
+def cure(quantity: str) -> str:
+    """The motion that would inform a quantity."""
+    return WANTED[quantity]
+
+
+def conventions(result: Result) -> list[str]:
+    """Frame, reference point, sign of products, what mass includes, what the thrust scale means: a sentence each."""
+    bearing = result.vehicle.environment == "air_bearing"
+    lines = [
+        f"Inertia is the {'rotating body' if bearing else 'body'}'s about its CG, in body axes.",
+        "Products are the tensor's own elements, ixy = −Σ m x y; in the positive-integral convention they have the opposite sign.",
+        "CG is from O, the vehicle's declared reference point, in body axes.",
+    ]
+    if result.provenance.settings.get("estimator.method") != "thesis":
+        contradicted = any(contradiction(body) for _, body in parts(result))
+        lines.append(f"± is one standard deviation{'; of a contradicted quantity it does not hold' if contradicted else ''}.")
+    if bearing:
+        lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
+    return [*lines, thrust_scale(result)]
+
+
+def thrust_scale(result: Result) -> str:
+    """What the log can't tell of the thrust, and what the sigmas hold of it."""
+    vehicle = result.vehicle
+    if result.provenance.settings.get("estimator.method") == "thesis":
+        return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
+    said = (
+        "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
+    )
+    calibrating = sorted({name for phase in result.phases for name in phase.known if not name.startswith("cg")})
+    if calibrating:
+        return f"{said}. Here it is calibrated by what is known: {', '.join(calibrating)}."
+    if vehicle.thrust_scale_sigma > 0:
+        return f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia."
+    return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
+
+
+def remedy(quantity: str, verdict: str, contradiction: str = "") -> str:
+    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the cure."""
+    if verdict == "contradicted":
+        return "mend the cause; no motion cures it"
+    if contradiction and verdict != "unobservable":
+        return "mend what contradicts this phase first"
+    if verdict == "not_converged":
+        return f"a longer log, with more {cure(quantity)}"
+    if verdict == "unobservable":
+        return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
+    return f"{cure(quantity)}"

@@ -1,0 +1,1 @@
+"""The contract of a result's files: schema, build, read, write, judge, compare."""

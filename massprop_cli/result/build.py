@@ -1,0 +1,224 @@
+"""The result of an analysis: every key of result.json from what the flow found."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+
+import numpy as np
+
+from massprop_cli import __version__
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.conclude import assumptions
+from massprop_cli.conclude.docking import Docked
+from massprop_cli.conclude.physical import nearest_consistent, physical_note
+from massprop_cli.conclude.verdict import Conclusion, Estimate
+from massprop_cli.estimate.history import History
+from massprop_cli.flow import Analysis, MendedAnswer
+from massprop_cli.inputs.vehicle import ZERO, Known, Nominal, Quantity, Vehicle
+from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.result.schema import (
+    Assumption,
+    Conventions,
+    Delay,
+    DockedObject,
+    Effect,
+    EstimateItem,
+    ImpliedScale,
+    Innovations,
+    Lag,
+    LogInfo,
+    Matrix,
+    Mended,
+    MendedEstimate,
+    MendedPhase,
+    PhaseItem,
+    Physical,
+    Provenance,
+    Result,
+    VehicleInfo,
+    WarningItem,
+)
+from massprop_cli.result.settings import effective_settings, setting_sources
+
+
+def result(analysis: Analysis) -> Result:
+    """The result of an analysis."""
+    log = analysis.log
+    start, length = cycle_edges(log, slice(0, log.cycles))
+    return Result(
+        schema="massprop/result/1",
+        provenance=Provenance(
+            massprop=__version__,
+            input_sha256=log.sha256,
+            vehicle_sha256=analysis.source.sha256,
+            map_sha256=log.made.sha256 if log.made else None,
+            settings=effective_settings(analysis),
+            setting_sources=setting_sources(analysis),
+            versions={"python": platform.python_version(), "numpy": np.__version__},
+        ),
+        vehicle=_vehicle(analysis),
+        log=LogInfo(
+            path=log.path.name,
+            rows=log.rows,
+            cycles=log.cycles,
+            duration_s=float(start[-1] + length[-1] - start[0]),
+            cycle_s=median(length),
+            mapped=list(log.made.said) if log.made else [],
+        ),
+        delay=_delay(analysis),
+        lag=_lag(analysis),
+        conventions=Conventions(),
+        phases=[
+            _phase(conclusion, analysis.vehicle, history, factors)
+            for conclusion, history, factors in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, strict=True)
+        ],
+        docked_object=_docked(analysis.docked, analysis.vehicle),
+        mended=[_mended(answer) for answer in analysis.mended],
+        assumptions=[_assumption(assumption) for assumption in analysis.assumptions],
+        warnings=[WarningItem(code=notice.code, message=notice.message) for notice in analysis.notices],
+    )
+
+
+def _vehicle(analysis: Analysis) -> VehicleInfo:
+    used = analysis.vehicle
+    return VehicleInfo(
+        name=used.name,
+        environment=used.environment.kind,
+        bearing_mass_kg=used.environment.bearing_mass_kg if used.on_air_bearing else 0.0,
+        bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
+        commands=analysis.log.command_kind,
+        jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
+        thrust_scale_sigma=used.thrust.scale_sigma,
+    )
+
+
+def _delay(analysis: Analysis) -> Delay:
+    automatic = analysis.source.vehicle.cycle.command_delay_cycles == "auto"
+    found = analysis.detected
+    told = found is not None and found.sigma.delay > 0
+    return Delay(
+        cycles=analysis.timing.delay,
+        source="detected" if automatic else "option" if _overridden(analysis, "cycle.command_delay_cycles") else "vehicle",
+        detected_cycles=found.at.delay if found is not None and told else None,
+        sigma_cycles=found.sigma.delay if found is not None and told else None,
+    )
+
+
+def _lag(analysis: Analysis) -> Lag:
+    automatic = analysis.source.vehicle.thrust.lag_s == "auto"
+    found, period = analysis.detected, analysis.source.vehicle.cycle.period_s
+    return Lag(
+        lag_s=analysis.vehicle.thrust.stated_lag_s,
+        source="detected" if automatic else "option" if _overridden(analysis, "thrust.lag_s") else "vehicle",
+        sigma_s=found.sigma.lag * period if automatic and found is not None else None,
+    )
+
+
+def _overridden(analysis: Analysis, key: str) -> bool:
+    return any(assignment.startswith(f"{key}=") for assignment in analysis.assignments)
+
+
+def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Array) -> PhaseItem:
+    about_origin = conclusion.inertia_about_origin
+    moments = conclusion.principal_moments
+    note = physical_note(conclusion)
+    known = bool(np.isfinite(moments).all())
+    return PhaseItem(
+        name=conclusion.phase.name,
+        start_s=conclusion.phase.start_s,
+        end_s=conclusion.phase.end_s,
+        estimates=_estimates(conclusion.estimates, used.nominal),
+        covariance=_matrix(conclusion.covariance),
+        inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
+        physical=Physical(
+            consistent=not note if known else None,
+            principal_moments=[float(m) for m in moments] if known else None,
+            note=note,
+            nearest_consistent=_matrix(nearest_consistent(conclusion.inertia)) if note else None,
+        ),
+        innovations=_innovations(settled, factors),
+        contradiction=conclusion.contradiction,
+        known=_known(used.in_phase(conclusion.phase).known),
+        implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
+    )
+
+
+def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
+    return {name: (quantity.value, quantity.sigma) for name, quantity in known.items()}
+
+
+def _implied(conclusion: Conclusion, known: Known | None) -> ImpliedScale | None:
+    """A known mass over the one that the log gives by itself."""
+    mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
+    if known is None or not np.isfinite(mass + variance) or mass <= 0:
+        return None
+    value = known.value / mass
+    return ImpliedScale(by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass)))
+
+
+def _mended(answer: MendedAnswer) -> Mended:
+    phases = [
+        MendedPhase(
+            name=conclusion.phase.name,
+            estimates={
+                name: MendedEstimate(value=e.value, sigma=e.sigma, unit=e.unit, verdict=e.verdict)
+                for name, e in conclusion.estimates.items()
+            },
+            contradiction=conclusion.contradiction,
+        )
+        for conclusion in answer.conclusions
+    ]
+    notice = answer.fault.notice
+    return Mended(code=notice.code, message=notice.message, settings=list(answer.settings), phases=phases)
+
+
+def _assumption(found: assumptions.Assumption) -> Assumption:
+    effects = [Effect(phase=e.phase, change=e.change, seen_sigma=e.seen_sigma) for e in found.effects]
+    return Assumption(code=found.code, message=found.message, step=found.step, stated=found.stated, effects=effects)
+
+
+def _innovations(history: History, factors: Array) -> Innovations | None:
+    z = history.normalised[np.isfinite(history.normalised).all(1)]
+    if len(z) < 3:
+        return None
+    variance = (z**2).mean(0)
+    return Innovations(
+        cycles=len(z),
+        nis=float((z**2).sum(1).mean()),
+        channel_variance=[float(v) for v in variance],
+        lag_one_correlation=[float(c) for c in (z[1:] * z[:-1]).mean(0) / np.maximum(variance, 1e-300)],
+        lack_of_fit=[float(factor) for factor in factors],
+    )
+
+
+def _estimates(estimates: dict[str, Estimate], nominal: Nominal | None = None) -> dict[str, EstimateItem]:
+    return {
+        name: EstimateItem(
+            value=e.value,
+            sigma=e.sigma,
+            unit=e.unit,
+            verdict=e.verdict,
+            final_at_s=e.final_at_s,
+            reason=e.reason,
+            nominal=nominal.value(name) if nominal else None,
+        )
+        for name, e in estimates.items()
+    }
+
+
+def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
+    if found is None:
+        return None
+    return DockedObject(
+        before=found.before,
+        after=found.after,
+        estimates=_estimates(found.estimates),
+        covariance=_matrix(found.covariance),
+        contradiction=found.contradiction,
+        known=_known(used.docking.known if used.docking else {}),
+    )
+
+
+def _matrix(values: Array) -> Matrix:
+    return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]

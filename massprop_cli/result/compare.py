@@ -1,0 +1,247 @@
+"""A result against a baseline: differences in units and in sigmas, each within what is allowed or beyond.
+
+The sigma of a difference is ``sqrt(s1² + s2²)``: what both results have in common (one log, one thrust scale) is not taken into account.
+The models below are the schema (``massprop schema compare``).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import Field
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base import escape
+from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.inputs.tolerancefile import Gate
+from massprop_cli.result.judge import INFORMED, parts
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import Conventions, EstimateItem, Item, Result
+
+
+class Side(Item):
+    """One of the two."""
+
+    path: str = Field(description="the folder and its result.json")
+    massprop: str
+    input_sha256: str
+    vehicle_sha256: str
+
+
+class Difference(Item):
+    """One quantity: the result less the baseline."""
+
+    unit: str
+    value: float | None
+    sigma: float | None
+    verdict: Verdict
+    baseline_value: float | None
+    baseline_sigma: float | None
+    baseline_verdict: Verdict
+    difference: float | None = Field(description="null where either is missing")
+    difference_sigma: float | None = Field(description="sqrt of the sum of squares of both sigmas")
+    sigmas: float | None = Field(description="the difference over its sigma; null without a sigma, unless the difference is 0")
+    tolerance: float | None = Field(description="what the difference may be, in the unit; null where it is in sigmas and there is none")
+    stated: str = Field(description='the tolerance as it was stated, e.g. "4 sigma"')
+    within: bool
+    note: str
+
+
+class Part(Item):
+    """A phase, or the docked object."""
+
+    part: Literal["phase", "docked"]
+    name: str
+    compared: int = Field(description="quantities that have a value on both sides")
+    differences: dict[str, Difference]
+
+
+class Comparison(Item):
+    """The whole of what ``massprop compare --json`` prints."""
+
+    schema_: Literal["massprop/compare/1"] = Field("massprop/compare/1", alias="schema")
+    result: Side
+    baseline: Side
+    conventions: Conventions
+    within: bool = Field(
+        description="something was compared, every difference is within its tolerance, and nothing that the baseline has is missing"
+    )
+    compared: int = Field(description="quantities of all parts that have a value on both sides")
+    parts: list[Part]
+    notes: list[str]
+    warnings: list[str] = Field(description="parts in which nothing could be compared")
+
+
+def compare(result: Recorded, baseline: Recorded, gate: Gate) -> Comparison:
+    """Hold a result against a baseline of the same vehicle and phases; :class:`InputError` where they are not of the same."""
+    _check_alike(result, baseline)
+    gate.check([phase.name for phase in result.result.phases])
+    before = {key: body.estimates for key, body in parts(baseline.result)}
+    after = {key: body.estimates for key, body in parts(result.result)}
+    found, empty = [], []
+    for key in dict.fromkeys([*before, *after]):
+        docked = not key.startswith("phase ")
+        name = key.removeprefix("phase ")
+        pairs = {q: (after.get(key, {}).get(q), before.get(key, {}).get(q)) for q in QUANTITIES}
+        differences = {q: _difference(q, new, old, gate, None if docked else name) for q, (new, old) in pairs.items()}
+        both = sum(d.difference is not None for d in differences.values())
+        found.append(Part(part="docked" if docked else "phase", name=name, compared=both, differences=differences))
+        empty += [] if both else [_nothing(_title(found[-1]), after.get(key), before.get(key))]
+    compared = sum(part.compared for part in found)
+    return Comparison(
+        result=_side(result),
+        baseline=_side(baseline),
+        conventions=result.result.conventions,
+        within=compared > 0 and all(d.within for part in found for d in part.differences.values()),
+        compared=compared,
+        parts=found,
+        notes=_notes(result.result, baseline.result),
+        warnings=empty,
+    )
+
+
+def _nothing(title: str, new: Mapping[str, EstimateItem] | None, old: Mapping[str, EstimateItem] | None) -> str:
+    """That no quantity of a part has a value on both sides, and why."""
+    here, there = (", ".join(f"{n} {verdict}" for verdict, n in _verdicts(side).items()) for side in (new, old))
+    return f"nothing could be compared in {title}: no quantity has a value in both (result: {here}; baseline: {there})"
+
+
+def _verdicts(side: Mapping[str, EstimateItem] | None) -> Mapping[str, int]:
+    return {"absent": len(QUANTITIES)} if side is None else Counter(item.verdict for item in side.values())
+
+
+def _side(recorded: Recorded) -> Side:
+    made = recorded.result.provenance
+    path = f"{recorded.name}/{recorded.path.name}"
+    return Side(path=path, massprop=made.massprop, input_sha256=made.input_sha256, vehicle_sha256=made.vehicle_sha256)
+
+
+def _check_alike(result: Recorded, baseline: Recorded) -> None:
+    """Refuse results whose values mean different things. A changed vehicle file alone is what a comparison may be about."""
+    new, old = result.result, baseline.result
+    stated = {
+        "vehicle": (new.vehicle.name, old.vehicle.name),
+        "environment": (new.vehicle.environment, old.vehicle.environment),
+        "bearing mass [kg]": (new.vehicle.bearing_mass_kg, old.vehicle.bearing_mass_kg),
+        "phases": (", ".join(p.name for p in new.phases), ", ".join(p.name for p in old.phases)),
+        "inertia about": (new.conventions.inertia_about, old.conventions.inertia_about),
+        "products of inertia": (new.conventions.products_of_inertia, old.conventions.products_of_inertia),
+    }
+    if new.docked_object and old.docked_object:
+        stated["docked object"] = (_docking(new), _docking(old))
+    for what, (mine, theirs) in stated.items():
+        if mine != theirs:
+            raise InputError(
+                f"{result.path}: {what} is {mine!r}, and {theirs!r} in the baseline {baseline.path}; "
+                "their values mean different things. Name a baseline of the same vehicle and phases"
+            )
+
+
+def _docking(found: Result) -> str:
+    return f"{found.docked_object.after} less {found.docked_object.before}" if found.docked_object else "none"
+
+
+def _notes(new: Result, old: Result) -> list[str]:
+    made, before = new.provenance, old.provenance
+    methods = [str(provenance.settings.get("estimator.method", "default")) for provenance in (made, before)]
+    notes = []
+    if made.input_sha256 == before.input_sha256:
+        notes.append(
+            "both are of one log and share its noise: the sigmas are larger than those of the differences, which have other causes"
+        )
+    if made.vehicle_sha256 != before.vehicle_sha256:
+        notes.append("the vehicle files differ")
+    if made.massprop != before.massprop:
+        notes.append(f"made by massprop {made.massprop} and {before.massprop}")
+    if methods[0] != methods[1]:
+        notes.append(f"made by the methods {methods[0]} and {methods[1]}")
+    if "thesis" in methods:
+        notes.append("sigmas of the thesis's method shrink with noise alone and are no errors: give tolerances in units or per cent")
+    return notes
+
+
+def _difference(quantity: str, new: EstimateItem | None, old: EstimateItem | None, gate: Gate, phase: str | None) -> Difference:
+    new, old = new or _absent(old), old or _absent(new)
+    tolerance = gate.of(quantity, phase)
+    value, before = _told(new), _told(old)
+    difference = None if value is None or before is None else value - before
+    sigma = None if difference is None or new.sigma is None or old.sigma is None else math.hypot(new.sigma, old.sigma)
+    allowed = None if difference is None else tolerance.absolute(before or 0.0, sigma)
+    return Difference(
+        unit=new.unit,
+        value=new.value,
+        sigma=new.sigma,
+        verdict=new.verdict,
+        baseline_value=old.value,
+        baseline_sigma=old.sigma,
+        baseline_verdict=old.verdict,
+        difference=difference,
+        difference_sigma=sigma,
+        sigmas=None if difference is None else 0.0 if difference == 0 else difference / sigma if sigma else None,
+        tolerance=allowed,
+        stated=tolerance.stated(quantity),
+        within=before is None if difference is None else abs(difference) <= (allowed or 0.0),
+        note=_missing(new, old) or ("no sigma: none but an equal value is within" if tolerance.kind == "sigma" and not sigma else ""),
+    )
+
+
+def _told(item: EstimateItem) -> float | None:
+    """The value, if the motion told it."""
+    return item.value if item.verdict in INFORMED else None
+
+
+def _missing(new: EstimateItem, old: EstimateItem) -> str:
+    said = [
+        (("contradicted" if item.verdict == "contradicted" else "missing"), which)
+        for item, which in ((new, "the result"), (old, "the baseline"))
+        if _told(item) is None
+    ]
+    if len({how for how, _ in said}) == 1 and len(said) == 2:
+        return f"{said[0][0]} in both"
+    return ", ".join(f"{how} in {which}" for how, which in said)
+
+
+def _absent(other: EstimateItem | None) -> EstimateItem:
+    """In place of a docked object that one of the two does not have."""
+    unit = other.unit if other else ""
+    return EstimateItem(value=None, sigma=None, unit=unit, verdict="not_excited", final_at_s=None, reason="no docked object")
+
+
+def failure(found: Comparison) -> str:
+    """Why the result does not stand against the baseline; empty where it does. Where nothing was compared, that is why."""
+    missed = beyond(found)
+    reasons = [f"beyond the baseline: {'; '.join(missed)}"] if missed else []
+    return ". ".join([*([] if found.compared else ["; ".join(found.warnings)]), *reasons])
+
+
+def beyond(found: Comparison) -> list[str]:
+    """What is not within its tolerance, a phrase each."""
+    return [f"{quantity} in {_title(part)}: {_why(d)}" for part in found.parts for quantity, d in part.differences.items() if not d.within]
+
+
+def _title(part: Part) -> str:
+    return f"phase {part.name}" if part.part == "phase" else part.name
+
+
+def _why(d: Difference) -> str:
+    if d.difference is None:
+        return f"{d.baseline_value:.9g} {d.unit} in the baseline, {d.note} ({d.verdict})"
+    sigmas = "" if d.sigmas is None else f", {d.sigmas:+.3g} sigma"
+    allowed = "nothing" if d.tolerance is None else f"{d.tolerance:.3g} {d.unit}"
+    off = f"off by {d.difference:+.3g} {d.unit}{sigmas}, allowed {allowed} ({d.stated})"
+    return f"{d.value:.9g}, in the baseline {d.baseline_value:.9g}, {off}"
+
+
+def to_json(found: Comparison) -> str:
+    """Canonical text: same results, same bytes."""
+    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the comparison."""
+    return Comparison.model_json_schema(by_alias=True)

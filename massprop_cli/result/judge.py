@@ -1,0 +1,126 @@
+"""A result held against expectations. Nothing passes silently: what is missing, not excited or unobservable is not as expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.expect import Expectations, Wanted
+from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result
+
+INFORMED = ("converged", "not_converged")
+"""Verdicts of values that the motion told; a contradicted one meets no expectation."""
+
+
+def judge(found: Result, expectations: Expectations) -> Result:
+    """The result with every estimate held against its expectation; :class:`InputError` where it lacks a phase that is expected."""
+    names = [phase.name for phase in found.phases]
+    own = _by_name(expectations, names)
+    phases = [_phase(phase, expectations.every | own.get(phase.name, {})) for phase in found.phases]
+    docked = found.docked_object
+    if expectations.docked and docked is None:
+        raise InputError(
+            f"{expectations.source}: expects a docked object, and the result has none; "
+            "name the phases before and after docking in the vehicle file ([docking] before, after), or leave out docked"
+        )
+    if docked is not None:
+        docked = docked.model_copy(update={"estimates": _estimates(docked.estimates, expectations.docked)})
+    file = ExpectationFile(path=Path(expectations.source).name, sha256=expectations.sha256)
+    return found.model_copy(update={"phases": phases, "docked_object": docked, "expectations": file})
+
+
+def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:
+    held = {"estimates": _estimates(phase.estimates, wanted)}
+    return phase.model_copy(update=held | {"implied_thrust_scale": phase.implied_thrust_scale or _implied(phase, wanted.get("mass"))})
+
+
+def _implied(phase: PhaseItem, mass: Wanted | None) -> ImpliedScale | None:
+    """The part of the stated thrust that makes the estimated mass the expected one."""
+    found = phase.estimates["mass"]
+    if mass is None or found.value is None or found.sigma is None or not found.value > 0:
+        return None
+    scale = mass.value / found.value
+    return ImpliedScale(by="expected mass", value=scale, sigma=scale * found.sigma / found.value)
+
+
+def _by_name(expectations: Expectations, names: list[str]) -> dict[str, dict[str, Wanted]]:
+    has = ", ".join(repr(name) for name in names)
+    stated = [name for name, _ in expectations.phases]
+    if stated and all(name is None for name in stated):
+        if len(stated) != len(names):
+            raise InputError(f"{expectations.source}: holds {len(stated)} phases without names; the result has {has}. Name each phase")
+        stated = [*names]
+    for name in stated:
+        if name not in names:
+            said = "has a phase without a name among named ones" if name is None else f"expects phase {name!r}, which the result lacks"
+            raise InputError(f"{expectations.source}: {said}; the result has {has}. Name one of these")
+    return {str(name): wanted for name, (_, wanted) in zip(stated, expectations.phases, strict=True)}
+
+
+def _estimates(estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, EstimateItem]:
+    return {
+        name: item.model_copy(update={"expected": _expected(name, item, wanted[name]) if name in wanted else None})
+        for name, item in estimates.items()
+    }
+
+
+def _expected(name: str, item: EstimateItem, wanted: Wanted) -> Expected:
+    tolerance = wanted.tolerance.absolute(wanted.value, item.sigma)
+    difference = None if item.value is None else item.value - wanted.value
+    told = item.verdict in INFORMED and difference is not None
+    return Expected(
+        value=wanted.value,
+        tolerance=tolerance,
+        stated=wanted.tolerance.stated(name),
+        met=told and abs(difference or 0.0) <= (tolerance or 0.0),
+        difference=difference,
+        sigmas=difference / item.sigma if difference is not None and item.sigma else None,
+    )
+
+
+def parts(found: Result) -> list[tuple[str, PhaseItem | DockedObject]]:
+    """Phases and docked object, each with what to call it."""
+    docked = found.docked_object
+    return [
+        *((f"phase {phase.name}", phase) for phase in found.phases),
+        *([(f"docked object ({docked.after} less {docked.before})", docked)] if docked is not None else []),
+    ]
+
+
+def contradiction(body: PhaseItem | DockedObject) -> str:
+    """Why log and vehicle file contradict each other there; empty where they don't."""
+    return body.contradiction or next((item.reason for item in body.estimates.values() if item.verdict == "contradicted"), "")
+
+
+def missed(found: Result) -> list[str]:
+    """What is not as expected, a phrase each: quantity, expected, got, tolerance."""
+    return [
+        f"{name} in {part}: {why(item, contradiction(body))}"
+        for part, body in parts(found)
+        for name, item in body.estimates.items()
+        if item.expected is not None and not item.expected.met
+    ]
+
+
+def why(item: EstimateItem, contradiction: str = "") -> str:
+    """One estimate and its expectation in words; ``contradiction`` is that of its phase."""
+    expected = item.expected
+    if expected is None:
+        return ""
+    wanted = f"expected {expected.value:.9g} ± {_allowed(expected)} {item.unit}"
+    by = f" ({expected.stated})" if expected.stated.endswith(("%", "sigma")) else ""
+    if item.verdict == "contradicted":
+        return f"{wanted}{by}, contradicted: {contradiction or item.reason}"
+    if item.value is None or item.verdict not in INFORMED:
+        return f"{wanted}{by}, missing: {item.verdict}, {item.reason}"
+    off = "" if expected.sigmas is None else f", {expected.sigmas:+.3g} sigma"
+    return f"{wanted}{by}, got {item.value:.9g} (off by {expected.difference:+.3g}{off})" + _no_sigma(item)
+
+
+def _allowed(expected: Expected) -> str:
+    return "?" if expected.tolerance is None else f"{expected.tolerance:.3g}"
+
+
+def _no_sigma(item: EstimateItem) -> str:
+    in_sigmas = item.expected is not None and item.expected.stated.endswith("sigma")
+    return "; its sigma is 0 or not known, so a tolerance in sigmas admits the exact value alone" if in_sigmas and not item.sigma else ""

@@ -1,0 +1,91 @@
+"""A result folder read back: result.json, and history.parquet beside it where there is one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base import configfile, limits
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import parquetheader
+from massprop_cli.result.schema import DockedObject, PhaseItem, Result
+
+LOGS = (".parquet", ".csv")
+"""Endings of tables, which are no results."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A result with its history."""
+
+    path: Path
+    """Of result.json."""
+    result: Result
+    history: dict[str, dict[str, Array]]
+    """Phase name to column name to values (K,), NaN where nothing can be said; empty where no history.parquet lies beside result.json."""
+    sha256: str = ""
+    """Of result.json."""
+
+    @property
+    def name(self) -> str:
+        """What to call it among others: its folder."""
+        return self.path.resolve().parent.name
+
+
+def read(path: Path) -> Recorded:
+    """Read a result folder or its result.json; :class:`InputError` names what is wrong with it."""
+    file = path / "result.json" if path.is_dir() else path
+    if path.is_dir() and not file.exists():
+        raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote{_below(path)}")
+    if file.suffix.lower() in LOGS and file.exists():
+        raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
+    text = configfile.read_text(file, "result.json")
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: not valid JSON ({error}); make it again with massprop estimate") from None
+    if not isinstance(data, dict) or data.get("schema") != "massprop/result/1":
+        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
+        raise InputError(f"{file}: schema is {found!r}, not 'massprop/result/1'; name the result.json that massprop estimate wrote")
+    try:
+        result = Result.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{file}: {where}: {first['msg']}; it was written by another version or edited. Make it again") from None
+    parts: list[PhaseItem | DockedObject] = [*result.phases, *([result.docked_object] if result.docked_object else [])]
+    for part in parts:
+        if list(part.estimates) != list(QUANTITIES):
+            raise InputError(
+                f"{file}: estimates hold {', '.join(part.estimates) or 'nothing'}, not the ten quantities in their order; make it again"
+            )
+    return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _below(folder: Path) -> str:
+    """Where in a folder of results the first of them is."""
+    found = sorted((*folder.glob("*/result.json"), *folder.glob("results/*/result.json")))
+    return f", such as {found[0].parent}" if found else ""
+
+
+def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
+    import pyarrow as pa
+
+    if not file.exists():
+        return {}
+    try:
+        table = parquetheader.table(str(file), limits.content(file, "history.parquet"))
+        phase = np.array(table.column("phase").to_pylist())
+        columns = {name: np.array(table.column(name).to_pylist(), dtype=float) for name in table.column_names if name != "phase"}
+    except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); make it again with massprop estimate") from None
+    if {str(name) for name in phase} != {phase.name for phase in result.phases}:
+        raise InputError(f"{file}: holds other phases than result.json beside it; make both again with massprop estimate")
+    return {item.name: {name: values[phase == item.name] for name, values in columns.items()} for item in result.phases}

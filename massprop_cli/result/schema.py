@@ -1,0 +1,255 @@
+"""result.json: the models below are the schema (``massprop schema result``)."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from massprop_cli.base import escape
+from massprop_cli.conclude.verdict import Verdict
+
+AXES = ("x", "y", "z")
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+Matrix = list[list[float | None]]
+Matrix3 = Annotated[list[Annotated[list[float | None], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)]
+Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max_length=10)]], Field(min_length=10, max_length=10)]
+
+
+class Item(BaseModel):
+    """Part of a result; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Provenance(Item):
+    """What produced the result and from what."""
+
+    massprop: str
+    input_sha256: str
+    vehicle_sha256: str
+    map_sha256: str | None = Field(None, description="of the map file, where one made the log of another recording")
+    settings: dict[str, Any] = Field(description="dotted keys; given back with --set they reproduce the result")
+    setting_sources: dict[str, Literal["option", "vehicle file", "default", "log"]] = Field(
+        {}, description="where each setting came from; log: found in a first pass over the log"
+    )
+    versions: dict[str, str]
+
+
+class VehicleInfo(Item):
+    """The vehicle as its file states it."""
+
+    name: str
+    environment: Literal["free", "air_bearing"]
+    bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
+    bearing_position_m: Triple
+    commands: Literal["jets", "wrench"]
+    jets: list[str]
+    thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
+
+
+class LogInfo(Item):
+    """The log that was read."""
+
+    path: str
+    rows: int
+    cycles: int
+    duration_s: float
+    cycle_s: float
+    mapped: list[str] = Field([], description="what a map file did to make the log: resampled, integrated, turned")
+
+
+class Delay(Item):
+    """Between the start of the cycle that issued a command and its execution."""
+
+    cycles: float
+    source: Literal["vehicle", "option", "detected"]
+    detected_cycles: float | None = None
+    sigma_cycles: float | None = None
+
+
+class Lag(Item):
+    """First-order lag of the thrust."""
+
+    lag_s: float
+    source: Literal["vehicle", "option", "detected"]
+    sigma_s: float | None = None
+
+
+class Conventions(Item):
+    """How inertia is to be read."""
+
+    inertia_about: Literal["cg"] = "cg"
+    products_of_inertia: Literal["tensor"] = Field("tensor", description="ixy = -sum m x y, the tensor's own element")
+
+
+class Expected(Item):
+    """An expectation that the value was held against."""
+
+    value: float = Field(description="in the estimate's unit, products as tensor elements")
+    tolerance: float | None = Field(description="absolute, in the estimate's unit; null where it is in sigmas and there is no sigma")
+    stated: str = Field(description='the tolerance as it was stated, e.g. "2 %" or "4 sigma"')
+    met: bool
+    difference: float | None = Field(description="estimate less expectation; null without an estimate")
+    sigmas: float | None = Field(description="the difference over the estimate's sigma")
+
+
+class ExpectationFile(Item):
+    """What the result was held against."""
+
+    path: str = Field(description="base name")
+    sha256: str
+
+
+class EstimateItem(Item):
+    """One quantity: sigma is one standard deviation; null where nothing can be said."""
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    verdict: Verdict
+    final_at_s: float | None = Field(description="start of the last sustained stretch")
+    reason: str
+    nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
+    expected: Expected | None = None
+
+
+class Physical(Item):
+    """Whether a real body could have this inertia."""
+
+    consistent: bool | None
+    principal_moments: Triple | None
+    note: str
+    nearest_consistent: Matrix3 | None = Field(None, description="the nearest inertia that a body could have, where this is none")
+
+
+class Innovations(Item):
+    """Whitened innovations about the final estimate: independent standard normal where model and noise levels hold."""
+
+    cycles: int
+    nis: float = Field(description="mean normalised innovation squared of a cycle, all six channels together; 6 is expected")
+    channel_variance: Six = Field(description="rate x y z, specific force x y z; 1 is expected")
+    lag_one_correlation: Six = Field(description="of each channel from one cycle to the next; 0 is expected")
+    lack_of_fit: Six = Field(
+        [1.0] * 6,
+        description="by how much too small the sigmas are that each channel gives, as what commands and motion still explain of its "
+        "innovations shows; 1 where that is no more than chance",
+    )
+
+
+class ImpliedScale(Item):
+    """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies."""
+
+    by: str = Field(description='where the mass comes from: "known.mass" or "expected mass"')
+    value: float = Field(description="thrust over stated thrust; 1 if the vehicle file is right")
+    sigma: float
+
+
+class PhaseItem(Item):
+    """One phase's ten quantities. Matrices in the order of the estimates; body axes."""
+
+    name: str
+    start_s: float
+    end_s: float
+    estimates: dict[str, EstimateItem]
+    covariance: Matrix10
+    inertia_about_origin: Matrix3 | None
+    physical: Physical
+    innovations: Innovations | None
+    contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
+    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+    implied_thrust_scale: ImpliedScale | None = None
+
+
+class DockedObject(Item):
+    """The object that was docked, from the phases before and after."""
+
+    before: str
+    after: str
+    estimates: dict[str, EstimateItem]
+    covariance: Matrix10
+    contradiction: str = Field("", description="which of its phases is contradicted; empty where none is")
+    known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
+
+
+class MendedEstimate(Item):
+    """One quantity as the mended log gives it."""
+
+    value: float | None
+    sigma: float | None
+    unit: str
+    verdict: Verdict
+
+
+class MendedPhase(Item):
+    """One phase as the mended log gives it."""
+
+    name: str
+    estimates: dict[str, MendedEstimate]
+    contradiction: str = Field("", description="what is still contradicted once it is mended; empty where nothing is")
+
+
+class Mended(Item):
+    """What the log gives if a fault that a warning names is mended: beside the result, never instead of it."""
+
+    code: str = Field(description="of the warning that names the fault")
+    message: str
+    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that mend it")
+    phases: list[MendedPhase]
+
+
+class Effect(Item):
+    """What an assumption does to the values of one phase."""
+
+    phase: str
+    change: dict[str, float] = Field(description="of each value, in its unit, for one step; quantities that it doesn't move are left out")
+    seen_sigma: float | None = Field(
+        None, description="how many sigmas the log itself would misfit for one step; below about 5 the log can't tell it; null: not at all"
+    )
+
+
+class Assumption(Item):
+    """Something that the numbers rest on and the log can't tell, or not well."""
+
+    code: str
+    message: str
+    step: str = Field(description='by how much it is varied: "1 %", "1 mm", "1 degree" or "0.1 cycles"')
+    stated: bool = Field(description="whether the vehicle file states it; false: a default")
+    effects: list[Effect]
+
+
+class WarningItem(Item):
+    """Something a reader must know."""
+
+    code: str
+    message: str
+
+
+class Result(Item):
+    """The whole of result.json."""
+
+    schema_: Literal["massprop/result/1"] = Field("massprop/result/1", alias="schema")
+    provenance: Provenance
+    vehicle: VehicleInfo
+    log: LogInfo
+    delay: Delay
+    lag: Lag
+    conventions: Conventions
+    phases: list[PhaseItem]
+    docked_object: DockedObject | None
+    expectations: ExpectationFile | None = None
+    mended: list[Mended] = []
+    assumptions: list[Assumption] = []
+    warnings: list[WarningItem]
+
+
+def to_json(found: Result) -> str:
+    """Canonical text: same result, same bytes. NaN and infinity can't appear."""
+    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of result.json."""
+    return Result.model_json_schema(by_alias=True)

@@ -1,0 +1,113 @@
+"""Result folders: every file is written under a temporary name and moved into place whole.
+
+run.json names the log whose result a folder holds, so that no other log's takes its place unless it is told to.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from massprop_cli.base import files, foldername
+from massprop_cli.base.errors import InputError
+from massprop_cli.flow import Analysis
+from massprop_cli.result import historyfile, rendered
+from massprop_cli.result.rendered import RUN, Cleared
+
+BASE = Path("massprop-out")
+_RESERVED = ("results",)
+"""Names in the base folder that a campaign uses."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Where a result is, and what became of the pages that told of an earlier one there."""
+
+    folder: Path
+    pages: Cleared
+
+
+def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
+    """Write run.json, history.parquet and, last, result.json, into a default folder where ``out`` names none.
+
+    Pages that massprop rendered from another result in that folder are removed first.
+    """
+    log = analysis.log.path
+    try:
+        folder = _claimed(log) if out is None else out
+        with files.held(folder), files.staged(folder) as stage:
+            pages = _placed(stage, analysis, result_json)
+    except OSError as error:
+        raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
+    return Stored(folder, pages)
+
+
+def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleared:
+    """Write all aside, so that nothing is lost where it can't be written, then remove the earlier result's pages and put it in place."""
+    folder = stage.folder
+    for name in ("history.parquet", RUN, "result.json"):
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
+    file = folder / "result.json"
+    unchanged = file.exists() and file.read_bytes() == result_json.encode()
+    told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
+    if analysis.log.made is not None:
+        told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
+    said = rendered.run_text(told, rendered.listed(folder) if unchanged else {})
+    stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
+    stage.save(RUN, lambda path: files.save_text(path, said))
+    stage.save("result.json", lambda path: files.save_text(path, result_json))
+    pages = Cleared() if unchanged else rendered.clear(folder)
+    stage.place()
+    return pages
+
+
+def plain(log: Path) -> Path:
+    """The default folder of a log where no other log has taken it."""
+    return BASE / foldername.safe(log.stem)
+
+
+def _claimed(log: Path) -> Path:
+    """The log's default folder, made if it isn't there: never one that holds anything else than this log's result.
+
+    The one that has its result already; else the first that is not there of massprop-out/STEM, FOLDER-STEM, and that with a digest of the
+    log's path.
+    """
+    own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
+    if own:
+        return own[0]
+    with files.held(BASE):
+        for folder in _candidates(log):
+            if not _is_free(folder):
+                continue
+            folder.mkdir(exist_ok=True)
+            # named at once, so that a process that comes next finds whose it is
+            rendered.write_run(folder, _run(log, ""), {})
+            return folder
+    raise InputError(f"{plain(log)}: is taken, and so is every other name for this log; choose a folder", option="out")
+
+
+def _is_free(folder: Path) -> bool:
+    """Whether nothing is there but what a process left that was killed before it could say whose the folder is."""
+    return not folder.exists() or (folder.is_dir() and all(map(files.is_left_over, folder.iterdir())))
+
+
+def _candidates(log: Path) -> Iterator[Path]:
+    whole = _identity(log)
+    both = f"{Path(whole).parent.name}-{log.stem}"
+    names = (log.stem, both, *(f"{foldername.safe(both)}-{foldername.digest(whole, length)}" for length in (8, 64)))
+    yield from (BASE / name for name in map(foldername.safe, names) if foldername.same(name) not in _RESERVED)
+
+
+def _identity(log: Path) -> str:
+    """Its absolute path. A link counts as a log of its own, since it may have another vehicle file beside it."""
+    return str(log.parent.resolve() / log.name).encode("utf-8", "backslashreplace").decode()
+
+
+def _run(log: Path, vehicle: str) -> dict[str, str]:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"time": now, "host": platform.node(), "log": _identity(log), "vehicle": vehicle}

@@ -1,0 +1,202 @@
+"""Pooled statistics against simulated logs whose truth is known, over many seeds, and against other constructions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from massprop_cli import QUANTITIES
+from massprop_cli.campaign import baseline, kept, pool
+from massprop_cli.campaign.baseline import Earlier
+from massprop_cli.campaign.outcome import Body, Outcome, Value, Vehicle
+from massprop_cli.campaign.pool import Samples
+from massprop_cli.campaign.summary import Row, pooled, summary
+from massprop_cli.estimate.quantities import quantities
+from massprop_cli.inputs.tolerancefile import Gate
+from tests import flight, recorded
+
+SEEDS = 400
+
+
+def draw(rng: np.random.Generator, n: int, shared: float = 0.0, slope: float = 0.0, truth: float = 22.0) -> Samples:
+    """Logs with sigmas of their own from 0.05 to 0.5, and one common error of ``shared``."""
+    own = rng.uniform(0.05, 0.5, n)
+    number = np.arange(1.0, n + 1)
+    value = truth + slope * number + own * rng.standard_normal(n) + shared * rng.standard_normal()
+    return Samples(number, value, np.hypot(own, shared), np.full(n, shared))
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.3])
+def test_the_mean_is_as_good_as_it_says_with_and_without_a_shared_error(shared: float) -> None:
+    rng = np.random.default_rng(1)
+    means = [pool.mean(draw(rng, 20, shared)) for _ in range(SEEDS)]
+    z = np.array([(found.value - 22.0) / found.sigma for found in means])
+    low, high = stats.chi2.ppf([0.001, 0.999], SEEDS)
+    assert low < (z**2).sum() < high
+    assert all(found.shared == pytest.approx(shared) for found in means)
+    assert all(found.sigma >= shared for found in means), "a shared error does not average out"
+
+
+def test_the_mean_is_that_of_generalised_least_squares() -> None:
+    samples = draw(np.random.default_rng(2), 7, 0.3)
+    covariance = np.diag(samples.own**2) + 0.3**2
+    weight = np.linalg.inv(covariance)
+    variance = 1 / weight.sum()
+    found = pool.mean(samples)
+    assert found.value == pytest.approx(variance * (weight @ samples.value).sum(), rel=1e-12)
+    assert found.sigma == pytest.approx(np.sqrt(variance), rel=1e-12)
+
+
+@pytest.mark.parametrize("shared", [0.0, 5.0])
+def test_scatter_is_chi_square_where_sigmas_hold_whatever_is_shared(shared: float) -> None:
+    rng = np.random.default_rng(3)
+    found = [scatter for _ in range(SEEDS) if (scatter := pool.scatter(draw(rng, 12, shared)))]
+    assert {one.degrees_of_freedom for one in found} == {11}
+    assert stats.kstest([one.p_value for one in found], "uniform").pvalue > 0.001
+    assert stats.kstest([one.chi_square for one in found], stats.chi2(11).cdf).pvalue > 0.001
+    for one in found[:5]:
+        assert one.p_value == pytest.approx(stats.chi2.sf(one.chi_square, 11), rel=1e-10)
+        assert one.ratio == pytest.approx(np.sqrt(one.chi_square / 11))
+
+
+def test_sigmas_claimed_too_small_are_seen() -> None:
+    honest = draw(np.random.default_rng(4), 30)
+    found = pool.scatter(Samples(honest.number, honest.value, honest.sigma / 2, honest.shared))
+    assert found is not None
+    assert found.ratio == pytest.approx(2.0, abs=0.5)
+    assert found.p_value < 1e-6
+
+
+def test_a_trend_is_that_of_weighted_least_squares_and_as_good_as_it_says() -> None:
+    rng = np.random.default_rng(5)
+    z, found = [], None
+    for _ in range(SEEDS):
+        samples = draw(rng, 15, 0.4, slope=-0.02)
+        found = pool.trend(samples)
+        assert found is not None
+        z.append((found.per_log + 0.02) / found.sigma)
+    low, high = stats.chi2.ppf([0.001, 0.999], SEEDS)
+    assert low < (np.array(z) ** 2).sum() < high
+    assert found is not None
+    design = np.stack([np.ones(15), samples.number], 1) / samples.own[:, None]
+    slope = np.linalg.lstsq(design, samples.value / samples.own, rcond=None)[0][1]
+    assert found.per_log == pytest.approx(slope, rel=1e-9)
+    assert found.sigma == pytest.approx(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]), rel=1e-9)
+
+
+def test_strays_are_found_farthest_first_and_good_logs_are_left_alone() -> None:
+    rng = np.random.default_rng(6)
+    samples = draw(rng, 20)
+    value = samples.value.copy()
+    value[[3, 11]] += np.array([400.0, -9.0])
+    found = pool.outliers(Samples(samples.number, value, samples.sigma, samples.shared))
+    assert list(found) == [3, 11]
+    rest = np.delete(np.arange(20), [3, 11])
+    weight = samples.own[rest] ** -2
+    mean = weight @ value[rest] / weight.sum()
+    assert found[11] == pytest.approx((value[11] - mean) / np.hypot(samples.own[11], weight.sum() ** -0.5), rel=1e-9)
+    false = sum(len(pool.outliers(draw(rng, 20))) for _ in range(SEEDS))
+    assert false <= stats.poisson.ppf(0.999, SEEDS * 20 * 2 * stats.norm.sf(4))
+
+
+def test_one_or_two_logs_are_no_scatter_and_no_outlier() -> None:
+    one = draw(np.random.default_rng(7), 1)
+    assert pool.scatter(one) is None
+    assert pool.trend(one) is None
+    assert pool.mean(one).value == one.value[0]
+    two = draw(np.random.default_rng(7), 2)
+    assert pool.outliers(Samples(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared)) == {}
+
+
+def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_together() -> None:
+    """The posterior of many logs with one thrust error and one weighing error, drawn, against the formula."""
+    rng = np.random.default_rng(8)
+    used = flight.vehicle(thrust={"scale_sigma": 0.03}, known={"mass": {"value": 22.0, "sigma": 0.1}})
+    spread = 0.004 * np.abs(flight.TRUTH)
+    spread[9] = 0.01 * 22.0
+    draws = []
+    for _ in range(3000):
+        kappa, weighed = 0.03 * rng.standard_normal(), 22.0 + 0.1 * rng.standard_normal()
+        mine = used.model_copy(update={"known": {"mass": used.known["mass"].model_copy(update={"value": weighed})}})
+        own = flight.TRUTH + spread * rng.standard_normal((2, 10))
+        own[:, [0, 1, 2, 3, 4, 5, 9]] /= 1 + kappa
+        mean, covariance = own.copy(), np.tile(np.diag(spread**2), (2, 1, 1))
+        mean[:, 9] = 1 / own[:, 9]
+        covariance[:, 9, 9] = (spread[9] / own[:, 9] ** 2) ** 2
+        draws.append(quantities(mean, covariance, mine)[0] - flight.TRUTH)
+    errors = np.array(draws)
+    mean = flight.TRUTH[None].copy()
+    mean[:, 9] = 1 / 22.0
+    covariance = np.diag(spread**2)[None].copy()
+    covariance[0, 9, 9] = (spread[9] / 22.0**2) ** 2
+    values, after = quantities(mean, covariance, used)
+    estimates = {
+        name: {"value": float(value), "sigma": float(sigma)}
+        for name, value, sigma in zip(QUANTITIES, values[0], np.sqrt(np.diag(after[0])), strict=True)
+    }
+    stated = {"covariance": after[0].tolist(), "known": {"mass": (22.0, 0.1)}}
+    phase = recorded.result([recorded.phase("all", **estimates) | stated]).phases[0]
+    shared = kept.shared(phase, used)
+    common = (errors[:, 0] * errors[:, 1]).mean(0)
+    for index in (0, 3, 5, 9):
+        assert common[index] == pytest.approx(shared[index] ** 2, rel=0.2), QUANTITIES[index]
+        assert np.sqrt((errors[:, 0, index] ** 2).mean()) == pytest.approx(np.sqrt(after[0, index, index]), rel=0.1)
+    assert shared[6] == 0.0
+
+
+def test_without_known_quantities_all_that_is_shared_is_the_thrust_scale() -> None:
+    used = flight.vehicle(thrust={"scale_sigma": 0.02})
+    shared = kept.shared(recorded.result().phases[0], used)
+    assert shared[[0, 9]] == pytest.approx([0.02 * 0.62, 0.02 * 22.0])
+    assert shared[6:9] == pytest.approx([0, 0, 0])
+
+
+def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row:
+    estimates = {name: Value(value=mass if name == "mass" else 1.0, sigma=sigma, shared=0.0, verdict="converged") for name in QUANTITIES}
+    stated = {
+        "fingerprint": "f",
+        "exit_code": 0,
+        "message": "",
+        "input_sha256": f"{number:064d}",
+        "vehicle": Vehicle(name="tug", sha256="v", environment="free", bearing_mass_kg=0.0),
+        "method": "default",
+        "bodies": [Body(part="phase", name="all", estimates=estimates)],
+    }
+    return Row(name=f"log-{number}", log=f"log-{number}.csv", tags=[], outcome=Outcome.model_validate(stated | changes))
+
+
+def test_a_baseline_that_tells_nothing_is_no_baseline_to_stand_against() -> None:
+    dim = {name: Value(value=1.0, sigma=9.0, verdict="not_excited") for name in QUANTITIES}
+    empty = row(1, 22.0, bodies=[Body(part="phase", name="all", estimates=dim)])
+    rows = [row(1, 22.0), row(2, 22.1)]
+    told = baseline.compare(rows, Earlier(summary("before", [empty]), "s"), Gate())
+    assert [item.message for item in told.beyond] == ["nothing could be compared: no log of the baseline has a value"]
+    assert summary("now", rows, told).exit_code == 5
+    assert baseline.compare(rows, Earlier(summary("before", [row(1, 22.0)]), "s"), Gate()).beyond == []
+
+
+def test_a_campaign_pools_each_vehicle_and_counts_a_copied_log_once() -> None:
+    rows = [row(1, 22.0), row(2, 22.2), row(2, 22.2), row(3, 25.0, vehicle=Vehicle(name="rover", sha256="w", environment="free", bearing_mass_kg=0.0))]  # fmt: skip  # noqa: E501
+    (found,) = pooled(rows)
+    assert (found.vehicle, found.estimates["mass"].logs) == ("tug", 2)
+    assert found.estimates["mass"].value == pytest.approx(22.1)
+    assert found.estimates["mass"].sigma == pytest.approx(0.25 / np.sqrt(2))
+    assert found.estimates["mass"].trend_per_log is None
+
+
+def test_what_was_not_told_and_what_claims_no_sigma_is_not_pooled() -> None:
+    dim = row(3, 99.0)
+    assert dim.outcome is not None
+    values = dim.outcome.bodies[0].estimates | {"mass": Value(value=99.0, sigma=0.1, shared=0.0, verdict="not_excited")}
+    dim = row(3, 99.0, bodies=[Body(part="phase", name="all", estimates=values)])
+    (found,) = pooled([row(1, 22.0), row(2, 22.0), dim])
+    assert (found.estimates["mass"].logs, found.estimates["ixx"].logs) == (2, 3)
+    assert pooled([row(1, 22.0, method="thesis"), row(2, 22.0, method="thesis")]) == []
+
+
+def test_an_outlier_is_named_and_the_mean_without_it_stands_beside() -> None:
+    found = summary("c", [*(row(n, 22.0) for n in range(1, 10)), row(10, 32.0)]).pooled[0].estimates["mass"]
+    assert [stray.log for stray in found.outliers] == ["log-10"]
+    assert found.value == pytest.approx(23.0)
+    assert found.without_outliers == pytest.approx((22.0, 0.25 / 3))

@@ -1,0 +1,242 @@
+"""A check says nothing of clean logs, names what is wrong with others and where, and gives the sigmas that an estimate gives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from massprop_cli import estimate_log
+from massprop_cli.base.arrays import Array
+from massprop_cli.check import flow
+from massprop_cli.check.attitude import turns
+from massprop_cli.check.finding import Check, rows
+from massprop_cli.check.sampling import sampling
+from massprop_cli.inputs import vehicle
+from massprop_cli.inputs.require import requirements
+from tests.campaigns import simulate
+from tests.commandline import massprop
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+Columns = dict[str, Array]
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = simulate(tmp_path_factory.mktemp("check") / "flights", 1, "sensors.log_attitude=true")
+    return folder / "seed-0001" / "log.parquet"
+
+
+def spoiled(clean: Path, folder: Path, change: Callable[[Columns], None], **settings: float) -> Check:
+    """The check of a log in which something was changed."""
+    table = pq.read_table(clean)
+    columns = {name: np.array(table.column(name), dtype=float).copy() for name in table.column_names}
+    change(columns)
+    found = pa.table(columns).replace_schema_metadata(table.schema.metadata)
+    pq.write_table(found, folder / "log.parquet")
+    return flow.check(folder / "log.parquet", None, (), [f"{key}={value}" for key, value in settings.items()])
+
+
+def codes(found: Check) -> dict[str, str]:
+    return {one.code: one.where for one in found.findings}
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing", "scenarios/testbed"])
+def test_nothing_is_said_of_a_clean_log(name: str) -> None:
+    found = flow.check(SAMPLES / name / "log.parquet", None, (), ())
+    assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
+
+
+def test_the_sigmas_are_those_of_an_estimate(clean: Path) -> None:
+    found = flow.check(clean, None, requirements("mass<5%,ixx<1e-9 kg m^2"), ())
+    told = estimate_log(clean).result.phases[0].estimates
+    assert [one.sigma for one in found.expected] == [item.sigma for item in told.values()]
+    reached = {one.quantity: one.reached for one in found.expected if one.reached is not None}
+    assert reached == {
+        "ixx": False,
+        "mass": told["mass"].verdict == "converged" and (told["mass"].sigma or 9) < 0.05 * (told["mass"].value or 0),
+    }
+    assert found.exit_code == 4
+    assert "ixx<1e-9 kg m^2 wants 1e-09 kg m^2 at most" in flow.message(found)
+
+
+def test_all_faults_of_the_clock_are_told_with_their_rows(clean: Path, tmp_path: Path) -> None:
+    def change(columns: Columns) -> None:
+        time = columns["time_s"]
+        time[10] = time[9]
+        time[40:] -= 0.2
+        time[80:] += 1.0
+
+    found = spoiled(clean, tmp_path, change)
+    assert codes(found) == {"duplicate-time": "row 10", "time-back": "row 40", "gap": "row 80"}
+    assert (found.usable, found.exit_code, found.expected) == (False, 3, [])
+    done = massprop(tmp_path, "check", "log.parquet", "--junit", "j.xml")
+    assert done.returncode == 3
+    assert len(done.stderr.splitlines()) == 1
+    assert "records with the time of the one before" in done.stderr
+    assert "(row 10); drop the copies" in done.stderr
+    suite = ET.parse(tmp_path / "j.xml").getroot()
+    assert (suite.get("errors"), suite.get("failures")) == ("1", "0")
+    assert len(suite.findall(".//testcase[@name='sampling']/error")) == 3
+
+
+def test_scatter_of_the_clock_is_measured() -> None:
+    rng = np.random.default_rng(1)
+    steady = np.cumsum(np.full(2000, 0.05))
+    assert sampling(steady, str) == []
+    (found,) = sampling(np.cumsum(0.05 * (1 + 0.1 * rng.standard_normal(2000).clip(-3, 3))), str)
+    assert found.code == "jitter"
+    assert float(found.what.split("scatter by ")[1].split(" %")[0]) == pytest.approx(10, rel=0.1)
+
+
+def test_rows_are_named_as_a_person_finds_them() -> None:
+    where = np.zeros(20, dtype=bool)
+    assert rows(where, str) == ""
+    where[[3, 4, 5, 9, 15]] = True
+    assert rows(where, lambda row: f"line {row + 2}") == "line 5 to 7, and 2 more places"
+
+
+def stuck(columns: Columns) -> None:
+    columns["delta_theta_y_rad"][50:60] = columns["delta_theta_y_rad"][50]
+
+
+def dead(columns: Columns) -> None:
+    columns["delta_v_z_m_s"][:] = 0.0
+
+
+def held(columns: Columns) -> None:
+    for name in columns:
+        if name.startswith("delta"):
+            columns[name][1::2] = columns[name][::2]
+
+
+def clipped(columns: Columns) -> None:
+    values = columns["delta_theta_x_rad"]
+    columns["delta_theta_x_rad"] = np.minimum(values, np.quantile(values, 0.85))
+
+
+def coarse(columns: Columns) -> None:
+    for axis in "xyz":
+        columns[f"delta_v_{axis}_m_s"] = np.round(columns[f"delta_v_{axis}_m_s"] / 0.005) * 0.005
+
+
+def always(columns: Columns) -> None:
+    columns["jet_roll_p1_s"][:] = 0.05
+
+
+def opposed(columns: Columns) -> None:
+    columns["jet_yaw_p1_s"][20:60] = columns["jet_yaw_n1_s"][20:60] = 0.02
+
+
+def silent(columns: Columns) -> None:
+    for name in columns:
+        if name.startswith("jet"):
+            columns[name][:] = 0.0
+
+
+def conjugate(columns: Columns) -> None:
+    for axis in "xyz":
+        columns[f"quat_{axis}"] *= -1
+
+
+def mirrored(columns: Columns) -> None:
+    for axis in "xyz":
+        columns[f"delta_theta_{axis}_rad"] *= -1
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "where"),
+    [
+        (stuck, "stuck", "row 50 to 59"),
+        (dead, "dead-axis", ""),
+        (held, "repeated-record", "row 1, and 59 more places"),
+        (clipped, "clipped", None),
+        (coarse, "quantised", ""),
+        (always, "jet-always-on", ""),
+        (opposed, "opposed-jets", "row 20 to 59"),
+        (silent, "nothing-commanded", ""),
+        (conjugate, "attitude-gyro", ""),
+        (mirrored, "attitude-gyro", ""),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(
+    change: Callable[[Columns], None], code: str, where: str | None, clean: Path, tmp_path: Path
+) -> None:
+    found = spoiled(clean, tmp_path, change)
+    assert code in codes(found)
+    assert where is None or codes(found)[code] == where
+    (one,) = [one for one in found.findings if one.code == code][:1]
+    assert one.remedy
+    assert one.sure
+    assert found.fit is False or one.grade == "note"
+
+
+def test_a_stated_range_is_told_with_its_rows(clean: Path, tmp_path: Path) -> None:
+    def change(columns: Columns) -> None:
+        columns["delta_theta_x_rad"][30:33] = 0.05 * 0.5
+
+    found = spoiled(clean, tmp_path, change, **{"imu.gyro_range_rad_s": 0.5})
+    assert [one.where for one in found.findings if one.code == "gyro-saturated"] == ["row 30 to 32"]
+
+
+def test_a_fault_of_the_vehicle_file_is_named_as_an_estimate_names_it(clean: Path) -> None:
+    settings = ("jets.0.force_n=[0.0, 0.0, -1.112055404]",)
+    found = flow.check(clean, None, (), settings)
+    told = estimate_log(clean, settings={"jets.0.force_n": [0.0, 0.0, -1.112055404]}).result.warnings
+    assert {warning.code for warning in told} <= {one.code for one in found.findings}
+    assert not found.fit
+    assert any(one.code in ("jet-sign", "thrust-scale") for one in found.findings)
+
+
+def test_a_step_of_attitude_is_the_turn_between() -> None:
+    """Against quaternions that are built from known rotation vectors."""
+    rng = np.random.default_rng(2)
+    turn = rng.standard_normal((50, 3)) * 0.2
+    angle = np.linalg.norm(turn, axis=1)
+    step = np.column_stack([np.cos(angle / 2), np.sin(angle / 2)[:, None] * turn / angle[:, None]])
+    attitude = [np.array([0.6, 0.0, 0.8, 0.0])]
+    for s in step:
+        w, v = attitude[-1][0], attitude[-1][1:]
+        attitude.append(np.concatenate([[w * s[0] - v @ s[1:]], w * s[1:] + s[0] * v + np.cross(v, s[1:])]))
+    signs = np.where(rng.random(51) < 0.5, -1.0, 1.0)[:, None]  # q and -q are one attitude
+    np.testing.assert_allclose(turns(np.array(attitude) * signs), turn, atol=1e-12)
+
+
+def test_gravity_off_the_vertical_is_told(tmp_path: Path) -> None:
+    from massprop_cli.testbed import output, scenario
+
+    hold = 'plan=[{motion="random",axes=["roll","pitch","yaw"],start_s=0.0,end_s=4.0,closed_loop=true}]'
+    source = scenario.load("testbed", ["duration_s=4.0", hold, "sensors.log_attitude=true"])
+    output.simulate(source, tmp_path / "flight", 1, None)
+    log = tmp_path / "flight" / "log.parquet"
+    assert not [one for one in flow.check(log, None, (), ()).findings if one.subject == "attitude"]
+    tilted = tmp_path / "vehicle.toml"
+    c, s = np.cos(0.1), np.sin(0.1)
+    text = (tmp_path / "flight" / "vehicle.toml").read_text().replace("[imu]", f"[imu]\nbody_from_imu = [[1,0,0],[0,{c},{-s}],[0,{s},{c}]]")
+    tilted.write_text(text)
+    vehicle.load(tilted)
+    assert "attitude-gravity" in codes(flow.check(log, tilted, (), ()))
+
+
+def test_the_command_prints_json_alone_and_writes_nothing(clean: Path, tmp_path: Path) -> None:
+    done = massprop(tmp_path, "check", clean, "--json", "--want", "ixx")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["schema"] == "massprop/check/1"
+    assert list(tmp_path.iterdir()) == []
+    shown = massprop(tmp_path, "check", clean)
+    assert "nothing to object to" in shown.stdout
+    for arguments, code, said in (
+        (["--want", "mass<"], 2, "is no precision"),
+        (["--want", "mass<1 m"], 3, "'m' is no unit of mass"),
+        (["--junit", "no/j.xml"], 2, "name a file in a folder that exists"),
+        (["--vehicle", "none.toml"], 3, "no such vehicle file"),
+    ):
+        done = massprop(tmp_path, "check", clean, *arguments)
+        assert (done.returncode, done.stdout) == (code, "")
+        assert said in done.stderr

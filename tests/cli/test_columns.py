@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import listing, mapfile, propose
+from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
+from massprop_cli.inputs.tablefile import read_table
+from tests.commandline import massprop
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+
+
+def recording(**streams: tuple[Numbers, str, str]) -> Recording:
+    return Recording(Path("own.h5"), "0", "HDF5 file", {path: stream(path, *said) for path, said in streams.items()})
+
+
+def flight(**more: tuple[Numbers, str, str]) -> Recording:
+    """Gyro and accelerometer at 200 Hz, a commanded wrench at 50 Hz, all that is needed recorded with them."""
+    fast, slow = np.arange(2000) / 200, np.arange(500) / 50
+    streams: dict[str, tuple[Numbers, str, str]] = {"imu/t": (fast, "", "s"), "cmd/t": (slow, "", "s")}
+    for n, axis in enumerate("xyz"):
+        streams[f"imu/gyro_{axis}"] = (np.sin((n + 1) * fast), "imu/t", "rad/s")
+        streams[f"imu/acc_{axis}"] = (np.where(n == 2, 9.8, 0.0) + np.sin(fast) / 9, "imu/t", "")
+        streams[f"cmd/torque_{axis}"] = (np.sin(slow), "cmd/t", "N m")
+        streams[f"cmd/force_{axis}"] = (np.cos(slow), "cmd/t", "N")
+    return recording(**(streams | more))
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "high-rate", "crazyflie"])
+def test_the_draft_of_a_log_is_the_map_that_changes_nothing(name: str, tmp_path: Path) -> None:
+    log = SAMPLES / name / ("yaw.parquet" if name == "crazyflie" else "log.parquet")
+    run = massprop(tmp_path, "columns", log, "--as-map")
+    assert (run.returncode, run.stderr) == (0, "")
+    (tmp_path / "map.toml").write_text(run.stdout)
+    plain, mapped = read_table(log), read_table(log, tmp_path / "map.toml")
+    for column in plain.columns:
+        np.testing.assert_array_equal(mapped.columns[column].numbers(), plain.columns[column].numbers())
+
+
+def test_what_names_units_and_clocks_settle_is_filled_in() -> None:
+    text = propose.draft(flight())
+    for said in (
+        'paths = ["imu/gyro_x", "imu/gyro_y", "imu/gyro_z"]   # 2000 samples, 200 Hz, rad/s',
+        'unit = "m/s^2"   # its median size is 9.8',
+        'paths = ["cmd/torque_x", "cmd/torque_y", "cmd/torque_z"]',
+        "interval_s = 0.005   # commands come at 50 Hz, the slower sensor at 200 Hz",
+        "per_cycle = 4",
+    ):
+        assert said in text
+    # what no file says: what a number is, and in which frame commands are
+    assert [line.partition("#")[0].strip() for line in text.splitlines() if '"?"' in line.partition("#")[0]] == [
+        'values = "?"',
+        'values = "?"',
+        'frame = "?"',
+        'frame = "?"',
+    ]
+    assert propose.questions(text) == 4
+    with pytest.raises(InputError, match=r"m.toml, line 6: gyro.values = '\?': must be 'sample', 'mean' or 'increment'"):
+        mapfile.parse(text, "m.toml")
+    answered = text.replace('values = "?"', 'values = "sample"').replace('frame = "?"', 'frame = "body"')
+    assert mapfile.parse(answered, "m.toml").map.records is not None
+
+
+def test_what_is_ambiguous_is_asked_with_all_that_it_may_be() -> None:
+    second = {f"imu/gyro2_{axis}": (np.zeros(2000), "imu/t", "rad/s") for axis in "xyz"}
+    text = propose.draft(flight(**second)).split("[accelerometer]", maxsplit=1)[0]
+    assert "# 2 could be it; take one of" in text
+    assert '#   ["imu/gyro2_x", "imu/gyro2_y", "imu/gyro2_z"]   # 2000 samples, 200 Hz, rad/s' in text
+    assert 'paths = ["?", "?", "?"]' in text
+    # a setpoint and a bias are no sensors
+    other = {f"imu/gyro_{kind}_{axis}": (np.zeros(2000), "imu/t", "rad/s") for kind in ("bias", "setpoint") for axis in "xyz"}
+    assert 'paths = ["imu/gyro_x"' in propose.draft(flight(**other))
+
+
+def test_a_clock_that_nothing_names_is_asked_for() -> None:
+    held = flight().streams
+    clockless = {path: (one.values, "", one.unit) for path, one in held.items() if path.startswith("imu")}
+    count = {"imu/n": (np.arange(2000), "", ""), "imu/m": (np.arange(2000) * 3, "", "")}
+    named = propose.draft(flight(**clockless, **count))
+    assert 'clock = { path = "imu/t" }' in named
+    clockless["imu/t"] = (held["imu/t"].values[::-1].copy(), "", "")
+    assert 'clock = { path = "?", unit = "?" }   # one of "imu/n", "imu/m"' in propose.draft(flight(**clockless, **count))
+    clockless["imu/t"] = (held["imu/t"].values * 1e6, "", "")
+    assert 'clock = { path = "imu/t", unit = "?" }   # s, ms, us or ns: not recorded; its median step is 5000' in propose.draft(
+        flight(**clockless)
+    )
+
+
+def test_streams_are_listed_with_rate_range_and_unit(tmp_path: Path) -> None:
+    told: dict[str, Any] = {one.path: one for one in listing.listed(flight())}
+    gyro = told["imu/gyro_y"]
+    assert (gyro.samples, gyro.unit, gyro.clock) == (2000, "rad/s", "imu/t")
+    assert gyro.rate_hz == pytest.approx(200)
+    assert (gyro.least, gyro.most) == (pytest.approx(-1, abs=1e-4), pytest.approx(1, abs=1e-4))
+    assert told["imu/t"].note == "increasing"
+    pq.write_table(pa.table({"t_ms": [0.0, 10.0, 20.0], "w [deg/s]": [1.0, 2.0, 1.0], "event": ["a", "", "b"]}), tmp_path / "own.parquet")
+    run = massprop(tmp_path, "columns", "own.parquet", "--json")
+    assert run.returncode == 0, run.stderr
+    streams = {one["path"]: one for one in json.loads(run.stdout)["streams"]}
+    assert streams["w [deg/s]"]["unit"] == "deg/s"
+    assert streams["w [deg/s]"]["rate_hz"] == pytest.approx(100)
+    assert streams["event"]["note"] == "text"
+    run = massprop(tmp_path, "columns", "own.parquet")
+    assert run.returncode == 0
+    assert "3 streams of a table" in run.stdout
+    assert 'have a "?" to be answered: massprop columns own.parquet --as-map > own.map.toml' in run.stderr
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "own.txt").write_text("x")
+    run = massprop(tmp_path, "columns", "own.txt")
+    assert run.returncode == 3
+    assert "unknown kind of file '.txt'" in run.stderr
+    assert massprop(tmp_path, "columns", "none.csv").returncode == 3
+
+
+def test_times_of_ros_and_px4_begin_the_log_at_zero() -> None:
+    late = flight().streams
+    shifted = {path: (one.values + 1.76e9, "", "s") for path, one in late.items() if path.endswith("/t")}
+    assert 'zero = "start"' in propose.draft(flight(**shifted))

@@ -1,0 +1,174 @@
+"""Streams, disks and folders that fail while a command runs, two processes on one folder, terminals that lack letters."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from massprop_cli.base import files
+from tests.cli.test_kill import COMMANDS, contents
+from tests.hostile import flight, vehicle
+from tests.inputs.test_bad_input import save
+
+TOOL = f"{sys.executable} -m massprop_cli"
+WRITING = [command for command in COMMANDS if command != "estimate"]
+
+
+def shell(folder: Path, line: str, **settings: str) -> subprocess.CompletedProcess[bytes]:
+    settings = {"PYTHONPATH": str(Path(__file__).parents[2]), **settings}
+    return subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {line}"], cwd=folder, env=os.environ | settings, capture_output=True, timeout=60, check=False
+    )
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    vehicle(tmp_path)
+    return save(flight(100), tmp_path / "log.parquet")
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        (f"{TOOL} estimate log.parquet --out out | head -1", 141),
+        (f"{TOOL} schema log | true", 141),
+        (f"{TOOL} --help | true", 141),
+        (f"{TOOL} estimate none.parquet 2>&1 >/dev/null | true", 141),
+        (f"{TOOL} estimate log.parquet --out out >&-", 0),
+        (f"{TOOL} estimate log.parquet --out out --json >&-", 0),
+        (f"{TOOL} estimate log.parquet --out out 2>&-", 0),
+        (f"{TOOL} estimate none.parquet 2>&-", 3),
+        (f"{TOOL} estimate log.parquet --out out <&- >&- 2>&-", 0),
+        (f"{TOOL} estimate log.parquet --out out >/dev/full", 3),
+        (f"{TOOL} estimate log.parquet --out out --json >/dev/full", 3),
+        (f"{TOOL} estimate none.parquet 2>/dev/full", 3),
+    ],
+)
+def test_a_stream_that_fails_is_no_bug(line: str, code: int, log: Path) -> None:
+    done = shell(log.parent, line)
+    assert done.returncode in ({code, 0} if code == 141 else {code}), done.stderr
+    assert b"Traceback" not in done.stderr
+    assert b"Exception ignored" not in done.stderr
+    assert b"internal error" not in done.stderr
+    if "log.parquet" in line:
+        assert sorted(path.name for path in (log.parent / "out").iterdir()) == ["history.parquet", "result.json", "run.json"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437", "utf-16"])
+def test_a_terminal_of_any_encoding_gets_its_table(encoding: str, log: Path) -> None:
+    done = shell(log.parent, f"{TOOL} estimate log.parquet --out out", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
+    assert done.returncode == 0, done.stderr
+    assert "converged" in done.stdout.decode(encoding)
+
+
+def _limited(size: int) -> Callable[[], None]:
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", WRITING)
+def test_a_quota_that_is_reached_leaves_what_was_there(command: str, tmp_path: Path) -> None:
+    """No file may become larger than 300 bytes, as on a disk that is full after these."""
+    prepare, arguments = COMMANDS[command]
+    prepare(tmp_path)
+    before = contents(tmp_path)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    line = [sys.executable, "-m", "massprop_cli", *arguments]
+    done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, preexec_fn=_limited(300), check=False)
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "cannot be written" in done.stderr
+    left = {file for file in contents(tmp_path) if not file.startswith("out/results/")}
+    assert left == set(before), "something half-written, or hidden, is left"
+    assert command == "batch" or not (tmp_path / "out").exists(), "an empty folder is left"
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 16 kB; skipped where none may be mounted."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", disk], capture_output=True, check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    yield disk
+    subprocess.run(["umount", disk], check=True)
+
+
+@pytest.mark.thorough
+def test_a_full_disk_leaves_the_earlier_result(small_disk: Path, log: Path) -> None:
+    out = small_disk / "out"
+    out.mkdir()
+    (out / "result.json").write_text("the earlier one", encoding="utf-8")
+    done = shell(log.parent, f"{TOOL} estimate log.parquet -q --out {out}")
+    assert done.returncode == 3, done.stderr
+    assert b"No space left on device" in done.stderr
+    assert contents(out) == {"result.json": b"the earlier one"}
+
+
+@pytest.mark.thorough
+def test_a_disk_that_can_only_be_read_is_told(small_disk: Path, log: Path) -> None:
+    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
+    for line in (f"estimate log.parquet -q --out {small_disk}/out", f"simulate free-flyer --seeds 2 -q --out {small_disk}/out"):
+        done = shell(log.parent, f"{TOOL} {line}")
+        assert done.returncode == 3
+        assert done.stderr.count(b"\n") == 1
+        assert b"Read-only file system" in done.stderr
+
+
+def test_a_folder_that_vanished_under_the_command_is_told(log: Path) -> None:
+    done = shell(log.parent, f"mkdir here && cd here && rmdir ../here && {TOOL} estimate ../log.parquet; code=$?; cd ..; exit $code")
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.count(b"\n") == 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", WRITING)
+def test_two_processes_on_one_folder_end_in_one_whole_result(command: str, tmp_path: Path) -> None:
+    prepare, arguments = COMMANDS[command]
+    prepare(tmp_path)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    line = [sys.executable, "-m", "massprop_cli", *arguments]
+    both = [subprocess.Popen(line, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=60)[1] for process in both]
+    codes = sorted(process.returncode for process in both)
+    assert codes in ([0, 0], [0, 3]), said
+    if codes == [0, 3]:
+        assert "another massprop is at work there" in "".join(said)
+    together = contents(tmp_path)
+    assert not [file for file in together if "/." in f"/{file}"]
+    assert subprocess.run(line, cwd=tmp_path, env=environment, check=False).returncode == 0
+    assert contents(tmp_path) == together
+
+
+def test_what_a_killed_process_left_is_cleared_and_its_folder_is_free(log: Path) -> None:
+    folder = log.parent / "massprop-out" / "log"
+    folder.mkdir(parents=True)
+    (folder / ".massprop.lock").touch()
+    (folder / ".massprop-abc.partial").write_text("half", encoding="utf-8")
+    done = shell(log.parent, f"{TOOL} estimate log.parquet -q")
+    assert done.returncode == 0, done.stderr
+    assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
+
+
+def test_a_folder_that_was_made_and_stays_empty_is_removed(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="full"), files.held(tmp_path / "a" / "b"):
+        raise OSError("full")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_belong_together_lack_their_mark_until_all_are_there(tmp_path: Path) -> None:
+    (tmp_path / "mark").write_text("old", encoding="utf-8")
+    (tmp_path / "second").mkdir()  # can't be replaced by a file
+    with files.staged(tmp_path) as stage:
+        for name in ("first", "second", "mark"):
+            stage.save(name, lambda path: path.write_text("new", encoding="utf-8"))
+        with pytest.raises(OSError, match="directory"):
+            stage.place()
+    assert not (tmp_path / "mark").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first", "second"]

@@ -1,0 +1,317 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from pyarrow import csv
+
+from massprop_cli import QUANTITIES, schemas
+from massprop_cli.flow import Analysis, analyse
+from massprop_cli.result import build, schema
+
+ROOT = Path(__file__).parents[2]
+SAMPLES = ROOT / "sample_logs"
+
+
+def massprop(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "massprop_cli", *arguments], capture_output=True, text=True, check=False, env={**os.environ, **environment}
+    )
+
+
+@cache
+def crazyflie(name: str) -> Analysis:
+    return analyse(SAMPLES / "crazyflie" / f"{name}.parquet")
+
+
+def short(tmp_path: Path, rows: int = 400, suffix: str = ".parquet", name: str = "free-flyer") -> Path:
+    """The first rows of a sample log beside a copy of its vehicle file."""
+    table = pq.read_table(SAMPLES / name / "log.parquet").slice(0, rows)
+    path = tmp_path / f"log{suffix}"
+    if suffix == ".parquet":
+        pq.write_table(table, path)
+    else:
+        csv.write_csv(table, path)
+    (tmp_path / "vehicle.toml").write_text((SAMPLES / name / "vehicle.toml").read_text())
+    return path
+
+
+def load(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return found
+
+
+def test_estimate_writes_what_it_prints(tmp_path: Path) -> None:
+    log, out = short(tmp_path), tmp_path / "out"
+    run = massprop("estimate", str(log), "--out", str(out))
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""
+    assert sorted(p.name for p in out.iterdir()) == ["history.parquet", "result.json", "run.json"]
+    found = load(out)
+    jsonschema.validate(found, schemas.schema("result"))
+    for name in QUANTITIES:
+        assert name in run.stdout
+        assert found["phases"][0]["estimates"][name]["verdict"] in run.stdout
+    history = pq.read_table(out / "history.parquet")
+    assert history.num_rows == 398  # 400 cycles less the two-cycle delay
+    assert history.column_names[:3] == ["phase", "time_s", "ixx"]
+    assert history.column("ixx")[-1].as_py() == found["phases"][0]["estimates"]["ixx"]["value"]
+    assert {"innovation_torque_x", "innovation_force_z_sigma", "mass_sigma"} <= set(history.column_names)
+    assert "tensor" in run.stdout
+    assert "body axes" in run.stdout
+
+
+def test_json_prints_the_result_and_nothing_else(tmp_path: Path) -> None:
+    run = massprop("estimate", str(short(tmp_path)), "--json", "--out", str(tmp_path / "out"))
+    assert run.stdout == (tmp_path / "out" / "result.json").read_text()
+    assert massprop("estimate", str(tmp_path / "log.parquet"), "-q", "--out", str(tmp_path / "out")).stdout == ""
+
+
+def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    for out in ("a", "b"):
+        assert massprop("estimate", str(log), "-q", "--out", str(tmp_path / out)).returncode == 0
+    for name in ("result.json", "history.parquet"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "high-rate"])
+def test_csv_and_parquet_of_one_log_differ_in_hash_and_path_alone(tmp_path: Path, name: str) -> None:
+    found = []
+    for suffix in (".parquet", ".csv"):
+        log = short(tmp_path, rows=4000 if name == "high-rate" else 400, suffix=suffix, name=name)
+        found.append(json.loads(schema.to_json(build.result(analyse(log)))))
+    assert found[0]["log"].pop("path") == "log.parquet"
+    assert found[1]["log"].pop("path") == "log.csv"
+    assert found[0]["provenance"].pop("input_sha256") != found[1]["provenance"].pop("input_sha256")
+    assert found[0] == found[1]
+
+
+def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> None:
+    whole = analyse(short(tmp_path, rows=400)).histories[0]
+    for rows in (150, 263):
+        part = analyse(short(tmp_path, rows=rows)).histories[0]
+        np.testing.assert_array_equal(part.values, whole.values[: rows - 2])
+        np.testing.assert_array_equal(part.sigmas, whole.sigmas[: rows - 2])
+
+
+@pytest.mark.parametrize("name", [pytest.param("roll-pitch", marks=pytest.mark.slow), pytest.param("yaw", marks=pytest.mark.thorough)])
+def test_settings_given_back_reproduce_the_result(name: str) -> None:
+    """Also where a first pass found disturbances: what it found stands in the settings."""
+    first = build.result(crazyflie(name))
+    given = [f"{key}={json.dumps(value)}" for key, value in first.provenance.settings.items()]
+    again = build.result(analyse(SAMPLES / "crazyflie" / f"{name}.parquet", assignments=given))
+    assert again.phases == first.phases
+    assert again.provenance.settings == first.provenance.settings
+
+
+@pytest.mark.slow
+def test_recorded_flights_agree_with_what_is_known_of_the_vehicle() -> None:
+    """A 31.9 g quadrotor; published inertia of the type 1.66e-5, 1.67e-5, 2.93e-5 kg m². Nothing that was not moved is converged."""
+    thrust, roll_pitch = (crazyflie(name).conclusions[0].estimates for name in ("thrust", "roll-pitch"))
+    for estimates in (thrust, roll_pitch):
+        assert estimates["mass"].verdict == "converged"
+        assert estimates["mass"].value == pytest.approx(0.0319, rel=0.06)
+    for name in ("ixx", "iyy"):
+        assert roll_pitch[name].verdict == "converged"
+        assert 1.2e-5 < (roll_pitch[name].value or 0) < 2.5e-5
+        assert abs((roll_pitch[name].value or 0) - 1.665e-5) < 2.5 * (roll_pitch[name].sigma or 0)
+    assert roll_pitch["izz"].verdict == "not_excited"
+    for name in ("ixx", "iyy", "izz", "ixy", "cg_z"):
+        assert thrust[name].verdict == "not_excited"
+    assert "disturbance-torque" in [notice.code for notice in crazyflie("roll-pitch").notices]
+
+
+def test_rates_columns_and_scales_stand_in_for_the_contract_names(tmp_path: Path) -> None:
+    """The same log with mean rates for increments, time in ms and other names gives the same estimates."""
+    import pyarrow as pa
+
+    log = short(tmp_path)
+    reference = analyse(log)
+    table = pq.read_table(log)
+    columns: dict[str, Any] = {"t_ms": 1e3 * np.asarray(table["time_s"])}
+    for axis in "xyz":
+        columns[f"gyro_{axis}_rad_s"] = np.asarray(table[f"delta_theta_{axis}_rad"]) / np.diff(np.asarray(table["time_s"]), prepend=0.0)
+        columns[f"acc_{axis}_g"] = np.asarray(table[f"delta_v_{axis}_m_s"]) / np.diff(np.asarray(table["time_s"]), prepend=0.0) / 9.80665
+    columns |= {name: table[name] for name in table.column_names if name.startswith("jet_")}
+    other = tmp_path / "other.parquet"
+    pq.write_table(pa.table(columns), other)
+    names = '\n[columns]\ntime_s = { from = "t_ms", scale = 1e-3 }\n'
+    names += "".join(f'accel_{axis}_m_s2 = {{ from = "acc_{axis}_g", scale = 9.80665 }}\n' for axis in "xyz")
+    (tmp_path / "other.vehicle.toml").write_text((tmp_path / "vehicle.toml").read_text() + names)
+    found = analyse(other)
+    np.testing.assert_allclose(found.histories[0].values[-1], reference.histories[0].values[-1], rtol=1e-6)
+
+
+def test_set_overrides_the_vehicle_file_and_flags_override_the_environment(tmp_path: Path) -> None:
+    log = str(short(tmp_path))
+    run = massprop("estimate", log, "--json", "--set", "convergence.count=30", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
+    found = json.loads(run.stdout)
+    assert found["provenance"]["settings"]["convergence.count"] == 30
+    assert found["provenance"]["settings"]["estimator.method"] == "thesis"
+    run = massprop("estimate", log, "--json", "--set", "estimator.method=default", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
+    assert json.loads(run.stdout)["provenance"]["settings"]["estimator.method"] == "default"
+    run = massprop("estimate", log, "--json", "--method", "default", "--delay", "2", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
+    found = json.loads(run.stdout)
+    assert found["provenance"]["settings"]["estimator.method"] == "default"
+    assert (found["delay"]["cycles"], found["delay"]["source"]) == (2.0, "option")
+    assert abs(found["delay"]["detected_cycles"] - 2.0) < 5 * found["delay"]["sigma_cycles"] < 0.01
+
+
+def test_a_vehicle_is_found_embedded_and_beside_the_log(tmp_path: Path) -> None:
+    log = short(tmp_path, rows=60)
+    text = (tmp_path / "vehicle.toml").read_text()
+    (tmp_path / "log.vehicle.toml").write_text(text.replace('name = "free-flyer"', 'name = "beside"'))
+    assert analyse(log).vehicle.name == "beside"
+    table = pq.read_table(log)
+    embedded = text.replace('name = "free-flyer"', 'name = "embedded"')
+    pq.write_table(table.replace_schema_metadata({b"massprop.vehicle": embedded.encode()}), log)
+    assert analyse(log).vehicle.name == "embedded"
+    assert analyse(log, tmp_path / "vehicle.toml").vehicle.name == "free-flyer"
+
+
+@pytest.mark.slow
+def test_a_weighed_mass_calibrates_the_thrust_scale_and_narrows_the_inertia() -> None:
+    """The flights' thrust is known to 5 %: a mass weighed to 0.1 g shifts and narrows mass and inertia alike."""
+    path = SAMPLES / "crazyflie" / "roll-pitch.parquet"
+    before = crazyflie("roll-pitch").conclusions[0].estimates
+    after = analyse(path, assignments=("known.mass={value=0.0319, sigma=0.0001}",)).conclusions[0].estimates
+    assert after["mass"].value == pytest.approx(0.0319, abs=1e-4)
+    for name in ("ixx", "iyy"):
+        assert (after[name].sigma or 0) < 0.6 * (before[name].sigma or 0)
+        assert (after[name].value or 0) / (before[name].value or 1) == pytest.approx(0.0319 / (before["mass"].value or 1), rel=0.01)
+
+
+def test_schemas_on_disk_agree_with_the_code() -> None:
+    for name in schemas.NAMES:
+        assert json.loads((ROOT / "schemas" / f"{name}.schema.json").read_text()) == schemas.schema(name)
+        jsonschema.Draft202012Validator.check_schema(schemas.schema(name))
+        assert json.loads(massprop("schema", name).stdout) == schemas.schema(name)
+
+
+def test_help_stays_light() -> None:
+    heavy = "('numpy', 'pandas', 'pyarrow', 'pydantic', 'matplotlib')"
+    code = f"import sys\nfrom massprop_cli import cli\nprint([m for m in {heavy} if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    assert "estimate" in massprop("--help").stdout
+
+
+def test_one_estimate_needs_no_pandas(tmp_path: Path) -> None:
+    log = short(tmp_path, rows=60)
+    code = (
+        "import sys\nsys.argv = ['massprop', 'estimate', sys.argv[1], '-q', '--out', sys.argv[2]]\nfrom massprop_cli.cli import main\n"
+        "try:\n main()\nexcept SystemExit as e:\n assert e.code == 0\n"
+        "print([m for m in ('pandas', 'scipy', 'matplotlib', 'numpy.ma', 'numpy.random', 'pyarrow.compute') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code, str(log), str(tmp_path / "o")], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
+    """On a pseudo-terminal the bar names the stage; on a pipe stderr stays empty."""
+    import pty
+
+    log = short(tmp_path)
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "--out", str(tmp_path / "o")]
+    run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=follower)
+    os.close(follower)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(leader, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(leader)
+    assert run.wait() == 0
+    assert b"estimating, phase all" in shown
+    assert massprop("estimate", str(log), "--out", str(tmp_path / "o")).stderr == ""
+
+
+@pytest.mark.slow
+def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    plain = analyse(log)
+    cad = 'nominal={poi_convention="positive_integral", ixx=5.0, ixy=-3.0}'
+    shown = analyse(log, assignments=(cad,))
+    np.testing.assert_array_equal(shown.histories[0].values, plain.histories[0].values)
+    estimates = build.result(shown).phases[0].estimates
+    assert (estimates["ixx"].nominal, estimates["ixy"].nominal, estimates["izz"].nominal) == (5.0, 3.0, None)
+    run = massprop("estimate", str(log), "--set", cad, "--out", str(tmp_path / "o"))
+    assert "nominal" in run.stdout
+
+
+def test_a_known_value_that_the_log_contradicts_is_pointed_out(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    codes = [n.code for n in analyse(log, assignments=("known.ixx={value=0.7, sigma=1e-4}",)).notices]
+    assert codes == ["known-mismatch"]
+    assert analyse(log, assignments=("known.ixx={value=0.62, sigma=1e-3}",)).notices == ()
+
+
+def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path) -> None:
+    """The air-bearing log with its integrated attitude as columns: accepted as it is, refused when conjugated."""
+    import pyarrow as pa
+
+    from massprop_cli.base.errors import InputError
+    from massprop_cli.prepare.compensate import integrate_attitude
+
+    log = short(tmp_path, rows=400, name="air-bearing")
+    table = pq.read_table(log)
+    turns = np.stack([np.asarray(table[f"delta_theta_{axis}_rad"]) for axis in "xyz"], 1)
+    attitude = integrate_attitude(np.array([1.0, 0, 0, 0]), turns)[1:]
+    plain = analyse(log)
+    for sign in (1, -1):
+        names = ("quat_w", "quat_x", "quat_y", "quat_z")
+        columns = {name: pa.array(attitude[:, i] * (sign if i else 1)) for i, name in enumerate(names)}
+        extended = table
+        for name, column in columns.items():
+            extended = extended.append_column(name, column)
+        pq.write_table(extended, log)
+        if sign == 1:
+            z = (analyse(log).histories[0].values[-1] - plain.histories[0].values[-1]) / plain.histories[0].sigmas[-1]
+            assert np.abs(z).max() < 3
+        else:
+            with pytest.raises(InputError, match="wxyz"):
+                analyse(log)
+
+
+def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_result(tmp_path: Path) -> None:
+    log = str(short(tmp_path))
+    found = json.loads(massprop("estimate", log, "--json", "--delay", "auto", "--out", str(tmp_path / "a")).stdout)
+    assert found["delay"]["source"] == "detected"
+    assert abs(found["delay"]["cycles"] - 2.0) < 0.01
+    settings = found["provenance"]["settings"]
+    assert settings["cycle.command_delay_cycles"] == found["delay"]["cycles"]
+    assigned = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    again = json.loads(massprop("estimate", log, "--json", *assigned, "--out", str(tmp_path / "b")).stdout)
+    assert again["phases"] == found["phases"]
+
+
+def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(tmp_path: Path) -> None:
+    log = str(short(tmp_path))
+    causal, refined = (
+        json.loads(massprop("estimate", log, "--json", *more, "--out", str(tmp_path / "o")).stdout) for more in ([], ["--refine"])
+    )
+    assert (causal["provenance"]["settings"]["estimator.refine"], refined["provenance"]["settings"]["estimator.refine"]) == (False, True)
+    for name, estimate in causal["phases"][0]["estimates"].items():
+        other = refined["phases"][0]["estimates"][name]
+        if estimate["value"] is None:
+            assert other["value"] is None
+            continue
+        assert abs(estimate["value"] - other["value"]) < 0.2 * other["sigma"]
+        assert abs(estimate["sigma"] / other["sigma"] - 1) < 0.02
+    innovations = causal["phases"][0]["innovations"]
+    assert abs(innovations["nis"] - 6) < 4.5 * (12 / innovations["cycles"]) ** 0.5
+    assert max(abs(c) for c in innovations["lag_one_correlation"]) < 4.5 / innovations["cycles"] ** 0.5

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns, vehicle
+from massprop_cli.inputs.formats import draft, recording, traits
+from massprop_cli.inputs.tablefile import read_table
+from tests.commandline import massprop
+from tests.inputs import test_formats as written
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+GYRO, ACCEL, RECORDS, CYCLES = 2e-3, 0.05, 5, 800
+
+
+def log(tmp_path: Path, gravity: float = 0.0, quiet: int = 500, jets: bool = False, records: int = RECORDS) -> Path:
+    """A vehicle at rest for some cycles, then driven; noise is of a cycle's mean."""
+    rng = np.random.default_rng(11)
+    n = CYCLES * records
+    time_s = np.cumsum(np.full(n, 0.01) + rng.normal(0, 1e-5, n))
+    rate = 0.003 + GYRO * np.sqrt(records) * rng.normal(size=(n, 3))
+    force = ACCEL * np.sqrt(records) * rng.normal(size=(n, 3)) + [0.0, 0.0, gravity]
+    held: dict[str, Any] = {"time_s": time_s}
+    held |= dict(zip((*columns.GYRO, *columns.ACCEL), np.hstack([rate, force]).T, strict=True))
+    driven = np.arange(CYCLES) >= quiet
+    if jets:
+        on = np.where(driven, rng.integers(0, 12, CYCLES) * 0.004, 0.0)
+        held |= {"jet_a_s": np.repeat(on, records), "jet_b_s": np.zeros(n)}
+    else:
+        held |= {name: np.repeat(np.where(driven, rng.normal(size=CYCLES), 0.0), records) for name in columns.WRENCH}
+    pq.write_table(pa.table(held), tmp_path / "own.parquet")
+    return tmp_path / "own.parquet"
+
+
+def test_cycle_noise_and_bias_are_those_the_log_was_made_with(tmp_path: Path) -> None:
+    found = traits.traits(read_table(log(tmp_path)))
+    assert found.records == RECORDS
+    assert found.period_s == pytest.approx(0.05, rel=1e-4)
+    assert found.quiet == 500 - traits.SETTLE
+    assert found.gyro_noise is not None
+    assert found.accel_noise is not None
+    # 0.57 / √500 is 2.5 % of all axes, 4.4 % of one
+    np.testing.assert_allclose(found.gyro_noise, GYRO, rtol=0.13)
+    np.testing.assert_allclose(found.accel_noise, ACCEL, rtol=0.13)
+    assert np.sqrt((found.gyro_noise**2).mean()) == pytest.approx(GYRO, rel=0.08)
+    assert found.gyro_mean is not None
+    np.testing.assert_allclose(found.gyro_mean, 0.003, atol=4 * GYRO / np.sqrt(496))
+    assert np.std(found.interval_s) == pytest.approx(1e-5, rel=0.1)
+
+
+def test_a_drafted_file_is_one_and_its_log_can_be_read_with_it(tmp_path: Path) -> None:
+    path = log(tmp_path)
+    run = massprop(tmp_path, "init", path, "--out", "own.vehicle.toml")
+    assert (run.returncode, run.stdout) == (0, "own.vehicle.toml\n"), run.stderr
+    text = (tmp_path / "own.vehicle.toml").read_text()
+    stated = vehicle.parse(text, "own").vehicle
+    assert stated.cycle.period_s == pytest.approx(0.05, rel=1e-4)
+    assert stated.cycle.command_delay_cycles == "auto"
+    assert stated.imu.gyro_noise_rad_s == pytest.approx(GYRO, rel=0.08)
+    assert stated.environment.kind == "free"
+    # every line that states something says where it is from, and what none can know is a comment
+    for line in text.splitlines():
+        if " = " in line and not line.startswith("#"):
+            assert " # " in line or line == "schema = 1"
+    for part in ("# position_m = [x, y, z]", "# body_from_imu", "# gyro_range_rad_s", "# gyro_bias_sigma_rad_s = 0.003", "# scale_sigma"):
+        assert part in text
+    again = massprop(tmp_path, "init", path, "--out", "own.vehicle.toml")
+    assert again.returncode == 3
+    assert "own.vehicle.toml: is there already" in again.stderr
+
+
+def test_gravity_is_told_from_none_and_from_neither(tmp_path: Path) -> None:
+    def kind(gravity: float, quiet: int = 500) -> str:
+        text = draft.draft("own", traits.traits(read_table(log(tmp_path, gravity, quiet))), {})
+        return next(line for line in text.splitlines() if "kind = " in line)
+
+    assert kind(9.79).startswith('kind = "air_bearing"   # in 496 quiet cycles the accelerometer feels 9.79')
+    assert kind(0.0).startswith('kind = "free"')
+    assert kind(3.0).startswith('# kind = "free"   # or "air_bearing": in 496 quiet cycles the accelerometer feels 3')
+    # a vehicle that never stops pushing may hover
+    assert "under commands, which gravity and thrust do alike" in kind(9.8, quiet=0)
+
+
+def test_jets_are_listed_and_want_their_geometry(tmp_path: Path) -> None:
+    found = traits.traits(read_table(log(tmp_path, jets=True)))
+    text = draft.draft("own", found, {})
+    assert [jet["name"] for jet in tomllib.loads(text)["jets"]] == ["a", "b"]
+    assert "pwm_tick_s = 0.004   # all on-times are multiples of it" in text
+    assert "column jet_b_s: never on in this log" in text
+    with pytest.raises(InputError, match=r"jets.0.position_m.* is missing"):
+        vehicle.parse(text, "own")
+
+
+def test_few_quiet_cycles_leave_noise_to_the_estimate(tmp_path: Path) -> None:
+    text = draft.draft("own", traits.traits(read_table(log(tmp_path, quiet=60))), {})
+    assert "# gyro_noise_rad_s = 0.00" in text
+    assert "too few to state" in text
+    assert "gyro_noise_rad_s" not in tomllib.loads(text)["imu"]
+
+
+def test_a_range_that_was_reached_is_found(tmp_path: Path) -> None:
+    path = log(tmp_path)
+    table = pq.read_table(path)
+    clipped = {
+        name: np.clip(table.column(name).to_numpy(), -0.01, 0.01) if name in columns.GYRO else table.column(name)
+        for name in table.column_names
+    }
+    pq.write_table(pa.table(clipped), path)
+    found = traits.traits(read_table(path))
+    assert found.gyro_clipped == 0.01
+    assert found.accel_clipped is None
+
+
+@pytest.mark.parametrize(("name", "records", "period"), [("high-rate", 20, 0.05), ("free-flyer", 1, 0.05), ("crazyflie", 1, 0.0099)])
+def test_cycles_of_the_sample_logs_are_found(name: str, records: int, period: float) -> None:
+    log = SAMPLES / name / ("thrust.parquet" if name == "crazyflie" else "log.parquet")
+    found = traits.traits(read_table(log))
+    assert found.records == records
+    assert found.period_s == pytest.approx(period, rel=1e-3)
+
+
+def test_ticks_are_only_found_where_there_are_some() -> None:
+    assert traits.tick_s(np.array([0.01, 0.0175, 0.05])) == pytest.approx(0.0025)
+    assert traits.tick_s(np.array([0.01, 0.01 * np.sqrt(2), 0.0457])) is None
+    assert traits.tick_s(np.zeros(5)) is None
+
+
+def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
+    path, map_file = written.written("ulog", tmp_path)
+    run = massprop(tmp_path, "init", path, "--map", str(map_file))
+    assert run.returncode == 0, run.stderr
+    assert "# CA_ROTOR0: position_m = [0, 0, 0], force_n = [0, 0, -1.5] at full (CT = 1.5), torque ratio KM = 0.05 m" in run.stdout
+    assert recording.load(path).parameters["CA_ROTOR_COUNT"] == 1
+    refused = massprop(tmp_path, "init", path)
+    assert refused.returncode == 3
+    assert f"massprop columns {path} drafts one" in refused.stderr

@@ -1,0 +1,122 @@
+"""Ended at any moment by any signal, a command that writes leaves nothing half-written, and the next run clears what is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from tests.commandline import begun, massprop
+from tests.hostile import flight, vehicle
+from tests.inputs.test_bad_input import save
+
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+SETTINGS = ("--set", "duration_s=3.0", "--set", 'plan=[{motion="random",axes=["roll","yaw","x"],start_s=0.0,end_s=3.0}]')
+Prepare = Callable[[Path], None]
+
+
+def _log(folder: Path) -> None:
+    vehicle(folder)
+    save(flight(100), folder / "log.parquet")
+
+
+def _result(folder: Path) -> None:
+    _log(folder)
+    assert massprop(folder, "estimate", "log.parquet", "-q", "--out", "result").returncode == 0
+
+
+def _logs(folder: Path) -> None:
+    assert massprop(folder, "simulate", "free-flyer", *SETTINGS, "--seeds", "3", "-q", "--out", "logs").returncode == 0
+
+
+COMMANDS: dict[str, tuple[Prepare, tuple[str, ...]]] = {
+    "estimate": (_log, ("estimate", "log.parquet", "-q")),
+    "estimate --out": (_log, ("estimate", "log.parquet", "-q", "--out", "out")),
+    "report": (_result, ("report", "result", "--format", "md,csv,junit", "-q", "--out", "out")),
+    "simulate": (lambda _: None, ("simulate", "free-flyer", *SETTINGS, "-q", "--out", "out")),
+    "simulate --seeds": (lambda _: None, ("simulate", "free-flyer", *SETTINGS, "--seeds", "3", "-q", "--out", "out")),
+    "batch": (_logs, ("batch", "logs", "-q", "--jobs", "1", "--junit", "junit.xml", "--out", "out")),
+}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Of all files but for the time of the run that is in some."""
+    return {file: _timeless(file, content) for file, content in _raw(folder).items()}
+
+
+def _raw(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def _timeless(file: str, content: bytes) -> bytes:
+    if not file.endswith("run.json"):
+        return content
+    return json.dumps({key: value for key, value in json.loads(content).items() if key != "time"}).encode()
+
+
+def survives(command: str, tmp_path: Path, kills: int) -> None:
+    prepare, arguments = COMMANDS[command]
+    before, wanted = tmp_path / "before", tmp_path / "here"
+    before.mkdir()
+    prepare(before)
+    shutil.copytree(before, wanted)
+    began = time.monotonic()
+    assert massprop(wanted, *arguments).returncode == 0
+    lasts = time.monotonic() - began
+    whole = contents(wanted)
+    moments = random.Random(command)
+    ended = 0
+    for kill in range(kills):
+        shutil.rmtree(wanted)
+        shutil.copytree(before, wanted)
+        if kill % 4 == 3:
+            assert massprop(wanted, *arguments).returncode == 0
+        number = SIGNALS[kill % 3]
+        code = _kill(wanted, arguments, number, moments.uniform(0.0, lasts), tmp_path)
+        said = (tmp_path / "stderr").read_text(encoding="utf-8")
+        assert code in (0, -number, 130 if number == signal.SIGINT else 0), f"{number} ended it with {code}: {said}"
+        ended += code != 0
+        assert "Traceback" not in said
+        left = {file: content for file, content in _raw(wanted).items() if not any(part.startswith(".") for part in Path(file).parts)}
+        for file, content in left.items():
+            assert file in whole, f"{file} was left in plain sight"
+            assert whole[file] == _timeless(file, content) or (file.endswith("run.json") and b'"log"' in content), f"{file} is half-written"
+        assert massprop(wanted, *arguments).returncode == 0
+        assert contents(wanted) == whole, "something was left behind, or is missing"
+    assert ended > kills // 10, "hardly any signal came in time"
+
+
+def _kill(folder: Path, arguments: tuple[str, ...], number: int, after_s: float, said: Path) -> int:
+    """Send a signal after so many seconds; the exit code."""
+    for name in ("stdout", "stderr"):
+        (said / name).unlink(missing_ok=True)
+    process = begun(folder, arguments, [said / name for name in ("stdout", "stderr", "peak")], {})
+    while not (said / "stderr").exists():
+        time.sleep(0.001)
+    process.join(0.01 + after_s)  # after the first moments, in which Python's own handlers are replaced
+    if process.is_alive() and process.pid is not None:
+        with suppress(ProcessLookupError):  # it may end just now
+            os.kill(process.pid, number)
+    process.join(30)
+    assert process.exitcode is not None, "it goes on after the signal"
+    return process.exitcode
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_that_is_ended_at_six_moments_leaves_nothing(command: str, tmp_path: Path) -> None:
+    survives(command, tmp_path, 6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_that_is_ended_at_a_hundred_moments_leaves_nothing(command: str, tmp_path: Path) -> None:
+    survives(command, tmp_path, 100)

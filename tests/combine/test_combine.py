@@ -1,0 +1,221 @@
+"""Results of one vehicle added up: held against a least-squares fit of all data at once that shares nothing with the estimator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.combine.joint import Piece, joint
+from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.result import schema
+from massprop_cli.testbed import bound, scenario, simulate
+from tests.campaigns import simulate as fly
+from tests.commandline import massprop
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=20.0}]'
+BODY = scenario.load("free-flyer").scenario.truth.values
+
+
+def at_once(source: scenario.ScenarioSource, flight: simulate.Flight, starts: list[int], ends: list[int]) -> tuple[Array, Array]:
+    """Values and covariance of the linear fit, about the truth, of all pieces: ten quantities, and the rate at each piece's start."""
+    quiet = simulate.fly(bound.noise_free(source), [flight.seeds[0]], issued=flight.issued[0])
+    noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
+    noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
+    columns, left = [], []
+    for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        slopes = bound._sensitivities(source, flight.seeds[0], flight.issued, flight.truth[0], start)[0, :, start:end]
+        own = np.zeros((10 + 3 * len(starts), *slopes.shape[1:]))
+        own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
+        columns.append(own.reshape(len(own), -1).T)
+        left.append(noise[start:end].ravel())
+    rows = np.concatenate(columns)
+    size = np.sqrt((rows**2).sum(0))
+    step, *_ = np.linalg.lstsq(rows / size, np.concatenate(left), rcond=None)
+    covariance = np.linalg.inv((rows / size).T @ (rows / size)) / np.outer(size, size)
+    return flight.truth[0, 0] + (step / size)[:10], covariance[:10, :10]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_pieces_of_a_log_give_what_all_their_data_give_at_once(seed: int) -> None:
+    source = scenario.load("free-flyer", ["duration_s=20.0", PLAN])
+    flight = simulate.fly(source, [seed])
+    log, pieces = flight.log(0), []
+    for start, end in ((0, 200), (200, 400)):
+        found = flow.examine(log.part(start, end), VehicleSource(flight.vehicle.model_copy(update={"phases": ()}), "x", ""))
+        pieces.append(Piece(str(start), found.conclusions[0].values, found.conclusions[0].covariance, {}))
+    together = joint(pieces)
+    # each piece begins with the first cycle whose command it holds
+    values, covariance = at_once(source, flight, [2, 202], [200, 400])
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.abs((together.values - values) / sigma).max() < 0.1
+    np.testing.assert_allclose(np.sqrt(np.diag(together.covariance)), sigma, rtol=0.03)
+    assert together.freedom == 10
+    assert together.chi_square < 35
+
+
+def gaussians(seed: int, count: int) -> tuple[list[Array], list[Array]]:
+    """Linear data on the ten quantities, near the truth: rows and measurements of each piece."""
+    rng = np.random.default_rng(seed)
+    size = 1e-4 * bound.natural_sizes(BODY)
+    rows = [rng.standard_normal((25, 10)) / size for _ in range(count)]
+    return rows, [r @ BODY + rng.standard_normal(25) for r in rows]
+
+
+def solved(rows: Array, data: Array) -> tuple[Array, Array]:
+    covariance = np.linalg.inv(rows.T @ rows)
+    return covariance @ rows.T @ data, covariance
+
+
+def test_what_is_shared_counts_once() -> None:
+    """Oracle: one least-squares problem with the thrust's scale as an eleventh unknown, and the weighed mass as a row."""
+    rows, data = gaussians(1, 3)
+    scale, weighed, sigma = 0.02, 22.05, 0.01
+    pieces = []
+    for r, d in zip(rows, data, strict=True):
+        values, covariance = solved(r, d)
+        scaled = np.concatenate([values[:6], np.zeros(3), values[9:]])
+        covariance = covariance + scale**2 * np.outer(scaled, scaled)
+        gain = covariance[:, 9] / (covariance[9, 9] + sigma**2)
+        values, covariance = values + gain * (weighed - values[9]), covariance - np.outer(gain, covariance[9])
+        pieces.append(Piece("x", values, covariance, {"mass": (weighed, sigma)}, scale))
+    found = joint(pieces)
+    bare, spread = solved(np.concatenate(rows), np.concatenate(data))
+    scaled = np.concatenate([bare[:6], np.zeros(3), bare[9:]])
+    # unknowns: what the logs see, and kappa; quantities are (1 + kappa) times it, so measure mass = m + m kappa
+    prior = np.zeros((11, 11))
+    prior[:10, :10], prior[10, 10] = spread, scale**2
+    slope = np.append(np.zeros(9), [1.0, bare[9]])
+    gain = prior @ slope / (slope @ prior @ slope + sigma**2)
+    mean = np.append(bare, 0.0) + gain * (weighed - bare[9])
+    left = prior - np.outer(gain, slope @ prior)
+    to_quantities = np.hstack([np.eye(10), scaled[:, None]])
+    expected = to_quantities @ left @ to_quantities.T
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(expected)), rtol=2e-3)
+    wanted = bare + to_quantities @ (mean - np.append(bare, 0.0))
+    assert np.abs((found.values - wanted) / np.sqrt(np.diag(expected))).max() < 0.02
+    assert np.sqrt(found.covariance[9, 9]) < sigma
+
+
+def test_what_a_piece_does_not_tell_is_left_to_the_others() -> None:
+    rows, data = gaussians(2, 2)
+    whole, half = solved(rows[0], data[0]), solved(rows[1], data[1])
+    untold = half[0].copy()
+    untold[9] = np.nan
+    covariance = half[1].copy()
+    covariance[9], covariance[:, 9] = np.nan, np.nan
+    found = joint([Piece("a", *whole, {}), Piece("b", untold, covariance, {})])
+    marginal = np.zeros((10, 10))
+    marginal[:9, :9] = np.linalg.inv(half[1][:9, :9])
+    information = np.linalg.inv(whole[1]) + marginal
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(np.linalg.inv(information))), rtol=2e-3)
+    assert np.isnan(found.apart[1][9])
+    alone = joint([Piece("b", untold, covariance, {}), Piece("c", untold, covariance, {})])
+    assert np.isnan(alone.values[9])
+    assert np.isfinite(alone.values[:9]).all()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("combine")
+    fly(found / "flights", 2)
+    fly(found / "other", 1, "truth.mass=24.0", "truth.ixx=0.7", first=3)
+    for name, log in (("a", "flights/seed-0001"), ("b", "flights/seed-0002"), ("c", "other/seed-0003")):
+        done = massprop(found, "estimate", f"{log}/log.parquet", "--out", name, "-q")
+        assert done.returncode == 0, done.stderr
+    return found
+
+
+def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) -> None:
+    done = massprop(folder, "combine", "a", "b", "--out", "both", "--require", "ixx<1%", "--json")
+    assert done.returncode == 0, done.stderr
+    told = schema.Result.model_validate(json.loads(done.stdout))
+    one = [json.loads((folder / name / "result.json").read_text())["phases"][0]["estimates"] for name in "ab"]
+    truth = dict(zip(QUANTITIES, BODY, strict=True))
+    for name, item in told.phases[0].estimates.items():
+        sigmas = [each[name]["sigma"] for each in one]
+        assert item.value is not None
+        assert item.sigma is not None
+        assert 0.4 * min(sigmas) < item.sigma < min(sigmas)
+        assert abs(item.value - truth[name]) < 4.5 * item.sigma
+    assert told.warnings == []
+    again = massprop(folder, "report", "both", "--format", "md,csv")
+    assert again.returncode == 0, again.stderr
+    assert massprop(folder, "compare", "both", "a").returncode == 0
+    short = massprop(folder, "combine", "a", "b", "--out", "both", "-q", "--require", "mass<0.1%")
+    assert short.returncode == 4
+    assert "mass<0.1% wants" in short.stderr
+
+
+def test_logs_of_two_bodies_contradict_each_other(folder: Path) -> None:
+    done = massprop(folder, "combine", "a", "b", "c", "--out", "three")
+    assert done.returncode == 0
+    assert "c differs from the others together: ixx by " in done.stderr
+    told = json.loads((folder / "three" / "result.json").read_text())
+    assert told["phases"][0]["estimates"]["ixx"]["verdict"] == "contradicted"
+    assert told["warnings"][0]["code"] == "results-disagree"
+
+
+def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_path: Path) -> None:
+    done = massprop(tmp_path, "estimate", SAMPLES / "docking" / "log.parquet", "--out", "r", "-q")
+    assert done.returncode == 0
+    own = json.loads((tmp_path / "r" / "result.json").read_text())["docked_object"]["estimates"]
+    done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d", "-q")
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "d" / "result.json").read_text())["docked_object"]["estimates"]
+    for name in QUANTITIES:
+        assert found[name]["value"] == pytest.approx(own[name]["value"], abs=1e-3 * own[name]["sigma"])
+        assert found[name]["sigma"] == pytest.approx(own[name]["sigma"], rel=1e-4)
+
+
+def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: Path) -> None:
+    """The thesis's proposal (5.3): the vehicle alone on one bearing, then joined with the object on one at their common CG."""
+    for name in ("testbed", "testbed-joined"):
+        assert massprop(tmp_path, "simulate", name, "--seed", "5", "--out", f"log-{name}", "-q").returncode == 0
+        assert massprop(tmp_path, "estimate", f"log-{name}/log.parquet", "--out", name, "-q").returncode == 0
+    done = massprop(tmp_path, "combine", "--before", "testbed", "--after", "testbed-joined", "--out", "object", "-q")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "object" / "result.json").read_text())["docked_object"]["estimates"]
+    truth = dict(zip(QUANTITIES, (0.5, 0.0, 0.0, 0.5, 0.0, 0.5, 0.8, 0.0, 0.0, 12.0), strict=True))
+    for name, item in told.items():
+        assert abs(item["value"] - truth[name]) < 4 * item["sigma"]
+    assert told["mass"]["sigma"] < 0.8
+    assert told["cg_x"]["sigma"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["a"], 2, "name two results or more"),
+        (["a", "--before", "b"], 2, "name results alone, or those --before and those --after"),
+        (["--before", "a"], 2, "name results alone"),
+        (["a", "copy"], 3, "is of the same log as"),
+        (["a", "renamed"], 3, "vehicle is 'another', and 'free flyer' in"),
+        (["a", "phased"], 3, "has phases first, and"),
+        (["a", "scaled"], 3, "thrust.scale_sigma is 0.01, and 0.0 in"),
+        (["a", "thesis"], 3, "made by --method thesis, whose sigmas are no errors"),
+        (["a", "nowhere"], 3, "nowhere"),
+        (["a", "b", "--out", "a"], 3, "holds the result of a log, with its history"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(arguments: list[str], code: int, said: str, folder: Path) -> None:
+    told = json.loads((folder / "b" / "result.json").read_text())
+    changed = {
+        "copy": json.loads((folder / "a" / "result.json").read_text()),
+        "renamed": told | {"vehicle": told["vehicle"] | {"name": "another"}},
+        "phased": told | {"phases": [told["phases"][0] | {"name": "first"}]},
+        "scaled": told | {"vehicle": told["vehicle"] | {"thrust_scale_sigma": 0.01}},
+        "thesis": told | {"provenance": told["provenance"] | {"settings": {"estimator.method": "thesis"}}},
+    }
+    for name, content in changed.items():
+        (folder / name).mkdir(exist_ok=True)
+        (folder / name / "result.json").write_text(json.dumps(content))
+    done = massprop(folder, "combine", *arguments)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr

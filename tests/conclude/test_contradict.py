@@ -1,0 +1,197 @@
+"""What is contradicted must not look good: every case here gave green ticks once."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.vehicle import Known, Phase
+from massprop_cli.testbed import scenario, simulate
+from tests import faulty
+
+TRUTH = faulty.truth("free-flyer")
+
+
+@pytest.fixture(scope="module")
+def late() -> Analysis:
+    """A command delay stated as one cycle where it is two."""
+    log, used = faulty.sample("free-flyer")
+    return faulty.examined(log, faulty.stated(used, "cycle.command_delay_cycles=1.0"))
+
+
+def test_nothing_of_a_log_with_a_wrong_delay_is_called_converged(late: Analysis) -> None:
+    assert "delay-mismatch" in [notice.code for notice in late.notices]
+    assert set(faulty.verdicts(late).values()) == {"contradicted"}
+    shown = late.conclusions[0].contradiction.split("the log shows ")[1]
+    assert float(shown.split(" ±")[0]) == pytest.approx(2.0, abs=2e-3)
+
+
+def test_the_mended_answer_stands_beside_a_wrong_delay_and_is_right(late: Analysis) -> None:
+    (answer,) = late.mended
+    assert answer.settings[0].startswith("cycle.command_delay_cycles=")
+    assert float(answer.settings[0].partition("=")[2]) == pytest.approx(2.0, abs=2e-3)
+    (conclusion,) = answer.conclusions
+    assert conclusion.contradiction == ""
+    for (name, estimate), true in zip(conclusion.estimates.items(), TRUTH, strict=True):
+        assert estimate.value is not None
+        assert estimate.sigma is not None
+        assert abs(estimate.value - true) < 4 * estimate.sigma, name
+    # the result's own values stand as found, far off
+    assert abs(faulty.z_scores(late, TRUTH)["mass"]) > 4
+
+
+def test_the_settings_of_a_mended_answer_give_it_when_set(late: Analysis) -> None:
+    log, used = faulty.sample("free-flyer")
+    again = faulty.examined(log, faulty.stated(used, "cycle.command_delay_cycles=1.0", *late.mended[0].settings))
+    for name, estimate in again.conclusions[0].estimates.items():
+        assert estimate.value == pytest.approx(late.mended[0].conclusions[0].estimates[name].value, rel=1e-9)
+        assert estimate.sigma == pytest.approx(late.mended[0].conclusions[0].estimates[name].sigma, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_two_strong_jets_contradict_what_they_turn_and_not_what_the_others_push() -> None:
+    log, used = faulty.sample("free-flyer")
+    found = faulty.examined(log, faulty.pushing(used, {"roll_p1": 1 / 1.12, "roll_n2": 1 / 1.12}))
+    assert abs(faulty.z_scores(found, TRUTH)["ixx"]) > 20
+    assert faulty.verdicts(found)["ixx"] == "contradicted"
+    assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+
+
+@pytest.mark.parametrize("seconds", [20.0, pytest.param(60.0, marks=pytest.mark.slow)])
+def test_a_reversed_jet_contradicts_and_is_mended(seconds: float) -> None:
+    log, used = faulty.sample("free-flyer", seconds)
+    found = faulty.examined(log, faulty.pushing(used, {"yaw_p1": -1.0}))
+    verdicts = faulty.verdicts(found)
+    assert verdicts["mass"] == verdicts["cg_x"] == "contradicted"
+    assert "jet-sign" in [notice.code for notice in found.notices]
+    assert "mount" not in found.conclusions[0].estimates["cg_x"].reason
+    (answer,) = found.mended
+    (setting,) = answer.settings
+    number = [jet.name for jet in used.jets].index("yaw_p1")
+    assert setting.startswith(f"jets.{number}.force_n=[")
+    np.testing.assert_allclose(json.loads(setting.partition("=")[2]), used.jets[number].force_n, rtol=1e-5)
+    assert abs((answer.conclusions[0].estimates["izz"].value or 0.0) - TRUTH[5]) < 4 * (answer.conclusions[0].estimates["izz"].sigma or 0.0)
+
+
+def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
+    log, used = faulty.sample("free-flyer")
+    found = faulty.examined(faulty.low_passed(log, 5.0), used)
+    assert faulty.z_scores(found, TRUTH)["mass"] > 4
+    assert faulty.verdicts(found)["mass"] == "contradicted"
+    assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+
+
+@pytest.mark.parametrize(
+    "assignments",
+    [
+        tuple(f"jets.{i}.{key}=0.013" for i in range(18) for key in ("rise_s", "fall_s")),
+        pytest.param(("imu.position_m=[0.1, -0.06, 0.22]",), marks=pytest.mark.slow),
+        ("cycle.command_delay_cycles=2.3",),
+    ],
+    ids=["a rise of 13 ms for 3", "an IMU 10 cm off", "a delay 0.3 cycles off"],
+)
+def test_no_wrong_value_is_converged_under(assignments: tuple[str, ...]) -> None:
+    log, used = faulty.sample("free-flyer")
+    kept = [a for a in assignments if not a.startswith("jets.") or int(a.split(".")[1]) < len(used.jets)]
+    found = faulty.examined(log, faulty.stated(used, *kept))
+    assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+
+
+@pytest.mark.slow
+def test_a_steady_torque_on_a_bearing_that_nobody_stated_is_not_taken_for_mass() -> None:
+    flight = simulate.fly(scenario.load("testbed", ["disturbance.constant_n_m=[0.01, 0.0, 0.0]"]), [3])
+    found = faulty.examined(flight.log(0), flight.vehicle)
+    assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
+
+
+def test_a_recorded_flight_keeps_what_its_stated_thrust_uncertainty_covers() -> None:
+    log, used = faulty.sample("crazyflie", file="yaw.parquet")
+    found = faulty.examined(log, used)
+    verdicts = faulty.verdicts(found)
+    assert verdicts["mass"] == "converged"
+    assert found.conclusions[0].estimates["mass"].value == pytest.approx(0.0319, rel=0.1)
+    assert verdicts["izz"] == "not_excited"
+
+
+@pytest.mark.thorough
+def test_nominal_values_never_enter_anything() -> None:
+    log, used = faulty.sample("crazyflie", file="yaw.parquet")
+    bare = used.model_copy(update={"nominal": type(used.nominal)()})
+    nominal = faulty.stated(bare, "nominal.mass=1.0", "nominal.ixx=1.0", "nominal.izz=3e-6")
+    without, beside = (faulty.examined(log, v) for v in (bare, nominal))
+    assert without.notices == beside.notices
+    for one, other in zip(without.histories, beside.histories, strict=True):
+        np.testing.assert_array_equal(one.values, other.values)
+        np.testing.assert_array_equal(one.sigmas, other.sigmas)
+
+
+def test_a_known_value_that_the_log_denies_contradicts_what_is_proportional_to_it() -> None:
+    log, used = faulty.sample("free-flyer")
+    found = faulty.examined(log, used.model_copy(update={"known": {"mass": Known(value=44.0, sigma=0.1)}}))
+    verdicts = faulty.verdicts(found)
+    assert {verdicts[name] for name in ("ixx", "iyy", "izz", "mass")} == {"contradicted"}
+    assert {verdicts[name] for name in ("cg_x", "cg_y", "cg_z")} <= {"converged", "not_converged"}
+    assert "known.mass = 44" in found.conclusions[0].contradiction
+
+
+def test_what_is_known_of_one_phase_enters_that_phase_alone() -> None:
+    log, used = faulty.sample("docking")
+    single = used.phases[0].model_copy(update={"known": {"mass": Known(value=20.0, sigma=0.05)}})
+    plain, found = (faulty.examined(log, v) for v in (used, used.model_copy(update={"phases": (single, *used.phases[1:])})))
+    own = plain.conclusions[0].estimates["mass"].sigma or 0.0
+    both = 1 / np.hypot(1 / own, 1 / 0.05)  # two independent weighings
+    assert found.conclusions[0].estimates["mass"].sigma == pytest.approx(both, rel=1e-6)
+    assert found.conclusions[1].estimates == plain.conclusions[1].estimates
+    # the docked object takes the weighed mass: m2 = m12 − m1
+    assert found.docked is not None
+    mass, sigma = found.docked.estimates["mass"].value, found.docked.estimates["mass"].sigma
+    assert mass == pytest.approx(15.0, abs=4 * (sigma or 0.0))
+    combined = plain.conclusions[1].estimates["mass"].sigma or 0.0
+    assert sigma == pytest.approx(np.hypot(combined, both), rel=1e-3)
+
+
+def test_a_thrust_scale_common_to_both_phases_does_not_hide_the_docked_object() -> None:
+    log, used = faulty.sample("docking")
+    wide = faulty.stated(used.model_copy(update={"docking": None}), "thrust.scale_sigma=0.2")
+    found = faulty.examined(log, wide)
+    assert found.docked is not None
+    sigma = found.docked.estimates["mass"].sigma
+    assert sigma == pytest.approx(0.2 * 15.0, rel=0.1)  # the scale's, not the difference of two of its kind
+
+
+def test_the_split_at_a_change_takes_a_docking_that_names_the_split_phase_with_it() -> None:
+    from massprop_cli.flow import _split
+
+    _, used = faulty.sample("docking")
+    before, after = (used.phases[0].name, used.phases[1].name)
+    named = faulty.stated(used, f'docking.before="{before}"', f'docking.after="{after}"')
+    middle = (named.phases[1].start_s + named.phases[1].end_s) / 2
+    cut = _split(named, named.phases, middle)
+    assert [phase.name for phase in cut.phases] == [before, f"{after}-1", f"{after}-2"]
+    assert cut.docking is not None
+    assert (cut.docking.before, cut.docking.after) == (before, f"{after}-1")
+    early = _split(named, named.phases, (named.phases[0].start_s + named.phases[0].end_s) / 2)
+    assert early.docking is not None
+    assert (early.docking.before, early.docking.after) == (f"{before}-2", after)
+
+
+def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
+    from massprop_cli.flow import _split
+
+    _, used = faulty.sample("free-flyer")
+    known = used.model_copy(update={"known": {"mass": Known(value=22.0, sigma=0.1)}})
+    cut = _split(known, [Phase(name="all", start_s=0.0, end_s=60.0)], 30.0)
+    assert [cut.in_phase(phase).known for phase in cut.phases] == [{}, {}]
+
+
+def test_a_clean_log_is_not_contradicted() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    found = faulty.examined(log, used)
+    assert [c.contradiction for c in found.conclusions] == [""]
+    assert found.mended == ()
+    assert set(faulty.verdicts(found).values()) <= {"converged", "not_converged", "not_excited"}
+    assert len(QUANTITIES) == len(faulty.verdicts(found))

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements
+from massprop_cli.conclude import docking
+from tests.analysed import SAMPLES, analysed
+
+
+def body(points: Array, masses: Array) -> Array:
+    """(10,) quantities of point masses, from their definitions."""
+    total = masses.sum()
+    cg = (masses[:, None] * points).sum(0) / total
+    r = points - cg
+    inertia = sum(m * ((p @ p) * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, r, strict=True))
+    return np.concatenate([elements(np.asarray(inertia)), cg, [total]])
+
+
+def test_difference_recovers_a_body_taken_from_a_pair() -> None:
+    rng = np.random.default_rng(1)
+    points, masses = rng.standard_normal((9, 3)), rng.uniform(1, 3, 9)
+    alone, object_ = body(points[:5], masses[:5]), body(points[5:], masses[5:])
+    np.testing.assert_allclose(docking.difference(alone, body(points, masses)), object_, atol=1e-12)
+
+
+def test_published_docked_cube_follows_from_the_true_phases() -> None:
+    """A 2 m cube of 3 kg/m³ at x = 2 m on the 20 kg vehicle: combined 16.35, 62.13, 61.63 kg m², CG 1.09 m, 44 kg."""
+    alone = np.array([0.35, 0, 0, 2.5, 0, 2.0, 0, 0, 0, 20.0])
+    parallel = 20 * 24 / 44 * 4
+    combined = np.array([16.35, 0, 0, 18.5 + parallel, 0, 18.0 + parallel, 48 / 44, 0, 0, 44.0])
+    np.testing.assert_allclose(docking.difference(alone, combined), [16, 0, 0, 16, 0, 16, 2, 0, 0, 24], atol=1e-12)
+    assert round(combined[3], 2) == 62.14  # printed as 62.13
+
+
+def test_docked_object_of_the_recorded_docking_is_covered_by_its_sigmas() -> None:
+    found = analysed("docking").docked
+    assert found is not None
+    truth = json.loads((SAMPLES / "docking" / "truth.json").read_text())
+    for name in QUANTITIES:
+        estimate = found.estimates[name]
+        assert estimate.value is not None
+        assert estimate.sigma is not None
+        assert abs(estimate.value - truth["docked"][name]) < 4 * estimate.sigma
+        assert estimate.sigma < 1.3 * truth["docked_bound"][name]
+    assert (found.before, found.after) == ("single", "combined")
+
+
+def test_covariance_is_that_of_sampled_phases() -> None:
+    """Draw both phases from their covariances and difference the draws: the sample covariance is the propagated one."""
+    analysis = analysed("docking")
+    assert analysis.docked is not None
+    rng = np.random.default_rng(0)
+    draws = [rng.multivariate_normal(c.values, c.covariance, 20_000, method="eigh") for c in analysis.conclusions]
+    sampled = np.cov(np.stack([docking.difference(a, b) for a, b in zip(*draws, strict=True)]).T)
+    sigma = np.sqrt(np.diag(sampled))
+    np.testing.assert_allclose(np.sqrt(np.diag(analysis.docked.covariance)) / sigma, 1, atol=0.03)
+    np.testing.assert_allclose(analysis.docked.covariance / np.outer(sigma, sigma), sampled / np.outer(sigma, sigma), atol=0.05)

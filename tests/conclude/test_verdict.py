@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from massprop_cli.conclude.physical import nearest_consistent
+from massprop_cli.conclude.verdict import conclude
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from tests import flight
+
+SIZES = np.array([4.0] * 6 + [0.5] * 3 + [16.0])
+
+
+def history(rows: int = 300) -> History:
+    values = np.tile(np.array([1.0, 0.1, 0.1, 1.5, 0.1, 1.5, 0.01, 0.01, 0.01, 16.0]), (rows, 1))
+    return History(
+        phase=Phase(name="all", start_s=0.0, end_s=99.0),
+        cycles=slice(0, rows),
+        time_s=0.05 * np.arange(1, rows + 1),
+        values=values,
+        sigmas=np.tile(1e-3 * SIZES, (rows, 1)),
+        covariance=np.diag((1e-3 * SIZES) ** 2),
+        innovation=np.zeros((rows, 6)),
+        innovation_sigma=np.ones((rows, 6)),
+        normalised=np.zeros((rows, 6)),
+        natural_sizes=SIZES,
+        information_share=np.full((10, 6), 1 / 6),
+        drowned=np.zeros(6, dtype=bool),
+        observable=np.ones(10, dtype=bool),
+        bare=(values[-1], np.diag((1e-3 * SIZES) ** 2)),
+    )
+
+
+def vehicle(method: str = "default", **convergence: object) -> Vehicle:
+    return flight.vehicle(estimator={"method": method}, convergence=convergence)
+
+
+def test_standing_still_and_informed_is_converged_from_the_start_of_the_stretch() -> None:
+    found = history()
+    found.values[:50, 0] += np.linspace(5, 0.1, 50)
+    estimate = conclude(found, vehicle()).estimates["ixx"]
+    assert estimate.verdict == "converged"
+    assert estimate.final_at_s == pytest.approx(0.05 * 51, abs=0.051)
+    assert estimate.value == 1.0
+
+
+def test_a_quantity_that_stood_still_uninformed_is_not_excited() -> None:
+    found = history()
+    found.sigmas[:, 9] = 5.0  # above a quarter of 16
+    assert conclude(found, vehicle()).estimates["mass"].verdict == "not_excited"
+
+
+def test_a_moment_known_to_half_its_own_value_is_not_excited() -> None:
+    found = history()
+    found.sigmas[:, 0] = 0.5
+    assert conclude(found, vehicle()).estimates["ixx"].verdict == "not_excited"
+
+
+def test_too_short_a_stretch_is_not_converged() -> None:
+    found = history(90)
+    assert {e.verdict for e in conclude(found, vehicle()).estimates.values()} == {"not_converged"}
+    assert {e.verdict for e in conclude(found, vehicle(count=50)).estimates.values()} == {"converged"}
+
+
+def test_what_is_missing_is_counted() -> None:
+    found = history(80)
+    assert conclude(found, vehicle()).estimates["ixx"].reason.startswith("79 of 100 steady updates")
+    found.values[60, 0] += 1.0
+    assert conclude(found, vehicle()).estimates["ixx"].reason.startswith("18 of 100 steady updates")
+
+
+@pytest.mark.parametrize(("rows", "share", "verdict"), [(80, 0.05, "converged"), (80, 0.2, "not_converged"), (24, 0.05, "not_converged")])
+def test_a_sigma_far_below_the_tolerance_makes_up_for_updates_that_are_missing(rows: int, share: float, verdict: str) -> None:
+    """The tolerance is a hundredth of the natural size; a quarter of the hundred updates must have come."""
+    found = history(rows)
+    found.sigmas[:] = share * 0.01 * SIZES
+    estimate = conclude(found, vehicle()).estimates["mass"]
+    assert estimate.verdict == verdict
+    assert (estimate.final_at_s is not None) == (verdict == "converged")
+
+
+def test_a_jump_near_the_end_breaks_convergence_under_default_but_stays_latched_under_thesis() -> None:
+    found = history()
+    found.values[280:, 0] += 0.5
+    assert conclude(found, vehicle()).estimates["ixx"].verdict == "not_converged"
+    latched = conclude(found, vehicle("thesis")).estimates["ixx"]
+    assert (latched.verdict, latched.value) == ("converged", 1.0)
+
+
+def test_thesis_latches_anew_after_a_larger_change() -> None:
+    found = history()
+    found.values[120:, 0] += 0.5
+    latched = conclude(found, vehicle("thesis")).estimates["ixx"]
+    assert latched.value == 1.5
+    assert latched.final_at_s == pytest.approx(0.05 * 122)
+
+
+def test_thesis_value_is_the_one_at_which_the_count_was_reached() -> None:
+    found = history()
+    found.values[:, 9] = np.linspace(10, 20, 300)  # 0.033 a step, within 0.1
+    latched = conclude(found, vehicle("thesis")).estimates["mass"]
+    assert latched.value == found.values[100, 9]
+
+
+def test_tolerances_scale_with_the_vehicle_by_default() -> None:
+    found = history()
+    tiny = replace(
+        found, values=1e-5 * found.values, sigmas=1e-5 * found.sigmas, covariance=1e-10 * found.covariance, natural_sizes=1e-5 * SIZES
+    )
+    tiny.values[::2, 0] *= 1.2  # 20 % to and fro: steady only for a tolerance made for 20 kg
+    assert conclude(tiny, vehicle()).estimates["ixx"].verdict == "not_converged"
+    assert conclude(tiny, vehicle(relative=False)).estimates["iyy"].verdict == "converged"
+
+
+def test_unobservable_and_untold_quantities_have_no_value() -> None:
+    found = history()
+    found.observable[7] = False
+    found.sigmas[:, 8] = 1.0
+    estimates = conclude(found, vehicle()).estimates
+    assert (estimates["cg_y"].verdict, estimates["cg_y"].value) == ("unobservable", None)
+    assert (estimates["cg_z"].verdict, estimates["cg_z"].value) == ("not_excited", None)
+    covariance = conclude(found, vehicle()).covariance
+    assert np.isnan(covariance[7]).all()
+    assert np.isfinite(covariance[np.ix_([0, 9], [0, 9])]).all()
+
+
+def test_channels_that_disturbances_dominate_do_not_count_as_excitation() -> None:
+    found = history()
+    found.information_share[5] = [0, 0, 0.9, 0.1, 0, 0]
+    found.drowned[2] = True
+    estimates = conclude(found, vehicle()).estimates
+    assert estimates["izz"].verdict == "not_excited"
+    assert estimates["ixx"].verdict == "converged"
+
+
+def test_inertia_about_the_origin_is_steiners() -> None:
+    conclusion = conclude(history(), vehicle())
+    points = np.array([[0.3, 0.1, -0.2], [-0.1, 0.2, 0.4]])
+    inertia = sum(8.0 * ((p @ p) * np.eye(3) - np.outer(p, p)) for p in points)
+    c = points.mean(0)
+    about_cg = sum(8.0 * (((p - c) @ (p - c)) * np.eye(3) - np.outer(p - c, p - c)) for p in points)
+    found = history()
+    found.values[:] = np.concatenate([about_cg[np.triu_indices(3)], c, [16.0]])
+    np.testing.assert_allclose(conclude(found, vehicle()).inertia_about_origin, inertia, atol=1e-12)
+    assert conclusion.principal_moments[0] > 0
+
+
+def test_a_thesis_filter_that_knows_less_than_the_body_is_large_has_not_converged() -> None:
+    """Its absolute tolerances and P0 were made for 20 kg: on a body of 1e-5 kg m² they would call anything converged."""
+    found = history()
+    tiny = replace(found, values=1e-5 * found.values, natural_sizes=1e-5 * SIZES)
+    assert {e.verdict for e in conclude(tiny, vehicle("thesis")).estimates.values()} == {"not_excited"}
+
+
+def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        inertia = turn @ np.diag(rng.uniform(-0.2, 3.0, 3)) @ turn.T
+        nearest = nearest_consistent(inertia)
+        low, middle, high = np.linalg.eigvalsh(nearest)
+        assert low > -1e-12
+        assert low + middle >= high - 1e-12
+        moments, axes = np.linalg.eigh(inertia)
+        second, _ = nnls(1 - np.eye(3), moments)
+        np.testing.assert_allclose(nearest, (axes * (second.sum() - second)) @ axes.T, rtol=0, atol=1e-12)
+    thesis = np.diag([0.35, 2.5, 2.0])
+    np.testing.assert_allclose(nearest_consistent(thesis), np.diag([0.4, 2.45, 2.05]), rtol=0, atol=1e-12)
+    real = np.diag([1.0, 1.5, 2.0])
+    np.testing.assert_allclose(nearest_consistent(real), real, rtol=0, atol=1e-14)
+
+
+def test_a_quantity_that_was_not_excited_says_which_motion_it_wants() -> None:
+    found = history()
+    found.sigmas[:, 7] = SIZES[7]
+    found.observable[9] = False
+    estimates = conclude(found, vehicle()).estimates
+    assert estimates["cg_y"].verdict == "not_excited"
+    assert "force across Y (along X or Z)" in estimates["cg_y"].reason
+    assert estimates["mass"].verdict == "unobservable"
+    assert "wants force" in estimates["mass"].reason

@@ -1,0 +1,65 @@
+"""The likeliest moment of a sudden change, and what stretches of a log say together, against the whole log and the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.diagnosis import change
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.timing import Timing
+from massprop_cli.testbed import scenario, simulate
+from tests import flight
+from tests.model.test_linearise import reference
+
+
+def docked(seed: int) -> tuple[Samples, Vehicle, Reference, int]:
+    """A log over a docking as if it were one phase, a reference of neither body, and the cycle at which it happens."""
+    flown = simulate.fly(scenario.load("docking"), [seed])
+    log, used = flown.log(0), flown.vehicle
+    samples = Timing(float(used.cycle.command_delay_cycles), 0.0).of(log, used)
+    true = flown.truth[0][0]
+    about = Reference(1.5 * tensor(true[:6]), true[6:9] + 0.01, 0.8 / true[9])
+    at = int(np.searchsorted(samples.executed.start_s, used.phases[0].end_s - 1e-6))
+    return samples, used, about, at
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_docking_is_where_the_change_is_found(seed: int) -> None:
+    samples, used, about, at = docked(seed)
+    found = change.likeliest(samples, slice(2, len(samples)), about, used)
+    assert found is not None
+    assert abs(found - at) <= 3
+
+
+def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
+    samples, used, about, _ = docked(1)
+    assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, used) is None
+
+
+def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
+    """Chi-square of the best body is what the noise leaves, and a tenth more inertia fits far worse."""
+    flown = flight.standard("free", 320)
+    samples, used = flown.samples(np.random.default_rng(3)), flown.used
+    lift = Lift(plant_of(used))
+    about = reference(flight.TRUTH)
+    triangle = change.stretch(samples, slice(2, 320), about, used)
+    left = change.least(triangle, lift, lift.theta(about))
+    rows = 6 * 318
+    assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
+    heavier = lift.theta(Reference(1.1 * about.inertia, about.cg, about.mu))
+    by_phi, measured = triangle[:, :-1], triangle[:, -1]
+    assert ((measured - by_phi @ lift.coefficients(heavier)[0]) ** 2).sum() > 100 * left
+    assert change.least(triangle, lift, heavier) == pytest.approx(left, rel=1e-3)
+
+
+def test_two_stretches_say_together_what_their_rows_say() -> None:
+    flown = flight.standard("free", 320)
+    samples, used, about = flown.samples(np.random.default_rng(4)), flown.used, reference(flight.TRUTH)
+    one, other = (change.stretch(samples, piece, about, used) for piece in (slice(2, 160), slice(160, 320)))
+    both = change.joined(one, other)
+    np.testing.assert_allclose(both.T @ both, one.T @ one + other.T @ other, rtol=1e-9, atol=1e-9 * np.abs(both.T @ both).max())

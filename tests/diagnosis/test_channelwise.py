@@ -1,0 +1,100 @@
+"""Free coefficients: that they take in all a log says, and whiten what disturbs it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.diagnosis import channelwise
+from massprop_cli.diagnosis.channelwise import Design, Disturbance
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.prepare.compensate import compensate
+from massprop_cli.prepare.timing import Timing
+from tests import flight
+
+DELAY = Timing(2.0, 0.0)
+GYRO = 1e-3
+
+
+def design(rng: np.random.Generator, walk: float, white: float, cycles: int = 600) -> tuple[Design, Array]:
+    """A rate driven by two columns, a torque that wanders and one that is white, in units of the gyro's noise; and what drives it."""
+    columns = rng.choice([0.0, 1.0], (cycles - 1, 2), p=[0.7, 0.3])
+    truth = GYRO * rng.standard_normal((2, 3)) * 5
+    torque = np.cumsum(walk * GYRO * rng.standard_normal((cycles - 1, 3)), 0) + white * GYRO * rng.standard_normal((cycles - 1, 3))
+    rate = np.vstack([np.zeros(3), np.cumsum(columns @ truth + torque, 0)]) + GYRO * rng.standard_normal((cycles, 3))
+    places = {"channels": slice(0, 2)}
+    used = np.ones((cycles, 2), dtype=bool)
+    return Design(places, np.arange(2), columns, np.zeros((cycles, 2)), rate, np.zeros((cycles, 3)), 0.05, np.eye(3), used), truth
+
+
+@pytest.mark.parametrize(("walk", "white"), [(0.0, 0.0), (0.03, 0.0), (0.0, 0.3), (0.03, 0.3)])
+def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be(walk: float, white: float) -> None:
+    z, left = [], []
+    for seed in range(40):
+        made, truth = design(np.random.default_rng(seed), walk, white)
+        told, _ = channelwise._whitened(made, GYRO**2, [])
+        variance = told.left.mean() / told.spare
+        root = np.linalg.inv(told.triangle) * np.sqrt(variance)
+        z.append((root @ (told.triangle @ truth - told.measured) / np.sqrt(variance)) / np.sqrt((root**2).sum(1))[:, None])
+        left.append(variance / GYRO**2)
+    # 240 deviates: their root mean square scatters by 5 %; levels are tried in decades, so that it may be some more
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.25)
+    assert 0.6 < np.mean(left) < 1.6
+
+
+def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
+    made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
+    told = channelwise._likeliest(made, [Disturbance(white=0.25, walk=0.01)]).told
+    found = np.linalg.solve(told.triangle, told.measured)
+    # the rate's own noise, steps summed once, a wandering torque summed twice
+    once = np.tril(np.ones((60, 59)), -1)
+    twice = once @ np.tril(np.ones((59, 59)), -1)
+    covariance = np.eye(60) + 0.25 * once @ once.T + 0.01 * twice @ twice.T
+    columns = np.column_stack([np.ones(60), np.arange(60), once @ made.growth])
+    weighted = np.linalg.solve(np.linalg.cholesky(covariance), np.column_stack([columns, made.rate]))
+    oracle = np.linalg.lstsq(weighted[:, :-3], weighted[:, -3:], rcond=None)[0][2:]
+    np.testing.assert_allclose(found, oracle, rtol=1e-8, atol=1e-12)
+
+
+def test_a_logs_own_motion_leaves_nothing_but_noise() -> None:
+    for kind in ("free", "air_bearing"):
+        flown = flight.standard(kind)
+        free = channelwise.free_response(flown.log(np.random.default_rng(2)), flown.used, DELAY, slice(2, 320))
+        ratio = free.variance / np.repeat([1e-4, 0.02], 3) ** 2
+        assert 0.75 < ratio.min() < ratio.max() < 1.3
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_own_motion_there(kind: str) -> None:
+    """The rate within a cycle is no straight line where jets fire for a part of it: at 0.15 rad a cycle that shows."""
+    truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
+    flown = flight.fly(flight.vehicle(kind), flight.pulses(320), truth, rate=np.array([1.0, 2.0, 1.2]))
+    log = flown.log(np.random.default_rng(2), gyro=2e-6)
+    theta = Lift(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
+    plain, about = (channelwise.free_response(log, flown.used, DELAY, slice(2, 320), theta=given) for given in (None, theta))
+    plainly, exactly = (np.sqrt(free.gyro.left / free.gyro.spare) / 2e-6 for free in (plain, about))
+    assert plainly.max() > 5
+    assert exactly.max() < 1.3
+
+
+def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
+    """Against the attitude of a gyro that has the error in it."""
+    flown = flight.standard("air_bearing")
+    samples = compensate(flown.aligned(), flown.used)
+    moved = dict(channelwise._verticals(samples, flown.used))
+    bias = 1e-5
+    rate = samples.rate_rad_s + bias * np.array([0.0, 1.0, 0.0])
+    (with_bias,) = channelwise.verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
+    # what is integrated is less by the bias than what is measured
+    np.testing.assert_allclose(-(with_bias - samples.up_b) / bias, moved["gyro_bias 1"], atol=1e-3 * np.abs(moved["gyro_bias 1"]).max())
+    assert np.abs(np.einsum("ki,ki->k", moved["east"], samples.up_b)).max() < 1e-9
+
+
+def test_too_short_a_log_is_refused() -> None:
+    flown = flight.standard("free")
+    with pytest.raises(InputError, match="too few for"):
+        channelwise.free_response(flown.log(), flown.used, DELAY, slice(2, 60))

@@ -1,0 +1,192 @@
+"""Faults are named by logs that have them, and by no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.testbed import scenario, simulate, truth
+
+PLAN = [
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+]
+Mistake = Callable[[Log, Vehicle], tuple[Log, Vehicle]]
+
+
+def degrees(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad)), used
+
+
+def in_g(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s / 9.80665), used
+
+
+def transposed(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    rows = tuple(tuple(float(x) for x in row) for row in np.array(used.imu.body_from_imu).T)
+    return log, used.model_copy(update={"imu": used.imu.model_copy(update={"body_from_imu": rows})})
+
+
+def nothing(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, used
+
+
+def tilted(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    angle = np.radians(3.0)
+    turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    rows = tuple(tuple(float(x) for x in row) for row in turn @ np.array(used.imu.body_from_imu))
+    return log, used.model_copy(update={"imu": used.imu.model_copy(update={"body_from_imu": rows})})
+
+
+def mirrored(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * [1.0, -1.0, 1.0]), used
+
+
+def one_axis(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * [1.0, 1.0, 1.03]), used
+
+
+def biased(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad + 0.01 * log.interval_s[:, None]), used
+
+
+def misplaced(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    further = tuple(float(x) for x in np.add(used.jets[12].position_m, (0.0, 0.05, 0.0)))
+    jets = tuple(jet.model_copy(update={"position_m": further}) if i == 12 else jet for i, jet in enumerate(used.jets))
+    return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
+
+
+def later_thrust(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    """The file says that thrust rises and falls for 10 ms more than it does."""
+    jets = tuple(jet.model_copy(update={"rise_s": jet.rise_s + 0.01, "fall_s": jet.fall_s + 0.01}) for jet in used.jets)
+    return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
+
+
+def failure(jets: list[str], thrust: float) -> list[str]:
+    return ["actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust={thrust}}}' for jet in jets) + "]"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "mistake", "code", "words"),
+    [
+        ([], degrees, "gyro-units", "degrees"),
+        pytest.param([], in_g, "accel-units", "in g", marks=pytest.mark.slow),
+        ([], transposed, "imu-mounting", "the transpose of what is stated"),
+        pytest.param(failure(["pitch_p1"], -1.0), nothing, "jet-sign", "pitch_p1", marks=pytest.mark.numerical),
+        pytest.param(failure(["divert_zn"], -1.0), nothing, "jet-sign", "divert_zn", marks=pytest.mark.slow),
+        pytest.param(failure(["yaw_n2"], 0.0), nothing, "jet-dead", "yaw_n2", marks=pytest.mark.slow),
+        pytest.param(failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp (+0.8", marks=pytest.mark.slow),
+        (["actuators.delay_cycles=4.0"], nothing, "delay-mismatch", "shows 4"),
+        (["actuators.delay_cycles=2.3"], nothing, "delay-mismatch", "shows 2.3"),
+        pytest.param(["actuators.lag_s=0.03"], nothing, "thrust-lag", "follows commands with a lag of 0.0", marks=pytest.mark.numerical),
+        ([], later_thrust, "thrust-rise", "10 ms"),
+        ([], tilted, "imu-mounting", "3 degrees away"),
+        ([], mirrored, "imu-mounting", "the gyro's axes alone"),
+        pytest.param([], one_axis, "gyro-scale", "the gyro's z axis shows 1.03", marks=pytest.mark.numerical),
+        ([], biased, "gyro-bias", "the gyro has a bias of ("),
+        ([], misplaced, "jet-position", "jet divert_xp sits"),
+        (["disturbance.constant_n_m=[0.0, 0.0, 0.02]"], nothing, "steady-torque", "N m acts beside the commands"),
+    ],
+)
+def test_a_fault_is_named(keys: list[str], mistake: Mistake, code: str, words: str) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *keys]), [3])
+    log, used = mistake(flown.log(0), flown.vehicle)
+    notices = flow.examine(log, VehicleSource(used, "t", "")).notices
+    said = [notice.message for notice in notices if notice.code == code]
+    assert said, [notice.code for notice in notices]
+    assert words in said[0].replace("+0.79", "+0.8")
+    # the other suppositions stay unsaid
+    assert {notice.code for notice in notices} - {"unphysical-inertia"} == {code}
+
+
+@pytest.mark.parametrize("logs", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["free-flyer", "testbed"])
+def test_clean_logs_raise_no_warning(name: str, logs: int) -> None:
+    flown = simulate.fly(scenario.load(name), range(10, 10 + logs))
+    for member in range(logs):
+        assert flow.examine(flown.log(member), VehicleSource(flown.vehicle, "t", "")).notices == ()
+
+
+@pytest.mark.thorough
+def test_a_misfit_that_nothing_supposed_explains_is_not_given_a_name() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.walk_n_m=0.01"]), [3])
+    codes = {notice.code for notice in flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices}
+    assert codes == {"disturbance-torque"}
+
+
+@pytest.mark.thorough
+def test_an_undeclared_docking_is_reported_with_its_time() -> None:
+    docked = [
+        "docked={ixx=0.2, iyy=0.3, izz=0.3, mass=4.0, cg_x=0.4, cg_y=0.1}",
+        'events=[{kind="dock", cycle=173, motion="momentum_conserved"}]',
+        'vehicle.phases=[{name="all", start_s=0.0, end_s=20.0}]',
+    ]
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *docked]), [3])
+    notices = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices
+    (said,) = [notice.message for notice in notices if notice.code == "mass-change"]
+    time = float(said.split("at once at ")[1].split(" s")[0])
+    assert abs(time - 173 * 0.05) <= 0.1
+    cut = flown.vehicle.model_copy(update={"estimator": flown.vehicle.estimator.model_copy(update={"split_on_change": True})})
+    found = flow.examine(flown.log(0), VehicleSource(cut, "t", ""))
+    assert [conclusion.phase.name for conclusion in found.conclusions] == ["all-1", "all-2"]
+    assert [notice.code for notice in found.notices] == ["mass-change"]
+    before = truth.values(truth.bodies(scenario.load("free-flyer").scenario.truth, 1))[0]
+    for conclusion, true in zip(found.conclusions, (before, flown.truth[0, 0]), strict=True):
+        for value, estimate in zip(true, conclusion.estimates.values(), strict=True):
+            assert estimate.value is not None
+            assert estimate.sigma is not None
+            assert abs(estimate.value - value) < 4.5 * estimate.sigma
+
+
+def test_two_faults_at_once_are_both_named() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *failure(["pitch_p1"], -1.0)]), [3])
+    log, used = degrees(flown.log(0), flown.vehicle)
+    found = flow.examine(log, VehicleSource(used, "t", ""))
+    assert {notice.code for notice in found.notices} == {"gyro-units", "jet-sign"}
+    assert all("pitch_p1" in notice.message and "degrees" in notice.message for notice in found.notices)
+    (mended,) = found.mended
+    for value, estimate in zip(flown.truth[0, 0], mended.conclusions[0].estimates.values(), strict=True):
+        assert abs((estimate.value or 0.0) - value) < 4.5 * (estimate.sigma or 0.0)
+
+
+def test_any_two_dead_jets_are_found() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *failure(["roll_p2", "divert_yp"], 0.0)]), [3])
+    notices = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices
+    assert {notice.code for notice in notices} == {"jet-dead"}
+    assert {name for name in ("roll_p2", "divert_yp") if any(name in notice.message for notice in notices)} == {"roll_p2", "divert_yp"}
+
+
+def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
+    """A gyro that shows ever less of a rate the faster it turns."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
+    log = flown.log(0)
+    top = 0.4 * np.abs(log.delta_theta_imu_rad).max()
+    bent = replace(log, delta_theta_imu_rad=top * np.tanh(log.delta_theta_imu_rad / top))
+    found = flow.examine(bent, VehicleSource(flown.vehicle, "t", ""))
+    (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
+    assert "cause unknown" in said
+    assert "tried: sign, thrust" in said
+    for true, e in zip(flown.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
+        assert e.verdict != "converged" or abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
+
+
+def test_a_cause_that_no_key_mends_has_no_mended_answer_and_leaves_nothing_standing() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.rate_n_m_s=[0.05, 0.05, 0.05]"]), [3])
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    assert "rate-torque" in {notice.code for notice in found.notices}
+    assert found.mended == ()
+    assert {e.verdict for e in found.conclusions[0].estimates.values()} == {"contradicted"}
+
+
+def test_a_log_without_noise_raises_no_cause() -> None:
+    """A floor stands in for its noise, and against that no model fits."""
+    flown = simulate.fly(scenario.load("preliminary"), [1])
+    with np.errstate(all="ignore"):  # as the command does
+        notices = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices
+    assert {notice.code for notice in notices} == {"noise-floor", "disturbance-torque"}

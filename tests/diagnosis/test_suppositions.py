@@ -1,0 +1,150 @@
+"""What each supposition makes of the free coefficients, against flights that have it (computed another way: tests/flight.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements, rotation, tensor
+from massprop_cli.diagnosis.channelwise import free_response
+from massprop_cli.diagnosis.contest import _Rows, fitted
+from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.timing import Timing
+from tests import flight
+
+DELAY = Timing(2.0, 0.0)
+PIECE = slice(2, 320)
+VARIANCE = np.repeat([1e-4, 0.02], 3) ** 2
+TURN = np.array([0.02, -0.03, 0.01])
+Mistake = Callable[[Log, Vehicle], tuple[Log, Vehicle]]
+
+
+def theta(kind: str) -> Array:
+    """(10,) the truth as the model's entries."""
+    truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
+    inertia, moment = tensor(truth[:6]), truth[6:9]
+    if kind != "free":
+        rotating = truth[9] - 5.0
+        inertia = inertia + rotating * (moment @ moment * np.eye(3) - np.outer(moment, moment))
+        moment = rotating * moment
+    return np.concatenate([elements(np.linalg.inv(inertia)), moment, [1 / truth[9]]])
+
+
+def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
+    """Chi-square that the true body leaves of a log, with entries of x as given."""
+    free = free_response(log, used, DELAY, PIECE)
+    model = Model.of(free, used, True)
+    x = model.stated
+    x[:10] = theta(kind)
+    for name, value in entries.items():
+        x[model.place(name)] = value
+    rows = _Rows(model, free, VARIANCE, np.eye(3)[None], np.eye(3)[None])
+    return float((rows.left(x[None]) ** 2).sum())
+
+
+def scaled(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad * np.exp([0.0, 0.01, 0.0])), used
+
+
+def felt(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s * np.exp(0.05)), used
+
+
+def turned(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    by = rotation(TURN).T
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad @ by, delta_v_imu_m_s=log.delta_v_imu_m_s @ by), used
+
+
+def biased(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad + 0.003 * flight.CYCLE), used
+
+
+def pushed(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s + 0.1 * flight.CYCLE), used
+
+
+def further(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, used.model_copy(update={"imu": used.imu.model_copy(update={"position_m": (0.0, -0.06, 0.12)})})
+
+
+def weak(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, with_jet(used, 0, force_n=tuple(2 * f for f in used.jets[0].force_n))
+
+
+def misplaced(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, with_jet(used, 4, position_m=tuple(np.add(used.jets[4].position_m, (0.0, 0.02, 0.0))))
+
+
+def canted(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    return log, with_jet(used, 4, force_n=tuple(np.add(used.jets[4].force_n, (0.0, 0.1, 0.0))))
+
+
+def with_jet(used: Vehicle, at: int, **update: object) -> Vehicle:
+    jets = tuple(jet.model_copy(update=update) if i == at else jet for i, jet in enumerate(used.jets))
+    return Vehicle.model_construct(**{**dict(used), "jets": jets})
+
+
+CASES: list[tuple[str, Mistake, Array]] = [
+    ("gyro_scale", scaled, np.array([0.0, 0.01, 0.0])),
+    ("accel_scale", felt, np.full(3, 0.05)),
+    ("gyro_bias", biased, np.full(3, 0.003)),
+    ("accel_bias", pushed, np.full(3, 0.1)),
+    ("imu", further, np.array([0.1, 0.0, 0.0])),
+    ("thrust", weak, np.where(np.arange(18) == 0, 0.5, 1.0)),
+    ("position", misplaced, np.where(np.arange(54) == 13, -0.02, 0.0)),
+    ("direction", canted, np.where(np.arange(54) == 13, -0.1, 0.0)),
+]
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+@pytest.mark.parametrize(("entry", "mistake", "value"), CASES)
+def test_an_entry_makes_what_a_flight_with_it_shows(kind: str, entry: str, mistake: Mistake, value: Array) -> None:
+    flown = flight.standard(kind)
+    own = left(flown.log(), flown.used, kind)
+    log, used = mistake(flown.log(), flown.used)
+    without, within = left(log, used, kind), left(log, used, kind, **{entry: value})
+    assert without > 30 * own
+    # of second order in what moves the vertical; else as good as before
+    assert within < own + 0.02 * without if kind != "free" else within < 1.05 * own + 1e-3 * without
+
+
+def test_a_turned_imu_is_a_turn_of_both_its_sensors() -> None:
+    flown = flight.standard("free")
+    own = left(flown.log(), flown.used, "free")
+    log, used = turned(flown.log(), flown.used)
+    assert left(log, used, "free", gyro_turn=-TURN, accel_turn=-TURN) > 100 * own
+    assert left(log, used, "free", gyro_turn=TURN, accel_turn=TURN) < 2 * own + 1
+
+
+@pytest.mark.parametrize(("by", "what"), [(0.05, "delay"), (0.05, "rise")])
+def test_commands_that_come_later_are_of_first_order(by: float, what: str) -> None:
+    truth = flight.TRUTH
+    late = flight.vehicle(delay=2.0 + by) if what == "delay" else flight.vehicle(jets=flight.jets(rise_s=2 * by * flight.CYCLE))
+    flown = flight.fly(late, flight.pulses(320), truth, step_s=flight.CYCLE / 80)
+    stated = flight.vehicle()
+    without = left(flown.log(), stated, "free")
+    assert left(flown.log(), stated, "free", **{what: np.array([by])}) < 0.02 * without
+
+
+def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
+    flown = flight.standard("free")
+    log, used = weak(flown.log(np.random.default_rng(3)), flown.used)
+    free = free_response(log, used, DELAY, PIECE)
+    model = Model.of(free, used, True)
+    column = np.zeros((len(model.stated), 1))
+    column[model.place("thrust").start] = 0.3
+    stated, found = fitted(
+        model, free, VARIANCE, [Supposition("", (), np.zeros((len(column), 0))), Supposition("thrust-scale", ("a",), column, suspects=(0,))]
+    )
+    assert stated.chi_square.sum() > 1e4
+    freedom = 6 * free.size - 11
+    assert found.chi_square.sum() < freedom + 6 * np.sqrt(2 * freedom)
+    assert abs(found.factors[0] - 0.5) < 5 * 0.3 * found.spread[0]
+    inertia = np.linalg.inv(tensor(found.x[:6]))
+    np.testing.assert_allclose(elements(inertia)[[0, 3, 5]], flight.TRUTH[[0, 3, 5]], rtol=2e-3)

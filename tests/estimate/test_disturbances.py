@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import disturbances
+from massprop_cli.estimate.phases import Estimates, as_stated, estimates
+from massprop_cli.flow import examine
+from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.compensate import Samples
+from massprop_cli.testbed import scenario, simulate
+from tests import flight
+
+CYCLES = [slice(2, 300)]
+PHASES = [(Phase(name="all", start_s=0, end_s=99), CYCLES[0])]
+
+
+def test_absent_noise_levels_are_estimated_from_the_log() -> None:
+    used = flight.vehicle(imu={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
+    flown = flight.fly(used, flight.pulses(300, quiet=40), flight.TRUTH)
+    for seed in range(5):
+        found, notices = disturbances.with_noise_levels(flown.samples(np.random.default_rng(seed)), CYCLES, used)
+        assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.35)
+        assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.35)
+        assert [n.code for n in notices] == ["noise-estimated"] * 2
+
+
+def sized(samples: Samples, used: Vehicle) -> Estimates:
+    plain = as_stated(samples, PHASES, used, Consider())
+    return estimates(samples, PHASES, plain, True, Consider(), lambda *_: None)
+
+
+def test_zero_noise_gets_a_named_floor() -> None:
+    used = flight.vehicle(imu={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0})
+    flown = flight.standard("free")
+    found, notices = disturbances.with_noise_levels(flown.samples(), [slice(2, 100)], used)
+    assert 0 < (found.imu.gyro_noise_rad_s or 0) < 1e-5
+    assert [n.code for n in notices] == ["noise-floor"] * 2
+
+
+def test_clean_logs_gain_no_disturbance() -> None:
+    used = flight.vehicle()
+    flown = flight.standard("free")
+    for seed in range(10):
+        found, _, _, notices = sized(flown.samples(np.random.default_rng(seed)), used)
+        assert found.environment == used.environment
+        assert notices == []
+
+
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_an_unstated_slow_torque_is_found_and_kept_out_of_the_inertia(seeds: int) -> None:
+    """A torque that wanders by 0.004 N m a cycle: without it the inertia would be many sigmas off; with it sigmas hold."""
+    used = flight.vehicle()
+    z = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        wander = 0.004 * np.cumsum(rng.standard_normal((300, 3)), 0)
+
+        def push(t: float, wander: Array = wander) -> Array:
+            moment: Array = wander[min(int(t / flight.CYCLE + 1e-9), 299)]
+            return moment
+
+        flown = flight.fly(used, flight.pulses(300), flight.TRUTH, torque=push)
+        found, histories, _, notices = sized(flown.samples(rng), used)
+        assert "disturbance-torque" in [n.code for n in notices]
+        assert 0.002 < found.environment.disturbance_walk_n_m < 0.012
+        z.append((histories[0].values[-1] - flight.TRUTH)[[0, 3, 5]] / histories[0].sigmas[-1, [0, 3, 5]])
+    assert np.abs(z).max() < 4.5
+    # chi-square, 3 for each seed, 1 in 1000: a root mean square of 1.9 for two, of 1.66 for four
+    assert np.sum(np.square(z)) < chi2.ppf(0.999, 3 * seeds)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(1, marks=pytest.mark.thorough), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
+def test_an_unstated_white_torque_is_found_at_its_size(seed: int) -> None:
+    plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
+    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=20.0", plan, "disturbance.torque_n_m=0.01"]), [seed])
+    found = examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    assert found.vehicle.environment.disturbance_torque_n_m == pytest.approx(0.01, rel=0.12)
+    errors = found.conclusions[0].values - flown.truth[0, 0]
+    assert np.abs(errors / np.sqrt(found.conclusions[0].covariance.diagonal())).max() < 4.5

@@ -1,0 +1,98 @@
+"""What must make no difference to the final values: where the estimator starts from, and what went before the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.estimate import engine
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Nominal, Vehicle, VehicleSource
+from massprop_cli.model.plant import Reference
+from massprop_cli.testbed import scenario, simulate
+
+PLAN = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=30.0, end_s=60.0}]'
+QUIET_CYCLES = 600
+
+
+def flown(*seeds: int) -> simulate.Flight:
+    """Half a minute of drifting, then half a minute of motion about and along every axis."""
+    return simulate.fly(scenario.load("free-flyer", [PLAN]), seeds)
+
+
+def without_first(log: Log, cycles: int) -> Log:
+    """The log as if it had begun later."""
+    cut = slice(cycles * log.records_per_cycle, None)
+    return replace(
+        log,
+        rows=log.rows - cut.start,
+        time_s=log.time_s[cut],
+        interval_s=log.interval_s[cut],
+        delta_theta_imu_rad=log.delta_theta_imu_rad[cut],
+        delta_v_imu_m_s=log.delta_v_imu_m_s[cut],
+        command=log.command[cycles:],
+    )
+
+
+def examined(log: Log, vehicle: Vehicle) -> flow.Analysis:
+    return flow.examine(log, VehicleSource(vehicle, "t", ""))
+
+
+@cache
+def plain(seed: int) -> tuple[simulate.Flight, flow.Analysis]:
+    flight = flown(seed)
+    return flight, examined(flight.log(0), flight.vehicle)
+
+
+def moved(found: flow.Analysis, other: flow.Analysis) -> Array:
+    """By how many sigmas the ten values differ."""
+    first, second = found.conclusions[0], other.conclusions[0]
+    apart: Array = (second.values - first.values) / np.sqrt(np.diag(first.covariance))
+    return apart
+
+
+@pytest.mark.parametrize("logs", [pytest.param(2, marks=pytest.mark.thorough), pytest.param(6, marks=pytest.mark.slow)])
+def test_an_unexcited_first_half_minute_changes_nothing_but_what_it_tells(logs: int) -> None:
+    """Drifting tells the rate at which the motion begins, and by nothing more than that information may the values differ.
+
+    For two estimates of which one has all the other's data and more, the difference has the difference of the covariances (Hausman 1978).
+    """
+    flight = flown(*range(100, 100 + logs))
+    apart = []
+    for member in range(logs):
+        log = flight.log(member)
+        assert not log.command[:QUIET_CYCLES].any()
+        whole, part = examined(log, flight.vehicle), examined(without_first(log, QUIET_CYCLES), flight.vehicle)
+        assert {estimate_.verdict for estimate_ in whole.conclusions[0].estimates.values()} == {"converged"}
+        more, less = (found.conclusions[0].covariance.diagonal() for found in (whole, part))
+        change = part.conclusions[0].values - whole.conclusions[0].values
+        assert abs(change[9]) < 0.01 * np.sqrt(more[9])  # the rate tells nothing of the mass
+        apart.append(change[:9] / np.sqrt(less[:9] - more[:9]))
+    assert (np.sum(np.square(apart), 0) < chi2.ppf(0.999, logs)).all()
+
+
+@pytest.mark.parametrize("factor", [pytest.param(10.0, marks=pytest.mark.thorough), 1e-6])
+def test_nominal_values_far_off_change_nothing(factor: float) -> None:
+    flight, found = plain(4)
+    true = flight.truth[0, 0]
+    names = ("ixx", "iyy", "izz", "cg_x", "cg_y", "cg_z", "mass")
+    far = Nominal(**{name: factor * float(true[i]) for name, i in zip(names, (0, 3, 5, 6, 7, 8, 9), strict=True)})
+    stated = flight.vehicle.model_copy(update={"nominal": far})
+    assert np.array_equal(moved(found, examined(flight.log(0), stated)), np.zeros(10))
+
+
+@pytest.mark.parametrize(("inertia", "cg", "mass"), [(10.0, 10.0, 10.0), (10.0, 0.0, 0.1), (0.3, 0.0, 10.0)])
+def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, mass: float) -> None:
+    """Where the linearisation starts is of no consequence: the filter takes its own estimate as the new reference until it stands still."""
+    flight, found = plain(4)
+    history, true = found.histories[0], flight.truth[0, 0]
+    far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
+    again = engine.settle(found.samples, history.cycles, history.phase, far, found.vehicle).history
+    assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1

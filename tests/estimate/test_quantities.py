@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.estimate.quantities import quantities
+from tests import flight
+
+MEAN = np.append(flight.TRUTH[:9], 1 / flight.TRUTH[9])[None]
+
+
+def covariance() -> np.ndarray:
+    root = np.diag(np.append(1e-3 * np.ones(9), 1e-3 / 22)) + 1e-5 * np.random.default_rng(0).standard_normal((10, 10))
+    full: np.ndarray = (root @ root.T)[None]
+    return full
+
+
+def test_mass_and_its_sigma_follow_from_the_reciprocal() -> None:
+    values, full = quantities(MEAN, covariance(), flight.vehicle())
+    np.testing.assert_allclose(values[0], flight.TRUTH)
+    assert abs(np.sqrt(full[0, 9, 9]) - 22**2 * np.sqrt(covariance()[0, 9, 9])) < 1e-12
+
+
+def test_a_reciprocal_that_is_not_known_gives_no_mass() -> None:
+    wide = covariance()
+    wide[0, 9, 9] = (0.5 / 22) ** 2
+    values, _ = quantities(MEAN, wide, flight.vehicle())
+    assert np.isnan(values[0, 9])
+    assert np.isfinite(values[0, :9]).all()
+
+
+def test_thrust_scale_widens_inertia_and_mass_in_proportion_and_leaves_the_cg() -> None:
+    _, plain = quantities(MEAN, covariance(), flight.vehicle())
+    _, scaled = quantities(MEAN, covariance(), flight.vehicle(thrust={"scale_sigma": 0.05}))
+    added = scaled[0] - plain[0]
+    theta = np.concatenate([flight.TRUTH[:6], np.zeros(3), flight.TRUTH[9:]])
+    np.testing.assert_allclose(added, 0.05**2 * np.outer(theta, theta), atol=1e-12)
+
+
+def test_a_weighed_mass_is_a_measurement_of_the_whole_set() -> None:
+    """Against conditioning a joint Gaussian by sampling its regression: inertia follows the mass by its covariance."""
+    used = flight.vehicle(thrust={"scale_sigma": 0.05}, known={"mass": {"value": 21.0, "sigma": 0.01}})
+    prior_values, prior = quantities(MEAN, covariance(), flight.vehicle(thrust={"scale_sigma": 0.05}))
+    values, full = quantities(MEAN, covariance(), used)
+    gain = prior[0, :, 9] / (prior[0, 9, 9] + 1e-4)
+    np.testing.assert_allclose(values[0], prior_values[0] + gain * (21.0 - prior_values[0, 9]), rtol=1e-12)
+    information = np.linalg.inv(prior[0])
+    information[9, 9] += 1e4
+    np.testing.assert_allclose(full[0], np.linalg.inv(information), rtol=1e-6, atol=1e-12)
+
+
+def test_a_known_quantity_that_the_log_can_not_tell_is_taken_as_known() -> None:
+    wide = covariance()
+    wide[0, 9, 9] = (0.5 / 22) ** 2
+    values, full = quantities(MEAN, wide, flight.vehicle(known={"mass": {"value": 21.0, "sigma": 0.01}}))
+    assert values[0, 9] == 21.0
+    assert np.sqrt(full[0, 9, 9]) == 0.01

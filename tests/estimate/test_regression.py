@@ -1,0 +1,164 @@
+"""The one causal pass: what it keeps, what it looks at again, and whether its values hold while they are still being learned."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import disturbances, engine, nuisance, regression
+from massprop_cli.estimate.history import History, phase_cycles
+from massprop_cli.estimate.initial import fallback
+from massprop_cli.estimate.regression import Regression
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.system import System, system_of
+from massprop_cli.prepare.timing import Timing
+from massprop_cli.testbed import scenario, simulate
+from tests import flight
+from tests.model.test_linearise import reference
+
+pytestmark = pytest.mark.numerical
+
+ALL = Phase(name="all", start_s=0, end_s=1e9)
+
+
+@cache
+def causal(name: str, first: int, count: int) -> list[tuple[History, Array]]:
+    """Every phase of logs of a packaged scenario with its truth (10,)."""
+    flown = simulate.fly(scenario.load(name), range(first, first + count))
+    found = []
+    for i in range(count):
+        log, used = flown.log(i), flown.vehicle
+        samples = Timing(float(used.cycle.command_delay_cycles), 0.0).of(log, used)
+        phases = [(p, phase_cycles(p, samples.executed.end_s, samples.executed.usable)) for p in used.phases or (ALL,)]
+        levelled, _ = disturbances.with_noise_levels(samples, [cycles for _, cycles in phases], used)
+        for (phase, cycles), truth in zip(phases, flown.truth[i], strict=True):
+            found.append((engine.replay(samples, cycles, phase, levelled.in_phase(phase)), truth))
+    return found
+
+
+def errors_on_the_way(name: str, count: int) -> Array:
+    """All values given at all cycles, in their own sigmas."""
+    z = [(history.values - truth) / history.sigmas for history, truth in causal(name, 1, count)]
+    whole = np.concatenate([one.ravel() for one in z])
+    found: Array = whole[np.isfinite(whole)]
+    return found
+
+
+@pytest.mark.parametrize("name", ["refined", "free-flyer", "testbed", "docking"])
+def test_values_hold_from_the_first_that_is_given(name: str) -> None:
+    """The estimator before this one: up to 9,800 sigma on the way on these very logs."""
+    z = np.abs(errors_on_the_way(name, 2))
+    assert (z > 4).mean() < 0.002
+    assert z.max() < 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["refined", "free-flyer", "testbed", "docking"])
+def test_values_hold_on_the_way_over_many_logs(name: str) -> None:
+    z = np.abs(errors_on_the_way(name, 20))
+    assert (z > 4).mean() < 0.001
+    assert z.max() < 12
+    assert 0.92 < (z < 1.96).mean() < 0.985
+
+
+def test_values_are_given_for_most_of_the_log() -> None:
+    """Honest on the way does not mean silent on the way."""
+    for name in ("refined", "docking"):
+        for history, _ in causal(name, 1, 2):
+            assert np.isfinite(history.values).mean() > 0.9
+
+
+def test_what_is_kept_does_not_grow_with_the_log() -> None:
+    flown = flight.standard("free", 320)
+    samples = flown.samples(np.random.default_rng(1))
+    one = Regression(samples, slice(2, 320), flown.used, Consider())
+    run, sizes = one.begin(reference(flight.TRUTH)), []
+    for end in (50, 150, 320):
+        run, _ = one.take(run, end)
+        assert run.state is not None
+        sizes.append((run.triangle.shape, run.state.mean.shape, run.state.root.shape))
+    assert len(set(sizes)) == 1
+
+
+def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted in cycles that are linearised: each once, and at most the ring as often as the estimate moves."""
+    spans: list[slice] = []
+
+    def counted(samples: object, cycles: slice, *rest: object) -> System:
+        spans.append(cycles)
+        return system_of(samples, cycles, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(regression, "system_of", counted)
+    flown = simulate.fly(scenario.load("free-flyer"), [3])
+    samples = Timing(2.0, 0.0).of(flown.log(0), flown.vehicle)
+    cycles = slice(2, len(samples))
+    engine.replay(samples, cycles, ALL, flown.vehicle)
+    assert max(span.stop - span.start for span in spans) <= engine.LEARNING + engine.LONGEST
+    late = [span for span in spans if span.start > 700]
+    again = [span for span in late if span.stop - span.start > engine.LONGEST + 1]
+    assert len(again) <= 3
+    assert sum(span.stop - span.start for span in spans) < 6 * len(samples)
+
+
+def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
+    """Everything linear: the coefficients that fit best, block by block, against all rows at once."""
+    flown = flight.standard("free", 320)
+    samples, about = flown.samples(np.random.default_rng(5)), reference(flight.TRUTH)
+    one = Regression(samples, slice(2, 320), flown.used, Consider())
+    run, kept = one.begin(about), []
+    for end in (20, 90, 91, 200, 320):
+        run, taken = one.take(run, end)
+        kept.append(nuisance.ordered(taken.white, one.lift.size, one.free))
+    rows = np.vstack([one.begin(about).triangle, *kept])
+    size = one.free + one.lift.size
+    scale = np.sqrt((rows[:, :size] ** 2).sum(0))
+    batch = np.linalg.lstsq(rows[:, :size] / scale, rows[:, size], rcond=None)[0]
+    held = np.linalg.lstsq(run.triangle[:, :size] / scale, run.triangle[:, size], rcond=None)[0]
+    np.testing.assert_allclose(held, batch, rtol=1e-6, atol=1e-6 * np.abs(batch).max())
+
+
+def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
+    """Two axes driven: noise must not stand in for the third."""
+    on = flight.pulses(300, seed=4)
+    on[:, 8:] = 0.0  # no couple about Z, and no force that would turn about it by the CG's offset
+    flown = flight.fly(flight.vehicle("free"), on, flight.TRUTH)
+    samples = flown.samples(np.random.default_rng(2))
+    one = Regression(samples, slice(2, 300), flown.used, Consider())
+    run = one.begin(fallback(flown.used))
+    run, _ = one.take(run, 300)
+    assert not one.improved(run).bound
+    history = engine.replay(samples, slice(2, 300), ALL, flown.used)
+    z = np.abs((history.values - flight.TRUTH) / history.sigmas)
+    assert np.nanmax(z[:, :6]) < 6
+    assert history.sigmas[-1, QUANTITIES.index("izz")] > 0.2 * flight.TRUTH[5]
+
+
+def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
+    flown = flight.standard("free", 320)
+    samples = flown.samples(np.random.default_rng(7))
+    whole = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    renewed: list[int] = []
+    once = Regression._renewed
+
+    def counted(self: Regression, run: regression.Run, system: System) -> regression.Run:
+        found = once(self, run, system)
+        renewed.extend([run.at] * (found is not run))
+        return found
+
+    monkeypatch.setattr(Regression, "_renewed", counted)
+    monkeypatch.setattr(regression, "GROWN", 0.9)
+    monkeypatch.setattr(engine, "WHOLE", 32)
+    pieces = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    assert len(renewed) >= 8
+    assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
+    assert (pieces.sigmas[-1] < 3 * whole.sigmas[-1]).all()
+    assert (np.abs(pieces.values[-1] - whole.values[-1]) < 3 * pieces.sigmas[-1]).all()
+    z = np.abs(pieces.values[-1] - flight.TRUTH) / pieces.sigmas[-1]
+    assert z.max() < 4
+    assert (pieces.normalised[1:] ** 2).mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / pieces.normalised[1:].size))

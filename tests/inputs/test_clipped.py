@@ -1,0 +1,86 @@
+"""A sensor that saturates is told where no range is stated; twenty shapes that look like it are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.clipped import at_extremes
+from massprop_cli.inputs.vehicle import VehicleSource
+from tests import faulty
+
+RNG = np.random.default_rng(5)
+COUNT = 600
+NOISE = 1e-3 * RNG.standard_normal((COUNT, 3))
+SLOW = np.cumsum(np.where(RNG.random((COUNT, 3)) < 0.5, 1, -1), 0) * 0.005
+WAVES = 0.1 * np.sin(np.outer(np.arange(COUNT), [0.02, 0.03, 0.05]))
+PULSES = 0.1 * (RNG.random((COUNT, 3)) < 0.3)
+SPIN = np.tile([0.0, 0.0, 0.3], (COUNT, 1))
+STEPS = np.repeat(RNG.standard_normal((COUNT // 50, 3)), 50, 0)
+
+
+def counts(values: Array, size: float) -> Array:
+    return np.round(values / size) * size
+
+
+CLEAN = {
+    "noise": NOISE,
+    "a walk": SLOW + NOISE,
+    "a walk without noise": SLOW,
+    "waves": WAVES + NOISE,
+    "waves without noise": WAVES,
+    "pulses": PULSES + NOISE,
+    "pulses without noise": PULSES,
+    "a spin": SPIN + NOISE,
+    "a spin without noise": SPIN,
+    "steps": STEPS + NOISE,
+    "steps without noise": STEPS,
+    "nothing": np.zeros((COUNT, 3)),
+    "one axis alone": NOISE * [1, 0, 0],
+    "fine counts": counts(WAVES + NOISE, 1e-3),
+    "counts of twice the noise": counts(WAVES + NOISE, 2e-3),
+    "coarse counts": counts(WAVES + NOISE, 0.02),
+    "very coarse counts": counts(WAVES + NOISE, 0.1),
+    "noise in coarse counts": counts(NOISE, 2e-3),
+    "a spin in fine counts": counts(SPIN + NOISE, 1e-3),
+    "pulses in fine counts": counts(PULSES + NOISE, 1e-3),
+    "pulses in coarse counts": counts(PULSES + NOISE, 0.01),
+    "each reading twice": np.repeat((WAVES + NOISE)[: COUNT // 2], 2, 0),
+    "a spin that ends": np.where(np.arange(COUNT)[:, None] < 300, SPIN, 0.0) + NOISE,
+    "single precision": (WAVES + NOISE).astype(np.float32).astype(float),
+    "one side of rest": np.minimum(WAVES, 0.0) + NOISE,
+    "rest without noise below": np.minimum(WAVES, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_what_does_not_saturate_is_not_told(name: str) -> None:
+    assert not at_extremes(CLEAN[name]).any()
+
+
+@pytest.mark.parametrize("name", ["a walk", "waves", "a spin that ends", "fine counts", "single precision"])
+@pytest.mark.parametrize("part", [0.6, 0.8])
+def test_what_saturates_is_told_row_by_row(name: str, part: float) -> None:
+    values = CLEAN[name]
+    limit = part * np.abs(values).max()
+    if "counts" in name:
+        limit = round(limit / 1e-3) * 1e-3
+    clipped = np.clip(values, -limit, limit)
+    sides = [(np.abs(values) >= limit) & (sign * values > 0) for sign in (1, -1)]
+    expected = sum(side & (side.sum(0) >= 8) for side in sides) > 0
+    np.testing.assert_array_equal(at_extremes(clipped) & expected, expected)
+    assert not at_extremes(clipped)[np.abs(values) < limit].any()
+
+
+def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    top = 0.5 * np.abs(log.delta_theta_imu_rad).max()
+    clipped = replace(log, delta_theta_imu_rad=np.clip(log.delta_theta_imu_rad, -top, top))
+    found = flow.examine(clipped, VehicleSource(used, "t", ""))
+    (notice,) = [notice for notice in found.notices if notice.code == "gyro-saturated"]
+    assert "imu.gyro_range_rad_s" in notice.message
+    assert "converged" not in {estimate.verdict for estimate in found.conclusions[0].estimates.values()}

@@ -1,0 +1,465 @@
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from massprop_cli import job
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.campaign import discover, work
+from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.plan import Settings
+from massprop_cli.inputs import columns, telemetry
+from massprop_cli.inputs.formats import mapfile, mapped, resample
+from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
+from massprop_cli.inputs.tablefile import Table, read_table
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle, load, parse
+from massprop_cli.result import schema
+from tests.commandline import massprop
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+WRENCH_MAP = """
+schema = 1
+[gyro]
+paths = "imu/w?"
+values = "sample"
+[accelerometer]
+paths = "imu/a?"
+values = "sample"
+[torque]
+paths = "cmd/t?"
+[force]
+paths = "cmd/f?"
+"""
+
+
+def recording(streams: dict[str, tuple[Numbers, str, str]]) -> Recording:
+    """A recording in memory: values, clock and unit by path."""
+    return Recording(Path("x.h5"), "0", "recording", {path: stream(path, *said) for path, said in streams.items()})
+
+
+def made(streams: dict[str, tuple[Numbers, str, str]], text: str) -> Table:
+    return mapped.of(recording(streams), mapfile.parse(text, "m.toml"))
+
+
+def values(table: Table, names: tuple[str, ...]) -> Array:
+    return np.stack([table.columns[name].numbers() for name in names], 1)
+
+
+def motion(
+    seconds: float = 20.0, imu_hz: float = 200.0, command_hz: float = 20.0, begin: float = 0.0
+) -> dict[str, tuple[Numbers, str, str]]:
+    """Rates and forces of sines, commands of steps, each with a clock of its own."""
+    t = begin + np.arange(round(seconds * imu_hz)) / imu_hz
+    late = begin + 0.0013 + np.arange(round(seconds * imu_hz / 2)) / imu_hz * 2
+    issued = begin + 0.0207 + np.arange(round(seconds * command_hz)) / command_hz
+    steps = np.random.default_rng(3).normal(size=(6, len(issued)))
+    streams = {"imu/t": (t, "", "s"), "acc/t": (late, "", "s"), "cmd/t": (issued, "", "s")}
+    streams |= {f"imu/w{axis}": (np.sin((n + 1) * t), "imu/t", "rad/s") for n, axis in enumerate("xyz")}
+    streams |= {f"imu/a{axis}": (np.cos((n + 1) * late), "acc/t", "m/s^2") for n, axis in enumerate("xyz")}
+    streams |= {f"cmd/{kind}{axis}": (steps[n], "cmd/t", unit) for n, (kind, axis, unit) in enumerate(_SIX)}
+    return streams
+
+
+_SIX = [(kind, axis, unit) for kind, unit in (("t", "N m"), ("f", "N")) for axis in "xyz"]
+RECORDS = "[records]\ninterval_s = 0.01\nper_cycle = 5\n"
+
+
+def test_records_are_the_integrals_of_what_was_sampled() -> None:
+    table = made(motion(), WRENCH_MAP + RECORDS)
+    time_s = table.columns["time_s"].numbers()
+    for n in range(3):
+        integral = -np.cos((n + 1) * time_s) / (n + 1), np.sin((n + 1) * time_s) / (n + 1)
+        found = values(table, columns.DELTA_THETA)[:, n], values(table, columns.DELTA_V)[:, n]
+        for whole, part in zip(integral, found, strict=True):
+            np.testing.assert_allclose(part[1:], np.diff(whole), atol=2e-6)
+            # nothing is lost or counted twice from record to record
+            assert part[1:].sum() == pytest.approx(whole[-1] - whole[0], abs=4e-5)
+
+
+def test_cycles_begin_with_the_commands_and_hold_one_each() -> None:
+    streams = motion()
+    table = made(streams, WRENCH_MAP + RECORDS)
+    assert table.rows % 5 == 0
+    assert table.columns["time_s"].numbers()[0] == pytest.approx(0.0207 + 0.01)
+    commands = values(table, columns.WRENCH)
+    stated = np.stack([streams[f"cmd/{kind}{axis}"][0] for kind, axis, _ in _SIX], 1)
+    np.testing.assert_allclose(commands[::5], stated[: table.rows // 5], atol=1e-9)
+    assert table.made is not None
+    said = "\n".join(table.made.said)
+    for part in ("gyro: 4000 values (sample)", "integrated over", "held until the next", "control cycles begin with the first command"):
+        assert part in said
+
+
+ORIGINAL = f"""
+schema = 1
+clock = {{ path = "timestamp", unit = "us" }}
+[gyro]
+paths = "gyro.?"
+unit = "deg/s"
+values = "mean"
+[accelerometer]
+paths = "acc.?"
+unit = "g"
+scale = {9.81 / 9.80665} # it was brought in with 9.81 m/s^2
+values = "mean"
+[torque]
+paths = [0, 0, 0]
+[force]
+paths = [0, 0, "motor.m1"]
+unit = "N" # of no meaning here: a thrust curve lies in between
+[records]
+samples = 10
+"""
+
+
+def test_a_recorded_flights_original_columns_give_its_increments() -> None:
+    path = Path(__file__).parents[1] / "data" / "crazyflie-original.csv.gz"
+    table = mapped.table(path, path.read_bytes(), mapfile.parse(ORIGINAL, "m.toml"))
+    known = read_table(SAMPLES / "crazyflie" / "thrust.parquet")
+    assert table.rows == 60
+    for names in (columns.DELTA_THETA, columns.DELTA_V):
+        np.testing.assert_allclose(values(table, names), values(known, names)[:60], rtol=1e-9, atol=1e-12)
+    steps = np.diff(table.columns["time_s"].numbers())
+    np.testing.assert_allclose(steps, np.diff(known.columns["time_s"].numbers())[:59], atol=1e-9)
+
+
+def test_no_impulse_is_lost_where_commands_and_cycles_differ() -> None:
+    streams = motion(command_hz=47.0)
+    table = made(streams, WRENCH_MAP + RECORDS)
+    edges = np.append(0.0207, table.columns["time_s"].numbers()[4::5])
+    issued, torque = streams["cmd/t"][0], streams["cmd/tx"][0]
+    fine = np.linspace(edges[0], edges[-1], 2_000_001)
+    held = torque[np.searchsorted(issued, (fine[1:] + fine[:-1]) / 2, "right") - 1]
+    assert (table.columns["cmd_torque_x_n_m"].numbers()[::5] * np.diff(edges)).sum() == pytest.approx(
+        held.sum() * (fine[1] - fine[0]), rel=1e-4
+    )
+
+
+def test_clocks_of_the_epoch_keep_their_nanoseconds() -> None:
+    plain, epoch = motion(), motion()
+    for path in ("imu/t", "acc/t", "cmd/t"):
+        whole = np.round(plain[path][0] * 1e9).astype(np.int64) + 1_760_000_000_123_456_789
+        epoch[path] = (whole, "", "ns")
+    text = WRENCH_MAP + RECORDS + 'zero = "start"\n'
+    first, second = made(plain, text), made(epoch, text)
+    assert first.rows == second.rows
+    for name in first.columns:
+        np.testing.assert_allclose(second.columns[name].numbers(), first.columns[name].numbers(), atol=3e-9)
+    assert second.made is not None
+    assert "time_s counts from 1760000000" in "\n".join(second.made.said)
+
+
+def test_axes_signs_scales_and_units_are_applied() -> None:
+    text = WRENCH_MAP.replace('values = "sample"\n[acc', 'values = "sample"\naxes = ["y", "-x", "z"]\nscale = 2.0\n[acc')
+    streams = motion()
+    streams |= {path: (streams[path][0], "imu/t", "deg/s") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    plain, turned = made(motion(), WRENCH_MAP + RECORDS), made(streams, text + RECORDS)
+    x, y, z = values(plain, columns.DELTA_THETA).T * 2 * np.pi / 180
+    np.testing.assert_allclose(values(turned, columns.DELTA_THETA), np.stack([y, -x, z], 1), atol=1e-15)
+
+
+def test_world_commands_are_turned_with_the_logged_attitude() -> None:
+    streams = motion()
+    t = streams["imu/t"][0][::4]
+    turns = Rotation.from_rotvec(np.stack([0.3 * np.sin(t), 0.2 * t, 0.1 * np.cos(t)], 1))
+    quaternion = turns.as_quat()  # xyzw
+    streams |= {"att/t": (t, "", "s")} | {f"att/q{n}": (quaternion[:, n], "att/t", "") for n in range(4)}
+    world = WRENCH_MAP.replace('paths = "cmd/f?"', 'paths = "cmd/f?"\nframe = "world"')
+    text = world + RECORDS + '[attitude]\npaths = "att/q?"\norder = "xyzw"\n'
+    # the gyro of the recording has nothing to do with this attitude, which the map's maker can't see, but the log's reader does
+    table = made(streams, text)
+    issued = streams["cmd/t"][0][: table.rows // 5]
+    force = np.stack([streams[f"cmd/f{axis}"][0] for axis in "xyz"], 1)[: len(issued)]
+    wanted = Slerp(t, turns)(issued).inv().apply(force)
+    np.testing.assert_allclose(values(table, columns.WRENCH[3:])[::5], wanted, atol=1e-4)
+    ends = Slerp(t, turns)(np.clip(table.columns["time_s"].numbers(), None, t[-1])).as_quat()[:, [3, 0, 1, 2]]
+    np.testing.assert_allclose(np.abs((values(table, columns.QUATERNION) * ends).sum(1)), 1.0, atol=1e-8)
+    # in a world whose z is down, commands are of that world too; the log's own is z up
+    down = made(streams, text + 'world = "z_down"\n')
+    np.testing.assert_allclose(values(down, columns.WRENCH), values(table, columns.WRENCH), atol=1e-15)
+    half = (Rotation.from_euler("x", 180, degrees=True) * Rotation.from_quat(ends[:, [1, 2, 3, 0]])).as_quat()[:, [3, 0, 1, 2]]
+    np.testing.assert_allclose(np.abs((values(down, columns.QUATERNION) * half).sum(1)), 1.0, atol=1e-8)
+    with pytest.raises(InputError, match=r"m.toml.*attitude contradict each other.*\[attitude\]"):
+        telemetry.read(table, parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle)
+
+
+def test_a_valves_openings_become_on_times() -> None:
+    streams = motion()
+    t = 0.0007 + np.arange(20_000) / 1000
+    opened = ((t * 7) % 1 < 0.3).astype(np.uint8)
+    streams |= {"valve/t": (t, "", "s"), "valve/a": (opened, "valve/t", "")}
+    text = WRENCH_MAP.split("[torque]", maxsplit=1)[0] + '[jets.a]\npath = "valve/a"\nunit = "open"\n' + RECORDS
+    table = made(streams, text)
+    on = table.columns["jet_a_s"].numbers()[::5]
+    assert on.min() >= 0
+    assert on.max() <= 0.05 + 1e-12
+    assert on.sum() == pytest.approx(0.3 * table.rows * 0.01, rel=5e-3)
+
+
+def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
+    """A log as three streams: each sensor and the commands with a clock of its own."""
+    streams: dict[str, tuple[Numbers, str, str]] = {"g/t": (log.time_s, "", "s"), "a/t": (log.time_s * 1e3 + 250, "", "ms")}
+    streams |= {f"g/{a}": (log.delta_theta_imu_rad[:, n], "g/t", "rad") for n, a in enumerate("xyz")}
+    streams |= {f"a/{a}": (log.delta_v_imu_m_s[:, n], "a/t", "m/s") for n, a in enumerate("xyz")}
+    begin = log.time_s[:: log.records_per_cycle] - log.interval_s[:: log.records_per_cycle]
+    streams |= {"c/t": (begin, "", "s")}
+    return streams | {f"c/{jet.name}": (log.command[:, n], "c/t", "s") for n, jet in enumerate(vehicle.jets)}
+
+
+def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
+    vehicle = load(SAMPLES / "high-rate" / "vehicle.toml").vehicle
+    log = telemetry.read(read_table(SAMPLES / "high-rate" / "log.parquet"), vehicle).part(0, 60)
+    jets = "".join(f'[jets.{jet.name}]\npath = "c/{jet.name}"\n' for jet in vehicle.jets)
+    text = (
+        'schema = 1\n[gyro]\npaths = ["g/x", "g/y", "g/z"]\nvalues = "increment"\n[accelerometer]\npaths = "a/[xyz]"\n'
+        f'values = "increment"\nclock = {{ path = "a/t", offset_s = -0.25 }}\n{jets}[records]\nsamples = 1\nper_cycle = 20\n'
+    ).replace('"a/[xyz]"', '["a/x", "a/y", "a/z"]')
+    again = telemetry.read(made(_as_streams(log, vehicle), text), vehicle)
+    assert again.cycles == 60
+    for one in fields(Log):
+        stated, found = getattr(log, one.name), getattr(again, one.name)
+        if isinstance(stated, np.ndarray):
+            np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
+
+
+REFUSED = {
+    "no such path": (
+        WRENCH_MAP.replace('"imu/w?"', '["imu/wx", "imu/wy", "imu/zz"]'),
+        r"'imu/zz'.*no such path.*nearest is 'imu/wz'.*\[gyro\]",
+    ),
+    "a pattern that fits too much": (WRENCH_MAP.replace('"imu/w?"', '"imu/*"'), r"'imu/\*': the pattern fits 7 paths, not 3"),
+    "a pattern that fits nothing": (WRENCH_MAP.replace('"imu/w?"', '"gyro/*"'), r"fits 0 paths, not 3: nothing; the nearest path is"),
+    "another unit than recorded": (
+        WRENCH_MAP.replace('"imu/w?"', '"imu/w?"\nunit = "deg/s"'),
+        r"'imu/wx'.*map says unit 'deg/s', the file 'rad/s'",
+    ),
+    "a unit of something else": (
+        WRENCH_MAP.replace('"imu/a?"', '"imu/a?"\nunit = "N"'),
+        r"'N' is none of this quantity; it is one of m/s\^2, g",
+    ),
+    "an axis twice": (
+        WRENCH_MAP.replace('"imu/w?"', '"imu/w?"\naxes = ["x", "x", "z"]'),
+        r"m.toml, line 5: gyro.axes.*names an axis twice",
+    ),
+    "a mirror": (WRENCH_MAP.replace('"imu/w?"', '"imu/w?"\naxes = ["y", "x", "z"]'), r"gyro.axes.*is a mirror, not a turn"),
+    "clocks apart": (
+        WRENCH_MAP.replace('"cmd/t?"', '"cmd/t?"\nclock = { path = "cmd/t", offset_s = 1e4 }') + RECORDS,
+        r"'cmd/t'.*two clocks don't overlap: torque is 10000.0207 to 10019.9707 s by 'cmd/t', .* state the clock.offset_s",
+    ),
+    "records not recorded": (
+        WRENCH_MAP + RECORDS.replace("0.01", "0.004"),
+        r"'imu/wx': comes every 0.005 s; records of 0.004 s would be made up",
+    ),
+    "no records for two clocks": (WRENCH_MAP, r"'imu/ax': its clock 'acc/t' is not the gyro's, 'imu/t'; state \[records\]"),
+    "no commands": (WRENCH_MAP.split("[torque]", maxsplit=1)[0], r"maps no command; add \[torque\]"),
+    "half a wrench": (WRENCH_MAP.split("[force]", maxsplit=1)[0], r"\[force\] is missing.*paths = \[0, 0, 0\]"),
+    "world without attitude": (WRENCH_MAP + 'frame = "world"\n', r'frame = "world" needs \[attitude\]'),
+    "an unknown key": (WRENCH_MAP + "hold = 1\n", r"m.toml, line 13: unknown key 'force.hold'; the nearest known key is 'holds'"),
+    "cut away": (WRENCH_MAP + RECORDS + "start_s = 19.97\n", r"'imu/t': from 19.97.* are not two control cycles of 0.05 s"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_wrong_map_is_refused_with_file_path_and_remedy(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        made(motion(), text)
+
+
+def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
+    streams = motion()
+    kept = np.delete(np.arange(4000), [1000, 1001])
+    streams |= {path: (streams[path][0][kept], *streams[path][1:]) for path in streams if path.startswith("imu/w") or path == "imu/t"}
+    text = WRENCH_MAP + RECORDS.replace("0.01", "0.025").replace("5\n", "2\n")
+    whole, bridged = made(motion(), text), made(streams, text)
+    np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
+    assert bridged.made is not None
+    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
+
+
+def test_streams_that_are_not_right_are_refused() -> None:
+    text = WRENCH_MAP + RECORDS
+    broken = motion()
+    gap = np.delete(np.arange(4000), np.arange(2000, 2050))
+    broken |= {path: (broken[path][0][gap], *broken[path][1:]) for path in broken if path.startswith("imu/w") or path == "imu/t"}
+    with pytest.raises(InputError, match=r"'imu/wx': a gap of 0.255 s after 9.995 s.*records.start_s or end_s"):
+        made(broken, text)
+    broken = motion()
+    broken["imu/t"] = (np.where(np.arange(4000) == 7, 0.0, broken["imu/t"][0]), "", "s")
+    with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 7"):
+        made(broken, text)
+    broken = motion()
+    broken["imu/t"] = (np.where(np.arange(4000) == 0, np.nan, broken["imu/t"][0]), "", "s")
+    with pytest.raises(InputError, match="'imu/t': nan at sample 0 is not a finite number"):
+        made(broken, text + 'zero = "start"\n')
+    broken = motion()
+    broken["imu/t"] = (np.where(np.arange(4000) == 2, 3, 5 * np.arange(4000) + 7).astype(np.uint64), "", "ms")
+    with pytest.raises(InputError, match="'imu/t': time stands still or goes back at sample 2"):
+        made(broken, text + 'zero = "start"\n')
+    broken = motion()
+    broken["imu/wy"] = (np.where(np.arange(4000) == 9, np.nan, broken["imu/wy"][0]), "imu/t", "rad/s")
+    with pytest.raises(InputError, match="'imu/wy': nan at sample 9 is not a finite number"):
+        made(broken, text)
+    broken = motion()
+    broken |= {path: (said[0], said[1], "") for path, said in broken.items()}
+    with pytest.raises(InputError, match="'imu/wx': the file records no unit; state unit = one of rad/s, deg/s"):
+        made(broken, text)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ('axes = ["y", "z", "x"]', r"\[gyro\] of m.toml and the logged attitude contradict .* agrees with axes = \['z', 'x', 'y'\]"),
+        ('axes = ["-x", "-y", "z"]', r"agrees with axes = \['-x', '-y', 'z'\]"),
+        ('unit = "deg/s"', r"agrees with unit = 'rad'"),
+    ],
+)
+def test_axes_and_units_that_the_logged_attitude_denies_are_named(wrong: str, message: str) -> None:
+    streams = motion()
+    t = streams["imu/t"][0]
+    rate = np.stack([streams[f"imu/w{axis}"][0] for axis in "xyz"], 1)
+    turn = Rotation.identity()
+    quaternions = []
+    for step in (rate[1:] + rate[:-1]) / 2 * np.diff(t)[:, None]:
+        quaternions.append(turn.as_quat())
+        turn = turn * Rotation.from_rotvec(step)
+    quaternion = np.array([*quaternions, turn.as_quat()])
+    streams |= {f"att/q{n}": (quaternion[:, n], "imu/t", "") for n in range(4)}
+    streams |= {path: (streams[path][0], "imu/t", "") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    text = WRENCH_MAP + RECORDS + '[attitude]\npaths = "att/q?"\norder = "xyzw"\n'
+    vehicle = parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle
+    right = text.replace('"imu/w?"', '"imu/w?"\nunit = "rad/s"')
+    assert telemetry.read(made(streams, right), vehicle).attitude_wxyz is not None
+    said = wrong if "unit" in wrong else f'unit = "rad/s"\n{wrong}'
+    with pytest.raises(InputError, match=message):
+        telemetry.read(made(streams, text.replace('"imu/w?"', f'"imu/w?"\n{said}')), vehicle)
+
+
+def test_integrals_between_edges_are_those_of_each_kind() -> None:
+    times, edges = np.array([1.0, 2.0, 4.0, 5.0]), np.array([1.5, 3.0, 5.0])
+    rate = np.array([[2.0], [4.0], [1.0], [3.0]])
+    # by hand: trapezoids 3, 5, 2; means 4·1, 1·2, 3·1; increments as they are
+    np.testing.assert_allclose(resample.increments(rate, times, "sample", edges), [[1.5 + 2.5], [2.5 + 2.0]])
+    np.testing.assert_allclose(resample.increments(rate, times, "mean", edges), [[2.0 + 1.0], [1.0 + 3.0]])
+    np.testing.assert_allclose(resample.increments(rate, times, "increment", edges), [[2.0 + 0.5], [0.5 + 3.0]])
+    np.testing.assert_allclose(resample.means(rate, times, "until_next", edges), [[(1.0 + 4.0) / 1.5], [(4.0 + 1.0) / 2]])
+    np.testing.assert_allclose(resample.means(rate, times, "since_last", edges), [[(2.0 + 1.0) / 1.5], [(1.0 + 3.0) / 2]])
+
+
+IDENTITY = """
+schema = 1
+clock = { path = "t_ms", unit = "ms" }
+[gyro]
+paths = ["p", "q", "r"]
+unit = "deg"
+values = "increment"
+[accelerometer]
+paths = ["dvx", "dvy", "dvz"]
+unit = "m/s"
+values = "increment"
+"""
+
+
+def _renamed(tmp_path: Path, rows: int = 120) -> Path:
+    """The first rows of a sample log under other names, and its map and vehicle file beside."""
+    table = pq.read_table(SAMPLES / "free-flyer" / "log.parquet").slice(0, rows).replace_schema_metadata()
+    names = dict(zip(("time_s", *columns.DELTA_THETA, *columns.DELTA_V), ("t_ms", *"pqr", "dvx", "dvy", "dvz"), strict=True))
+    jets = [name.removeprefix("jet_").removesuffix("_s") for name in table.column_names if name.startswith("jet_")]
+    text = IDENTITY + "".join(f'[jets.{name}]\npath = "jet_{name}_s"\nunit = "s"\n' for name in jets)
+    other: dict[str, Any] = {names.get(name, name): table.column(name).to_numpy() for name in table.column_names}
+    other |= {name: other[name] / np.pi * 180 for name in "pqr"} | {"t_ms": other["t_ms"] * 1e3}
+    pq.write_table(pa.table(other), tmp_path / "own.parquet")
+    (tmp_path / "map.toml").write_text(text)
+    (tmp_path / "vehicle.toml").write_text((SAMPLES / "free-flyer" / "vehicle.toml").read_text())
+    (tmp_path / "plain").mkdir()
+    pq.write_table(table, tmp_path / "plain" / "log.parquet")
+    (tmp_path / "plain" / "vehicle.toml").write_text((SAMPLES / "free-flyer" / "vehicle.toml").read_text())
+    return tmp_path / "own.parquet"
+
+
+def _numbers(found: Any) -> list[float]:
+    if isinstance(found, dict):
+        return [value for item in found.values() for value in _numbers(item)]
+    if isinstance(found, list):
+        return [value for item in found for value in _numbers(item)]
+    return [float(found)] if isinstance(found, (int, float)) else []
+
+
+def test_a_map_beside_the_log_is_found_and_told_of(tmp_path: Path) -> None:
+    own = _renamed(tmp_path)
+    mine = job.of_file(own)
+    plain = job.of_file(tmp_path / "plain" / "log.parquet")
+    np.testing.assert_allclose(
+        _numbers(mine.result.model_dump(mode="json")["phases"]),
+        _numbers(plain.result.model_dump(mode="json")["phases"]),
+        rtol=1e-6,
+        atol=1e-9,
+    )
+    assert mine.result.provenance.map_sha256 is not None
+    assert plain.result.provenance.map_sha256 is None
+    run = massprop(tmp_path, "estimate", "own.parquet", "--out", "out")
+    assert run.returncode == 0, run.stderr
+    told = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert told["map"] == "map.toml"
+    assert (tmp_path / "out" / "result.json").read_text() == schema.to_json(mine.result)
+
+
+def test_a_campaign_takes_maps_by_name_in_its_file_and_beside_logs(tmp_path: Path) -> None:
+    own = _renamed(tmp_path, 120)
+    text = (tmp_path / "map.toml").read_text()
+    (tmp_path / "map.toml").unlink()
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "own.toml").write_text(text)
+    (tmp_path / "campaign.toml").write_text('schema = 1\nlogs = ["own.parquet"]\nmap = "maps/own.toml"\n')
+
+    def worked(named: Path, known: str | None = None, map_file: Path | None = None) -> Outcome | None:
+        _, (one,) = discover.plan([str(named)], Settings(map=None if map_file is None else str(map_file)))
+        produced = work.process(one, known)
+        return None if produced is None else produced.outcome
+
+    refused, said = worked(own), "column 'time_s' is missing"
+    assert refused is not None
+    assert (refused.exit_code, said in refused.message) == (3, True)
+    in_file, by_name = worked(tmp_path / "campaign.toml"), worked(own, map_file=tmp_path / "maps" / "own.toml")
+    assert in_file is not None
+    assert by_name is not None
+    assert (in_file.exit_code, by_name.exit_code) == (0, 0)
+    (tmp_path / "own.map.toml").write_text(text)
+    beside = worked(own)
+    assert beside is not None
+    assert beside.bodies == in_file.bodies
+    # a map that is changed makes the log be done again
+    assert worked(own, beside.fingerprint) is None
+    (tmp_path / "own.map.toml").write_text(text + "# more\n")
+    assert worked(own, beside.fingerprint) is not None
+
+
+def test_a_map_within_a_parquet_file_goes_before_one_beside_it(tmp_path: Path) -> None:
+    own = _renamed(tmp_path)
+    text = (tmp_path / "map.toml").read_text()
+    (tmp_path / "map.toml").write_text(text.replace('"dvx"', '"dvw"'))
+    table = pq.read_table(own).replace_schema_metadata({b"massprop.map": text.encode()})
+    pq.write_table(table, own)
+    found = read_table(own)
+    assert found.made is not None
+    assert "embedded map" in found.made.map
+    with pytest.raises(InputError, match=r"'dvw': no such path.*map.toml"):
+        read_table(own, tmp_path / "map.toml")
+
+
+def test_the_map_file_of_the_documentation_is_one() -> None:
+    text = (SAMPLES.parent / "docs" / "formats.md").read_text(encoding="utf-8")
+    shown = text.split("```toml\n")[1].split("```")[0]
+    said = mapfile.parse(shown, "docs/formats.md").map
+    assert said.records is not None
+    assert said.force is not None
+    assert said.force.frame == "world"

@@ -1,0 +1,160 @@
+"""Shifts that the filter carries beside its mean, against estimating again with the assumption changed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.assumptions import Assumption, examined
+from massprop_cli.diagnosis import delay
+from massprop_cli.estimate import engine
+from massprop_cli.estimate.history import History
+from massprop_cli.flow import Analysis
+from massprop_cli.model.sensitivity import Consider, late
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+from massprop_cli.result.settings import effective_settings
+from tests import faulty
+
+
+@pytest.fixture(scope="module")
+def flyer() -> Analysis:
+    return faulty.examined(*faulty.sample("free-flyer"))
+
+
+@pytest.fixture(scope="module")
+def bearing() -> Analysis:
+    return faulty.examined(*faulty.sample("air-bearing"))
+
+
+def by_code(found: Analysis, code: str) -> list[Assumption]:
+    return [assumption for assumption in found.assumptions if assumption.code == code]
+
+
+def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
+    """(10,) values of the off-line fit under another vehicle file, noise and disturbances as before."""
+    used = faulty.stated(found.vehicle, *assignments)
+    samples = Timing(delay, 0.0).of(found.log, used)
+    (history,) = found.settled
+    assert history.reference is not None
+    moved: Array = engine.settle(samples, history.cycles, history.phase, history.reference, used).history.values[-1]
+    return moved
+
+
+def held(assumption: Assumption, moved: Array, found: Analysis, relative: float) -> None:
+    """The effect against the shift ``moved`` (10,): to ``relative`` of itself or a fiftieth of a sigma."""
+    (effect,) = assumption.effects
+    for i, name in enumerate(QUANTITIES):
+        sigma = found.settled[0].sigmas[-1, i]
+        assert effect.change.get(name, 0.0) == pytest.approx(moved[i], rel=relative, abs=0.02 * sigma), name
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_imu_a_millimetre_further_on_shifts_what_is_estimated_as_it_says(flyer: Analysis, axis: int) -> None:
+    place = [0.1, -0.06, 0.12]
+    place[axis] += 1e-3
+    moved = again(flyer, f"imu.position_m={place}") - flyer.settled[0].values[-1]
+    held(by_code(flyer, "imu-position")[axis], moved, flyer, 0.05)
+
+
+def test_divert_jets_alone_carry_the_mass_and_nothing_in_the_log_shows_it(flyer: Analysis) -> None:
+    (assumption,) = by_code(flyer, "mass-thrust")
+    diverts = [jet.name for jet in flyer.vehicle.jets if jet.name.startswith("divert")]
+    assert f"rests on the thrust of {', '.join(diverts)} alone" in assumption.message
+    (effect,) = assumption.effects
+    assert effect.seen_sigma is not None
+    assert effect.seen_sigma < 1
+    stronger = faulty.pushing(flyer.vehicle, dict.fromkeys(diverts, 1.01))
+    assignments = [f"jets.{i}.force_n={list(jet.force_n)}" for i, jet in enumerate(stronger.jets) if jet.name in diverts]
+    held(assumption, again(flyer, *assignments) - flyer.settled[0].values[-1], flyer, 0.05)
+    assert effect.change["mass"] == pytest.approx(0.01 * flyer.settled[0].values[-1, 9], rel=0.05)
+
+
+def test_all_thrust_a_percent_stronger_is_a_percent_of_mass_and_inertia_and_stands_in_the_result(flyer: Analysis) -> None:
+    (assumption,) = by_code(flyer, "thrust-scale")
+    assert not assumption.stated
+    (effect,) = assumption.effects
+    assert effect.seen_sigma is None
+    assert set(effect.change) == {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "mass"}
+    for name, change in effect.change.items():
+        assert change == pytest.approx(0.01 * (flyer.conclusions[0].estimates[name].value or 0.0), rel=1e-12)
+
+
+def test_an_imu_position_that_is_not_stated_is_said_to_be_a_default() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    imu = used.imu.model_copy(update={"position_m": (0.0, 0.0, 0.0)})
+    imu.__pydantic_fields_set__.discard("position_m")
+    found = faulty.examined(log, used.model_copy(update={"imu": imu}))
+    assumption = by_code(found, "imu-position")[0]
+    assert not assumption.stated
+    assert "not stated and taken as 0, 0, 0 m" in assumption.message
+
+
+@pytest.mark.parametrize(("code", "key"), [("bearing-mass", "bearing_mass_kg"), ("gravity", "gravity_m_s2")])
+def test_a_bearing_says_what_its_mass_and_gravity_do(bearing: Analysis, code: str, key: str) -> None:
+    (assumption,) = by_code(bearing, code)
+    step = 1e-4  # so small that the linear part is all
+    value = getattr(bearing.vehicle.environment, key)
+    moved = (again(bearing, f"environment.{key}={value * (1 + step)}") - bearing.settled[0].values[-1]) * 0.01 / step
+    held(assumption, moved, bearing, 0.1)
+
+
+def test_a_delay_a_tenth_of_a_cycle_longer_shifts_what_is_estimated_as_it_says(flyer: Analysis) -> None:
+    (assumption,) = by_code(flyer, "command-delay")
+    step = 0.002
+    moved = (again(flyer, delay=2.0 + step) - again(flyer, delay=2.0 - step)) * 0.1 / (2 * step)
+    held(assumption, moved, flyer, 0.1)
+
+
+def shorter(consider: Consider) -> History:
+    log, used = faulty.sample("free-flyer", 20.0)
+    samples = Timing(2.0, 0.0).of(log, used)
+    return engine.replay(samples, slice(2, 400), faulty.examined(log, used).histories[0].phase, used, consider)
+
+
+def test_an_uncertain_delay_enters_every_sigma_by_its_shift_and_no_value() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    variant = late(log, used, Timing(2.0, 0.0), "delay")
+    assert variant is not None
+    plain, wide = shorter(Consider()), shorter(Consider((variant,), np.array([[0.01**2]])))
+    np.testing.assert_allclose(wide.values, plain.values, rtol=1e-6, atol=1e-9, equal_nan=True)
+    told = np.isfinite(plain.sigmas[:, 0])
+    assert (wide.sigmas[told, :9] >= plain.sigmas[told, :9] * (1 - 1e-9)).all()
+    # against the filter fed with commands read a little later and a little earlier
+    ends = [engine.replay(Timing(2.0 + by, 0.0).of(log, used), slice(2, 400), plain.phase, used).values[-1, :9] for by in (-0.002, 0.002)]
+    shift = (ends[1] - ends[0]) / 0.004
+    expected = np.sqrt(plain.sigmas[-1, :9] ** 2 + (0.01 * shift) ** 2)
+    np.testing.assert_allclose(wide.sigmas[-1, :9], expected, rtol=0.1)
+
+
+def test_the_sigma_of_a_delay_that_was_found_is_among_the_settings_and_gives_the_result_back() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    found = faulty.examined(log, faulty.stated(used, 'cycle.command_delay_cycles="auto"'))
+    assert found.detected is not None
+    settings = effective_settings(found)
+    assert settings["cycle.command_delay_sigma_cycles"] == found.detected.sigma.delay > 0
+    given = [f"cycle.{key}={settings[f'cycle.{key}']!r}" for key in ("command_delay_cycles", "command_delay_sigma_cycles")]
+    back = faulty.examined(log, faulty.stated(used, *given))
+    np.testing.assert_array_equal(back.histories[0].sigmas, found.histories[0].sigmas)
+    np.testing.assert_array_equal(back.histories[0].values, found.histories[0].values)
+
+
+@pytest.mark.parametrize("later", [-0.04, 0.05])
+def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float) -> None:
+    log, used = faulty.sample("free-flyer")
+    said = faulty.stated(used, f"cycle.command_delay_cycles={2.0 - later}")
+    samples = Stream.of(log, said, Timing(2.0 - later, 0.0))
+    about = faulty.examined(log, used).settled
+    told = examined(log, said, Timing(2.0 - later, 0.0), samples, about).delay()
+    assert told is not None
+    found, sigma, before, after = told
+    searched = delay.detect(log, said, [about[0].cycles], Timing(2.0 - later, 0.0), ["delay"])
+    assert searched is not None
+    assert sigma == pytest.approx(searched.sigma.delay, rel=0.1)
+    # the sample's delay is two cycles; the column is linear, the step a fraction of a cycle
+    assert found == pytest.approx(later, rel=0.02, abs=4 * sigma)
+    rows = 6 * (about[0].cycles.stop - about[0].cycles.start)
+    assert after == pytest.approx(rows, abs=4 * np.sqrt(2 * rows))  # noise alone is left
+    assert before > 2 * rows

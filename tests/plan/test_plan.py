@@ -1,0 +1,229 @@
+"""A plan: information adds up, the best blocks are chosen, limits are kept, and what is predicted is what its logs give."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli import flow as analysis
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.require import precise
+from massprop_cli.inputs.vehicle import VehicleSource, parse
+from massprop_cli.plan import flow, guess, limits, motions, rehearsal
+from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
+from massprop_cli.plan.flow import Asked, Made
+from massprop_cli.testbed import bound, output, scenario, simulate
+from tests.commandline import massprop
+
+BODY = scenario.load("free-flyer").scenario.truth
+WANT = "ixx 1 %, cg_z 0.5 mm, mass 3 %"
+
+
+def vehicle_text(name: str = "free-flyer") -> str:
+    return output.vehicle_toml(scenario.load(name).scenario.vehicle)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("plan")
+    (found / "vehicle.toml").write_text(vehicle_text())
+    values = "\n".join(f"{name} = {value!r}" for name, value in zip(QUANTITIES, BODY.values.tolist(), strict=True))
+    (found / "guess.toml").write_text(f"[body]\n{values}\n")
+    return found
+
+
+@pytest.fixture(scope="module")
+def made(folder: Path) -> Made:
+    asked = Asked(precise(WANT), max_time_s=6.0, rate_rad_s=0.4, travel_m=1.0)
+    return flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+
+
+def test_information_adds_up_to_the_bound() -> None:
+    pulses = '[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=3.0}]'
+    source = scenario.load("free-flyer", ["duration_s=3.0", f"plan={pulses}"])
+    flown = simulate.fly(source, [3])
+    told = bound.information(source, flown.issued, flown.truth[0])
+    whole = bound.cramer_rao(source, flown, 0)[0]
+    sizes = bound.natural_sizes(flown.truth[0, 0])
+    sigma = np.sqrt(np.diag(np.linalg.inv(told[0].sum(0)))[:10]) * sizes
+    np.testing.assert_allclose(sigma, np.sqrt(np.diag(whole)), rtol=1e-6)
+
+
+def synthetic(seed: int, count: int) -> list[Tried]:
+    rng = np.random.default_rng(seed)
+    roots = rng.standard_normal((count, 10, 4)) * 10.0 ** rng.uniform(0, 2, (count, 1, 1))
+    told = roots @ roots.transpose(0, 2, 1)
+    return [Tried(motions.Motion("steady", ("x",), level=0.5), one[None], {"impulse_n_s": 1.0 + i}) for i, one in enumerate(told)]
+
+
+@pytest.mark.parametrize("criterion", list(Criterion))
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_chosen_is_near_the_best_of_all_combinations(criterion: Criterion, seed: int) -> None:
+    tried = synthetic(seed, 6)
+    wanted = Wanted(precise("ixx 1 %, cg_z 0.5 mm, mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
+    chosen = choose(tried, wanted, criterion, 5, 0.0, lambda _: True)
+
+    def score(numbers: tuple[int, ...] | list[int]) -> float:
+        return float(wanted.score(sum((tried[i].information for i in numbers), np.zeros((1, 10, 10))), criterion))
+
+    best = min(score(numbers) for numbers in combinations_with_replacement(range(6), 5))
+    assert len(chosen) == 5
+    assert score(chosen) <= best + 0.1 * abs(best)
+
+
+def test_what_is_chosen_keeps_to_its_budget() -> None:
+    tried = synthetic(1, 6)
+    wanted = Wanted(precise("mass 2 %"), BODY.values[None], scenario.load("free-flyer").scenario.vehicle)
+    spent = [tried[i].used["impulse_n_s"] for i in choose(tried, wanted, Criterion.worst, 20, 0.0, lambda c: sum(i + 1 for i in c) <= 9)]
+    assert 0 < sum(spent) <= 9
+
+
+def test_a_steady_push_takes_what_mechanics_says() -> None:
+    """Travel a t²/2 and impulse F t of a point that is pushed through its CG; a turn's rate is τ t / I."""
+    body = np.array([0.6, 0.0, 0.0, 2.7, 0.0, 2.4, 0.0, 0.0, 0.0, 22.0])
+    settings = ["duration_s=2.0", "truth.ixy=0.0", "truth.ixz=0.0", "truth.iyz=0.0"]
+    settings += [f"truth.cg_{axis}=0.0" for axis in "xyz"] + ["vehicle.imu.position_m=[0,0,0]"]
+    source = scenario.load("free-flyer", [*settings, 'plan=[{motion="steady",axes=["x"],start_s=0.0,end_s=2.0}]'])
+    used = limits.used(simulate.fly(bound.noise_free(source), [1])).most()
+    force, time = 2.224110808, 2.0 - 0.1
+    assert used["impulse_n_s"] == pytest.approx(force * 2.0, rel=1e-9)
+    assert used["travel_m"] == pytest.approx(force / body[9] * time**2 / 2, rel=5e-3)
+    assert used["accel_m_s2"] == pytest.approx(force / body[9], rel=1e-9)
+    turning = scenario.load("free-flyer", [*settings, 'plan=[{motion="steady",axes=["roll"],start_s=0.0,end_s=2.0}]'])
+    used = limits.used(simulate.fly(bound.noise_free(turning), [1])).most()
+    torque = 2 * 0.1475 * 1.112055404
+    assert used["rate_rad_s"] == pytest.approx(torque * time / body[0], rel=5e-3)
+    assert used["tilt_rad"] == pytest.approx(torque * time**2 / 2 / body[0], rel=5e-3)
+
+
+def test_the_bodies_that_a_vehicle_may_be_are_bodies_within_the_spread() -> None:
+    source = parse(vehicle_text(), "vehicle.toml")
+    bodies = guess._spread(guess.GuessFile(body=BODY), source)
+    assert np.array_equal(bodies[0], BODY.values)
+    assert (np.diff(bodies[1:, 9]) <= 0).all()
+    for body in bodies[1:]:
+        low, middle, high = np.linalg.eigvalsh(body[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3))
+        assert low > 0
+        assert low + middle > high
+        assert abs(body[9] / BODY.mass - 1) <= 0.2
+    traces = bodies[:, [0, 3, 5]].sum(1)
+    assert traces.min() < 0.95 * traces[0] < 1.05 * traces[0] < traces.max()
+
+
+def flown(made: Made, seeds: list[int]) -> tuple[Array, Array, list[dict[str, float]]]:
+    """Sigmas over what is predicted, errors over sigmas, and what is taken, of the plan's own logs."""
+    source = scenario.parse(made.scenario, "scenario.toml")
+    predicted = np.array([item.sigma for item in made.plan.quantities.values()])
+    flight = simulate.fly(source, seeds)
+    sigmas, errors = [], []
+    for member in range(len(seeds)):
+        found = analysis.examine(flight.log(member), VehicleSource(flight.vehicle, "plan", ""))
+        sigmas.append(np.sqrt(np.diag(found.conclusions[0].covariance)))
+        errors.append((found.conclusions[0].values - flight.truth[member, 0]) / sigmas[-1])
+    quiet = [limits.used(simulate.fly(bound.noise_free(source), [seed])).most() for seed in seeds]
+    return np.array(sigmas) / predicted, np.array(errors), quiet
+
+
+def test_what_is_predicted_is_what_the_plans_own_logs_give(made: Made) -> None:
+    assert made.plan.reached
+    assert made.exit_code == 0
+    ratio, errors, used = flown(made, [4, 5, 6])
+    assert 0.9 < ratio.min() <= ratio.max() < 1.1
+    assert np.abs(errors).max() < 4
+    for most in used:
+        assert most["rate_rad_s"] <= 0.4
+        assert most["travel_m"] <= 1.0
+
+
+@pytest.mark.thorough
+def test_what_no_bound_counts_is_in_what_is_predicted(folder: Path) -> None:
+    settings = ("thrust.pulse_sigma=0.03", "environment.disturbance_torque_n_m=0.002", "thrust.scale_sigma=0.01")
+    asked = Asked(precise("ixx 2 %, mass 5 %"), max_time_s=6.0)
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, settings)
+    assert made.plan.reached
+    assert made.plan.beyond_bound["ixx"] > 2
+    ratio, errors, _ = flown(made, [4, 5, 6, 7])
+    assert 0.85 < np.sqrt((ratio**2).mean(0)).min() <= np.sqrt((ratio**2).mean(0)).max() < 1.15
+    assert np.abs(errors).max() < 4.5
+
+
+def test_the_course_falls_to_what_is_predicted(made: Made) -> None:
+    for name, item in made.plan.quantities.items():
+        told = [sigma for sigma in made.plan.course[name] if sigma is not None]
+        assert (np.diff(told) <= 1e-12).all(), "information is never lost"
+        assert told[-1] == pytest.approx(item.sigma, rel=1e-9)
+        assert item.longer["4"] == pytest.approx(item.sigma / 2, rel=1e-3)
+    mass = made.plan.quantities["mass"]
+    assert mass.wanted_sigma == pytest.approx(0.03 * BODY.mass)
+    assert mass.ratio is not None
+    assert mass.ratio <= 1
+    assert mass.reached_at_s is not None
+    assert mass.reached_at_s <= made.plan.duration_s <= 6.0
+    assert made.plan.timeline[-1].end_s == made.plan.duration_s
+
+
+def test_a_precision_out_of_reach_exits_4_with_the_best_and_what_limits_it(folder: Path) -> None:
+    arguments = ["--vehicle", "vehicle.toml", "--guess", "guess.toml", "--max-time", "1", "-q", "--out", "far"]
+    done = massprop(folder, "plan", "--want", "mass 0.1 %", *arguments)
+    assert done.returncode == 4
+    assert done.stderr.startswith("massprop: not reached: mass comes to ± ")
+    assert "would reach it (--max-time)" in done.stderr
+    told = json.loads((folder / "far" / "plan.json").read_text())
+    assert not told["reached"]
+    assert (folder / "far" / "plan.html").read_text().count("<svg") >= 1
+    again = massprop(folder, "simulate", "far/scenario.toml", "--out", "log", "-q")
+    assert again.returncode == 0, again.stderr
+
+
+def test_a_common_uncertainty_of_the_thrust_is_named_as_what_no_time_mends(folder: Path) -> None:
+    asked = Asked(precise("mass 1 %"), max_time_s=1.0)
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, ("thrust.scale_sigma=0.02",))
+    assert made.exit_code == 4
+    assert "thrust.scale_sigma keeps it above ± 0.44 kg however long it lasts: weigh the vehicle" in made.plan.limited_by
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "said"),
+    [
+        (["--want", "mass 2"], 3, "--want mass 2: has no unit; give it in % or kg or g"),
+        (["--want", "weight 2 %"], 3, "no such quantity"),
+        (["--want", "mass"], 3, "says no precision"),
+        (["--want", "mass two"], 2, "is no precision"),
+        (["--want", "mass 2 %", "--without", "nose"], 3, "--without nose: vehicle.toml has no such jet; it has roll_p1"),
+        (["--want", "mass 2 %", "--max-time", "0.15"], 3, "give more time"),
+        (["--want", "mass 2 %", "--max-time", "0.9", "--max-rate", "1e-6"], 3, "no motion keeps the limit of 1e-06 rad/s on the body rate"),
+        (["--want", "mass 2 %", "--set", "imu.gyro_noise_rad_s=0.0"], 3, "imu.gyro_noise_rad_s is 0; no precision can be planned"),
+        (["--want", "mass 2 %", "--set", "jets=[]"], 3, "no actuators to plan with"),
+        (["--want", "mass 2 %", "--out", "."], 2, "is the current folder"),
+    ],
+)
+def test_what_can_not_be_planned_is_refused_with_the_remedy(more: list[str], code: int, said: str, folder: Path) -> None:
+    before = sorted(folder.rglob("*"))
+    done = massprop(folder, "plan", "--vehicle", "vehicle.toml", "--guess", "guess.toml", *more)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_vehicle_file_without_nominal_values_asks_for_a_guess(folder: Path) -> None:
+    done = massprop(folder, "plan", "--vehicle", "vehicle.toml", "--want", "mass 2 %")
+    assert done.returncode == 3
+    assert "says nothing of ixx, iyy, izz, mass; a plan needs a rough guess" in done.stderr
+
+
+def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
+    source = parse((folder / "vehicle.toml").read_text(), "vehicle.toml")
+    known = guess.load(folder / "guess.toml", source)
+    jets = [jet.name for jet in source.vehicle.jets]
+    assert rehearsal.rehearsal(source, known).axes == ("roll", "pitch", "yaw", "x", "y", "z")
+    few = rehearsal.rehearsal(source, known, [name for name in jets if name.startswith(("divert_z", "roll"))])
+    assert set(few.axes) == {"pitch", "yaw", "x", "y"}
+    with pytest.raises(InputError, match="no jet is left"):
+        rehearsal.rehearsal(source, known, jets)

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Jet
+from massprop_cli.prepare.actuators import Signal, held, pulses, window_integrals
+from tests import flight
+
+EDGES = np.linspace(0.0, 1.0, 21)
+
+
+def jet(rise: float, fall: float) -> Jet:
+    return Jet(name="j", position_m=(0, 0, 0), force_n=(1, 0, 0), rise_s=rise, fall_s=fall)
+
+
+def integrals(signal: Signal, edges: Array, lag: float = 0.0) -> tuple[Array, Array]:
+    integral, moment = window_integrals([signal], edges, lag)
+    return integral[:, 0], moment[:, 0]
+
+
+def sampled(start: Array, on: Array, rise: float, fall: float, t: Array) -> Array:
+    """Thrust of separate pulses at moments ``t``, written from the description rather than from events."""
+    value = np.zeros_like(t)
+    for s, length in zip(start, on, strict=True):
+        if length <= 0:
+            continue
+        reached = min(1.0, length / rise) if rise else 1.0
+        up = np.clip((t - s) / rise, 0, reached) if rise else np.where(t >= s, 1.0, 0.0)
+        down = np.clip(reached - (t - s - length) / fall, 0, reached) if fall else np.where(t < s + length, reached, 0.0)
+        value += np.where(t < s + length, up, down) * (t >= s)
+    return value
+
+
+@pytest.mark.parametrize(("rise", "fall"), [(0.0, 0.0), (0.003, 0.003), (0.02, 0.005), (0.0, 0.01)])
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_window_integrals_equal_fine_quadrature(rise: float, fall: float, lag: float) -> None:
+    start = np.array([0.1, 0.25, 0.4, 0.7])
+    on = np.array([0.03, 0.004, 0.0, 0.05])
+    integral, moment = integrals(pulses(start, on, jet(rise, fall), 1e-5), EDGES, lag)
+    n = 400_000
+    t = (np.arange(n) + 0.5) / n
+    u = sampled(start, on, rise, fall, t)
+    if lag:
+        decay = np.exp(-1 / n / lag)
+        y = 0.0
+        lagged = np.empty(n)
+        for i, value in enumerate(u):
+            lagged[i] = value + (y - value) * np.sqrt(decay)
+            y = value + (y - value) * decay
+        u = lagged
+    expected = u.reshape(20, -1).mean(1) * 0.05
+    expected_moment = (u * (t % 0.05)).reshape(20, -1).mean(1) * 0.05
+    np.testing.assert_allclose(integral, expected, atol=3e-6)
+    np.testing.assert_allclose(moment, expected_moment, atol=3e-7)
+
+
+def test_touching_pulses_are_one_and_do_not_dip() -> None:
+    start = np.array([0.1, 0.15, 0.2])
+    on = np.full(3, 0.05)
+    joined, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), EDGES)
+    alone, _ = integrals(pulses(start[:1], np.array([0.15]), jet(0.003, 0.003), 5e-5), EDGES)
+    np.testing.assert_allclose(joined, alone, atol=1e-15)
+
+
+@settings(max_examples=50, deadline=None)
+@given(delay=st.floats(0, 5), seed=st.integers(0, 1000), rise=st.sampled_from([0.0, 0.003]))
+def test_any_delay_conserves_total_impulse(delay: float, seed: int, rise: float) -> None:
+    on = np.random.default_rng(seed).choice([0.0, 0.0125, 0.05], 12)
+    start = 0.05 * np.arange(12)
+    edges = np.linspace(0, 2, 41)
+    at_once, _ = integrals(pulses(start, on, jet(rise, rise), 5e-5), edges)
+    delayed, _ = integrals(pulses(start + 0.05 * delay, on, jet(rise, rise), 5e-5), edges)
+    assert delayed.sum() == pytest.approx(at_once.sum(), abs=1e-13)
+    assert at_once.sum() == pytest.approx(on.sum(), abs=1e-13)  # rise and fall of equal length cancel
+
+
+def test_zero_delay_is_the_identity() -> None:
+    used = flight.vehicle(delay=0.0)
+    on = flight.pulses(40)
+    still = flight.Flight(used, on, np.zeros((40, 3)), np.zeros((40, 3)))
+    np.testing.assert_allclose(still.aligned().impulse, on @ used.jet_wrench, atol=1e-15)
+    assert still.aligned().usable.all()
+
+
+def test_whole_delay_shifts_by_cycles_and_marks_unknown_commands() -> None:
+    on = flight.pulses(40)
+    still = flight.Flight(flight.vehicle(delay=2.0), on, np.zeros((40, 3)), np.zeros((40, 3)))
+    aligned = still.aligned()
+    np.testing.assert_allclose(aligned.impulse[2:], (on @ still.used.jet_wrench)[:-2], atol=1e-15)
+    assert aligned.usable.tolist() == [False, False] + [True] * 38
+
+
+def test_triangular_window_gives_the_growth_of_cycle_means() -> None:
+    """A double integrator driven by the signal: differences of its cycle-mean velocity equal rising plus falling impulse."""
+    signal = pulses(np.array([0.11, 0.32, 0.5]), np.array([0.03, 0.05, 0.02]), jet(0.004, 0.002), 1e-5)
+    integral, moment = integrals(signal, EDGES)
+    n = 200_000
+    t = np.arange(n + 1) / n
+    fine, _ = integrals(signal, t)
+    velocity = np.concatenate([[0.0], np.cumsum(fine)])
+    middle = (velocity[1:] + velocity[:-1]) / 2
+    means = middle.reshape(20, -1).mean(1)
+    rising = moment / 0.05
+    falling = integral - rising
+    np.testing.assert_allclose(np.diff(means), rising[:-1] + falling[1:], atol=1e-9)
+
+
+def test_held_wrench_is_constant_over_its_cycle() -> None:
+    start = np.array([0.0, 0.5])
+    integral, moment = integrals(held(start, np.array([2.0, -1.0])), EDGES)
+    np.testing.assert_allclose(integral, np.repeat([0.1, -0.05], 10), atol=1e-15)
+    np.testing.assert_allclose(moment, integral * 0.025, atol=1e-15)
+
+
+def test_a_lag_delays_impulse_but_keeps_it() -> None:
+    signal = Signal(np.array([0.1, 0.2]), np.array([1.0, -1.0]), np.zeros(2))
+    edges = np.linspace(0, 3, 301)
+    lagged, _ = integrals(signal, edges, 0.05)
+    assert lagged.sum() == pytest.approx(0.1, abs=1e-12)
+    assert lagged[:20].sum() < 0.09
+
+
+def test_opposed_jets_make_nothing_but_rounding_and_that_is_taken_off() -> None:
+    """Three forces that cancel: to a machine, 0.1 + 0.2 - 0.3 is not zero."""
+    jets = [{"name": str(x), "position_m": [0.0, 0.0, x], "force_n": [f, 0.0, 0.0]} for x, f in ((0.1, 0.1), (0.2, 0.2), (0.3, -0.3))]
+    on = np.full((30, 3), 0.02)
+    assert 0.1 + 0.2 - 0.3 != 0
+    aligned = flight.Flight(flight.vehicle(delay=0.0, jets=jets), on, np.zeros((30, 3)), np.zeros((30, 3))).aligned()
+    for part in (aligned.impulse, aligned.rising, aligned.impulse_bins.reshape(-1, 6)):
+        np.testing.assert_array_equal(part[:, 3], 0.0)
+    np.testing.assert_allclose(aligned.impulse[:, 1], 0.02 * (0.01 + 0.04 - 0.09), rtol=1e-12)  # the couple stays

@@ -1,0 +1,381 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from massprop_cli import CG, INERTIA, QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError, UsageError
+from massprop_cli.base.rigidbody import elements, tensor
+from massprop_cli.report import body, figures, vocabulary
+from massprop_cli.report.figures import canvas, comparison, correlation, ellipsoid, excitation, innovations, palette, series
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import PhaseItem
+from tests.recording import SVG, changed, drawn, precision, record
+
+FAMILY = {**dict.fromkeys(INERTIA, "inertia"), **dict.fromkeys(CG, "cg"), "mass": "mass"}
+
+
+@pytest.fixture(scope="module")
+def thesis(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("thesis"), "free-flyer/log.parquet", 'estimator.method="thesis"')
+
+
+def follows(points: Array, time_s: Array, values: Array, within: tuple[float, float]) -> bool:
+    """Whether every drawn point is a row of the history."""
+    rows = np.abs(points[:, :1] - time_s).argmin(1)
+    near_time = np.abs(points[:, 0] - time_s[rows]) <= within[0]
+    return bool(len(points) > 10 and near_time.all() and (np.abs(points[:, 1] - values[rows]) <= within[1]).all())
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_the_drawn_estimate_is_the_history(flyer: Recorded, quantity: str) -> None:
+    svg = figures.draw(FAMILY[quantity], flyer, "svg")
+    columns = flyer.history["all"]
+    points = drawn(svg, f"{quantity}-1", f"{quantity}-value-1")
+    assert follows(points, columns["time_s"], columns[quantity], precision(svg, f"{quantity}-1"))
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_the_last_value_its_band_and_the_final_moment_are_drawn_exactly(flyer: Recorded, quantity: str) -> None:
+    svg = figures.draw(FAMILY[quantity], flyer, "svg")
+    item, columns, within = flyer.result.phases[0].estimates[quantity], flyer.history["all"], precision(svg, f"{quantity}-1")
+    value, sigma, end = columns[quantity][-1], columns[f"{quantity}_sigma"][-1], columns["time_s"][-1]
+    points = drawn(svg, f"{quantity}-1", f"{quantity}-value-1")
+    assert points[-1] == pytest.approx([end, value], abs=max(within))
+    assert abs(points[-1, 1] - value) <= within[1]
+    band = drawn(svg, f"{quantity}-1", f"{quantity}-band-1")
+    last = np.sort(band[np.abs(band[:, 0] - end) <= within[0], 1])
+    assert last[0] == pytest.approx(value - sigma, abs=within[1])
+    assert last[-1] == pytest.approx(value + sigma, abs=within[1])
+    final = drawn(svg, f"{quantity}-1", f"{quantity}-final-1")
+    assert item.final_at_s is not None
+    assert final[:, 0] == pytest.approx(item.final_at_s, abs=within[0])
+
+
+def test_a_sigma_at_the_end_can_be_told_from_a_line(flyer: Recorded, docking: Recorded) -> None:
+    """The range fits the settled part: a band of two sigmas is more than a line's width high, of 100 points."""
+    for recorded in (flyer, docking):
+        for phase, columns in recorded.history.items():
+            item = next(p for p in recorded.result.phases if p.name == phase)
+            for name in QUANTITIES:
+                limits = series.settled(columns[name], columns[f"{name}_sigma"])
+                sigma = item.estimates[name].sigma
+                assert limits is not None
+                assert sigma is not None
+                assert 2 * sigma / (limits.high - limits.low) > 0.025
+
+
+def test_what_runs_out_of_the_picture_is_named(flyer: Recorded) -> None:
+    picture = figures.picture("inertia", flyer)
+    columns = flyer.history["all"]
+    for panel, name in zip(picture.panels, INERTIA, strict=True):
+        svg = figures.canvas.render([panel], "svg")
+        points = drawn(svg, f"{name}-1", f"{name}-value-1")
+        told = np.isfinite(columns[name])
+        top = points[:, 1].max() + np.ptp(points[:, 1])
+        assert columns[name][told].max() > top
+        assert "runs out of the picture" in panel.says
+        assert vocabulary.SYMBOLS[name] in picture.caption.split("runs out of the picture: ")[1]
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("torque", "n_m"), ("force", "n"), ("rate", "rad_s"), ("acceleration", "m_s2")])
+def test_drawn_signals_are_the_history_with_their_extremes(flyer: Recorded, kind: str, unit: str) -> None:
+    svg, columns = figures.draw(kind, flyer, "svg"), flyer.history["all"]
+    for letter in "xyz":
+        values, within = columns[f"{kind}_{letter}_{unit}"], precision(svg, f"{kind}_{letter}")
+        points = drawn(svg, f"{kind}_{letter}", f"{kind}_{letter}-value-1")
+        assert follows(points, columns["time_s"], values, within)
+        assert points[:, 1].max() == pytest.approx(values.max(), abs=within[1])
+        assert points[:, 1].min() == pytest.approx(values.min(), abs=within[1])
+        assert len(points) <= 2 * series.BUCKETS + 2
+
+
+def test_innovations_stand_between_two_sigmas_as_the_filter_expected(flyer: Recorded) -> None:
+    svg, columns = figures.draw("innovations", flyer, "svg"), flyer.history["all"]
+    for kind in ("torque", "force"):
+        for letter in "xyz":
+            column = f"innovation_{kind}_{letter}"
+            within, sigma = precision(svg, column), columns[f"{column}_sigma"]
+            assert follows(drawn(svg, column, f"{column}-value-1"), columns["time_s"], columns[column], within)
+            assert follows(drawn(svg, column, f"{column}-upper-1"), columns["time_s"], 2 * sigma, within)
+            assert follows(drawn(svg, column, f"{column}-lower-1"), columns["time_s"], -2 * sigma, within)
+            inside = innovations.share_inside(columns[column], sigma)
+            assert inside is not None
+            assert 0.9 < inside < 0.99
+    for panel in figures.picture("innovations", flyer).panels:
+        assert "lie within ± 2 sigma; 95 % are expected" in panel.says
+
+
+def test_every_phase_is_drawn_and_named(docking: Recorded) -> None:
+    svg = figures.draw("torque", docking, "svg")
+    texts = ["".join(text.itertext()) for text in ET.fromstring(svg).iter(f"{SVG}text")]
+    assert texts.count("single") == texts.count("combined") == 3
+    for number, phase in enumerate(("single", "combined"), 1):
+        columns = docking.history[phase]
+        points = drawn(svg, "torque_x", f"torque_x-value-{number}")
+        assert follows(points, columns["time_s"], columns["torque_x_n_m"], precision(svg, "torque_x"))
+        svg_inertia = figures.draw("inertia", docking, "svg")
+        assert follows(
+            drawn(svg_inertia, f"iyy-{number}", f"iyy-value-{number}"),
+            columns["time_s"],
+            columns["iyy"],
+            precision(svg_inertia, f"iyy-{number}"),
+        )
+    alone = figures.draw("mass", docking, "svg", "combined")
+    assert drawn(alone, "mass-1", "mass-value-1")[-1, 1] == pytest.approx(docking.history["combined"]["mass"][-1], rel=1e-3)
+
+
+def test_the_thesis_is_drawn_with_its_reported_value_apart_from_the_running_one(thesis: Recorded) -> None:
+    svg = figures.draw("mass", thesis, "svg")
+    item, columns = thesis.result.phases[0].estimates["mass"], thesis.history["all"]
+    assert item.value is not None
+    assert abs(item.value - columns["mass"][-1]) > 0.1
+    assert follows(drawn(svg, "mass-1", "mass-value-1"), columns["time_s"], columns["mass"], precision(svg, "mass-1"))
+    assert "precision" in figures.picture("mass", thesis).caption
+
+
+def expected(value: float, met: bool = True) -> dict[str, object]:
+    return {"value": value, "tolerance": 0.01, "stated": "0.01", "met": met, "difference": 0.0, "sigmas": 0.0}
+
+
+def test_expectation_and_nominal_value_are_drawn_where_they_are(flyer: Recorded) -> None:
+    svg = figures.draw("inertia", changed(flyer, "ixx", {"expected": expected(0.62), "nominal": 0.62001}), "svg")
+    within = precision(svg, "ixx-1")[1]
+    assert drawn(svg, "ixx-1", "ixx-expected-1")[:, 1] == pytest.approx(0.62, abs=within)
+    assert drawn(svg, "ixx-1", "ixx-nominal-1")[:, 1] == pytest.approx(0.62001, abs=within)
+    assert "expected 0.62 ✓" in svg.decode()
+
+
+def test_an_expectation_far_off_is_named_at_the_edge_and_does_not_flatten_the_picture(flyer: Recorded) -> None:
+    far = figures.draw("inertia", changed(flyer, "ixx", {"expected": expected(0.7, met=False)}), "svg")
+    assert "expected 0.7 ✕, above this picture" in far.decode()
+    assert not len(drawn(far, "ixx-1", "ixx-expected-1"))
+    assert precision(far, "ixx-1") == precision(figures.draw("inertia", flyer, "svg"), "ixx-1")
+
+
+def test_a_quantity_without_any_estimate_says_why(flyer: Recorded) -> None:
+    blank = np.full_like(flyer.history["all"]["mass"], np.nan)
+    history = {"all": flyer.history["all"] | {"mass": blank, "mass_sigma": blank}}
+    blind = changed(flyer, "mass", {"value": None, "sigma": None, "verdict": "unobservable", "final_at_s": None})
+    picture = figures.picture("mass", replace(blind, history=history))
+    assert "no estimate at any time, unobservable" in picture.panels[0].says
+    assert b"nothing can be said" in figures.canvas.render(picture.panels, "svg")
+
+
+@given(
+    arrays(float, st.integers(1, 900), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))),
+    st.integers(0, 10**6),
+    st.integers(1, 60),
+)
+def test_thinning_keeps_extremes_ends_and_what_it_is_told_to(values: Array, pick: int, buckets: int) -> None:
+    keep = pick % len(values)
+    rows = series.thin(values, [keep], buckets)
+    finite = np.flatnonzero(np.isfinite(values))
+    assert len(rows) <= 2 * buckets + 3
+    assert (np.diff(rows) > 0).all()
+    assert np.isfinite(values[rows]).all()
+    if finite.size:
+        assert {finite[0], finite[-1]} <= set(rows)
+        assert values[rows].max() == values[finite].max()
+        assert values[rows].min() == values[finite].min()
+        assert np.isnan(values[keep]) or keep in rows
+
+
+def test_a_log_of_a_hundred_thousand_cycles_is_thinned_to_what_can_be_seen() -> None:
+    values = np.random.default_rng(1).standard_normal(100_000)
+    assert len(series.thin(values)) <= 2 * series.BUCKETS + 2
+
+
+def test_information_comes_when_sigma_shrinks() -> None:
+    time_s = 0.1 * np.arange(1, 601)
+    quiet = {f"{name}_sigma": np.full(600, 1.0) for name in QUANTITIES}
+    sigma = np.where(time_s < 20, 1.0, np.where(time_s < 25, 1 / np.sqrt(1 + np.maximum(time_s - 20, 0) * 100), 1 / np.sqrt(501)))
+    torque = np.where((time_s > 20) & (time_s <= 25), 2.0, 0.0)
+    signals = {f"{kind}_{letter}_{unit}": np.zeros(600) for kind, unit in (("torque", "n_m"), ("force", "n")) for letter in "xyz"}
+    found = excitation.strips({"time_s": time_s, **quiet, **signals, "ixx_sigma": sigma, "torque_x_n_m": torque})
+    shares = found.information[0]
+    middle = (found.edges_s[1:] + found.edges_s[:-1]) / 2
+    burst = (middle > 20) & (middle < 25)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[burst].sum() == pytest.approx(500 / 501, abs=1e-3)
+    assert found.commands[0][burst] == pytest.approx(1.0)
+    assert found.commands[0][~burst] == pytest.approx(0.0)
+    half = excitation.learnt_by(found, 0, 0.5)
+    assert half is not None
+    assert 22 < half < 24
+
+
+def test_excitation_of_the_sample_says_that_force_told_the_mass(flyer: Recorded) -> None:
+    found = excitation.strips(flyer.history["all"])
+    pushed = found.commands[3:].max(0) > 0.01
+    assert found.information[9][pushed].sum() > 0.99
+    assert found.information[0][~pushed].sum() > 0.2
+    svg = figures.draw("excitation", flyer, "svg")
+    heights = drawn(svg, "excitation-1", "mass-information-1")
+    base = heights[:, 1].min()
+    quiet = heights[heights[:, 0] < 30, 1]
+    assert (quiet - base < 0.01).all()
+    assert heights[:, 1].max() - base == pytest.approx(0.85, abs=0.02)
+
+
+def test_correlation_is_covariance_over_sigmas() -> None:
+    covariance: list[list[float | None]] = [[0.0] * 10 for _ in range(10)]
+    for i in range(10):
+        covariance[i][i] = float(i + 1)
+    covariance[0][3] = covariance[3][0] = 1.0
+    covariance[9][9] = None
+    found = correlation.correlation(covariance)
+    assert found[0, 3] == pytest.approx(1 / np.sqrt(1 * 4))
+    assert found[0, 0] == 1.0
+    assert np.isnan(found[9]).all()
+
+
+@pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (-0.456, "−.46"), (0.004, "0"), (-0.004, "0"), (0.07, ".07"), (np.nan, "·")])
+def test_correlations_are_written_short(value: float, text: str) -> None:
+    assert correlation.short(value) == text
+
+
+def phase(inertia: Array, cg: Array, mass: float | None, covariance: Array | None = None) -> PhaseItem:
+    values = [*elements(inertia), *cg, mass]
+    item = {"sigma": 0.01, "unit": "", "verdict": "converged", "final_at_s": 1.0, "reason": ""}
+    return PhaseItem.model_validate(
+        {
+            "name": "all", "start_s": 0, "end_s": 1, "inertia_about_origin": None, "innovations": None,
+            "estimates": {name: item | {"value": value} for name, value in zip(QUANTITIES, values, strict=True)},
+            "covariance": (np.eye(10) * 1e-4 if covariance is None else covariance).tolist(),
+            "physical": {"consistent": True, "principal_moments": None, "note": ""},
+        }
+    )  # fmt: skip
+
+
+def turned(seed: int) -> Array:
+    q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
+    return np.asarray(q)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_ellipsoid_has_the_semi_axes_of_the_body_it_stands_for(seed: int) -> None:
+    semi_axes, mass, axes = np.array([0.9, 0.5, 0.3]), 7.0, turned(seed)
+    second = mass * semi_axes**2 / 5
+    inertia = axes @ np.diag(second.sum() - second) @ axes.T
+    found = body.ellipsoid(phase(inertia, np.array([0.1, 0.2, 0.3]), mass + 2.0), bearing_mass_kg=2.0)
+    assert found is not None
+    assert found.to_scale
+    assert found.semi_axes == pytest.approx(semi_axes)
+    assert np.abs((found.axes * axes).sum(0)) == pytest.approx(1.0)
+    surface = axes * semi_axes @ np.random.default_rng(seed).standard_normal((3, 20000))
+    surface /= np.sqrt((np.linalg.solve(axes * semi_axes, surface) ** 2).sum(0))
+    for _, _, directions in ellipsoid.VIEWS.values():
+        edge, seen = ellipsoid.outline(found, directions, 2001), (directions @ surface).T
+        for angle in np.linspace(0, np.pi, 7):
+            along = np.array([np.cos(angle), np.sin(angle)])
+            assert (edge @ along).max() == pytest.approx((seen @ along).max(), rel=2e-2)
+
+
+def test_an_ellipsoid_without_a_mass_shows_proportions_only() -> None:
+    found = body.ellipsoid(phase(np.diag([1.0, 2.0, 2.5]), np.zeros(3), None), 0.0)
+    assert found is not None
+    assert not found.to_scale
+    assert found.semi_axes.max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sigmas_of_principal_moments_and_of_inertia_about_o_are_those_of_a_random_sample(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    axes = turned(seed)
+    inertia, cg, mass = axes @ np.diag([1.0, 2.0, 2.6]) @ axes.T, np.array([0.2, -0.1, 0.3]), 9.0
+    root = 1e-3 * rng.standard_normal((10, 10))
+    item = phase(inertia, cg, mass, root @ root.T)
+    sample = np.array([*elements(inertia), *cg, mass]) + (root @ rng.standard_normal((10, 4000))).T
+    moments = np.array([np.linalg.eigvalsh(tensor(row[:6])) for row in sample])
+    found = body.principal(item)
+    assert found is not None
+    assert found.sigmas == pytest.approx(moments.std(0), rel=0.06)
+    assert found.axes @ np.diag(found.moments) @ found.axes.T == pytest.approx(inertia)
+    about = [tensor(v[:6]) + (v[9] - 2.0) * ((v[6:9] @ v[6:9]) * np.eye(3) - np.outer(v[6:9], v[6:9])) for v in sample]
+    assert body.about_origin_sigmas(item, bearing_mass_kg=2.0) == pytest.approx(np.std(about, axis=0), rel=0.06)
+
+
+@pytest.mark.parametrize("name", figures.NAMES)
+def test_a_figure_is_the_same_bytes_twice_and_reaches_nowhere(flyer: Recorded, name: str) -> None:
+    svg = figures.draw(name, flyer, "svg")
+    assert svg == figures.draw(name, flyer, "svg")
+    text = svg.decode()
+    for namespace in ("http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"):
+        text = text.replace(f'"{namespace}"', "")
+    assert "http" not in text
+    assert "<!DOCTYPE" not in text
+    assert text.count("url(") == text.count("url(#")
+    assert all("".join(title.itertext()) for title in ET.fromstring(svg).iter(f"{SVG}title"))
+
+
+@pytest.mark.parametrize("name", ["mass", "ellipsoid"])
+def test_a_png_is_the_same_bytes_twice(flyer: Recorded, name: str) -> None:
+    png = figures.draw(name, flyer, "png")
+    assert png.startswith(b"\x89PNG\r\n")
+    assert png == figures.draw(name, flyer, "png")
+
+
+def test_an_unknown_figure_or_phase_is_refused_with_those_there_are(flyer: Recorded) -> None:
+    with pytest.raises(UsageError, match=r"no figure 'inertai'; did you mean inertia\? there are inertia, cg, mass"):
+        figures.draw("inertai", flyer, "svg")
+    with pytest.raises(UsageError, match=r"no phase 'docked' in .*; there are all"):
+        figures.draw("inertia", flyer, "svg", "docked")
+
+
+def test_without_a_history_only_figures_against_time_are_refused(flyer: Recorded) -> None:
+    bare = replace(flyer, history={})
+    for name in figures.NAMES:
+        if name in ("correlation", "ellipsoid"):
+            assert figures.draw(name, bare, "svg")
+        else:
+            with pytest.raises(InputError, match=r"history\.parquet: missing.*massprop estimate"):
+                figures.draw(name, bare, "svg")
+
+
+@pytest.mark.slow
+def test_names_with_markup_mathematics_or_control_signs_are_only_text(docking: Recorded) -> None:
+    hostile = "<b>&\"'$x^2$\x1b\x00\ud800 ]]> 航"
+    phases = [phase.model_copy(update={"name": hostile + phase.name}) for phase in docking.result.phases]
+    vehicle = docking.result.vehicle.model_copy(update={"name": hostile})
+    history = {hostile + name: columns for name, columns in docking.history.items()}
+    renamed = replace(docking, result=docking.result.model_copy(update={"phases": phases, "vehicle": vehicle}), history=history)
+    for name in ("torque", "mass", "ellipsoid", "correlation", "excitation"):
+        svg = figures.draw(name, renamed, "svg")
+        texts = "".join("".join(text.itertext()) for text in ET.fromstring(svg).iter(f"{SVG}text"))
+        assert "<b>&\"'$x^2$\ufffd\ufffd\ufffd ]]> 航" in texts
+        assert figures.draw(name, renamed, "png")
+
+
+def test_figures_leave_pyplot_alone_and_matplotlib_until_one_is_drawn(tmp_path: Path, flyer: Recorded) -> None:
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from massprop_cli.report import figures, html; from massprop_cli.result import read\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        f"figures.draw('correlation', read.read(Path({str(flyer.path)!r})), 'svg'); assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+
+
+def test_a_contradicted_estimate_is_red_with_a_cross_and_the_caption_says_so(flyer: Recorded) -> None:
+    wrong = changed(flyer, "mass", {"verdict": "contradicted"})
+    assert palette.RED in figures.draw("mass", wrong, "svg").decode()
+    assert palette.RED not in figures.draw("mass", flyer, "svg").decode()
+    assert "Red with a cross: contradicted" in figures.picture("mass", wrong).caption
+    assert "contradicted" not in figures.picture("mass", flyer).caption
+    assert "It rests on contradicted values." in figures.picture("ellipsoid", wrong).caption
+    side_by_side = comparison.picture([flyer.result.phases[0].estimates, wrong.result.phases[0].estimates])
+    svgs = {panel.key: canvas.render([panel], "svg").decode() for panel in side_by_side.panels}
+    assert 'id="mass-contradicted"' in svgs["mass"]
+    assert palette.RED in svgs["mass"]
+    assert palette.RED not in svgs["ixx"]

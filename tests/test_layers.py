@@ -1,0 +1,52 @@
+"""Which package may import which: the code flows from inputs to reports, and nothing turns back."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import massprop_cli
+
+ROOMS = Path(massprop_cli.__file__).parent
+FLOW = (
+    *("base", "inputs", "prepare", "model", "estimate", "diagnosis", "conclude", "flow", "result", "report"),
+    *("job", "campaign", "plan", "check", "combine", "schemas", "api", "cli"),
+)
+"""Each imports those before it alone, and itself."""
+TESTBED = ("base", "inputs", "testbed")
+"""What the simulator may import: it shares no equations with the estimator."""
+FLYING = ("plan", "check", "combine", "schemas", "cli")
+"""What may import the simulator."""
+FILES = [file for file in sorted(ROOMS.rglob("*.py")) if file.name not in ("__init__.py", "__main__.py") or file.parent != ROOMS]
+
+
+def room(module: str) -> str:
+    """The package, or the module beside the packages, that a dotted name is in."""
+    return module.split(".")[1]
+
+
+def imported(file: Path) -> set[str]:
+    """The rooms that a file imports from; names of the package itself (the ten quantities, the version) are everyone's."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {room(alias.name) for alias in node.names if alias.name.startswith("massprop_cli.")}
+        elif isinstance(node, ast.ImportFrom) and node.module == "massprop_cli":
+            found |= {alias.name for alias in node.names if (ROOMS / alias.name).is_dir() or (ROOMS / f"{alias.name}.py").exists()}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("massprop_cli."):
+            found.add(room(node.module or ""))
+    return found
+
+
+def test_every_room_has_a_place_in_the_flow() -> None:
+    rooms = {file.relative_to(ROOMS).parts[0].removesuffix(".py") for file in FILES}
+    assert rooms <= {*FLOW, "testbed"}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOMS).as_posix())
+def test_imports_go_with_the_flow(file: Path) -> None:
+    own = file.relative_to(ROOMS).parts[0].removesuffix(".py")
+    allowed = {*TESTBED} if own == "testbed" else {*FLOW[: FLOW.index(own) + 1]} | ({"testbed"} if own in FLYING else set())
+    assert imported(file) <= allowed
