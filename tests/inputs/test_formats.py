@@ -205,7 +205,7 @@ def mcap(path: Path) -> None:
                     topic, vector, dict(zip("xyz", map(float, values[row]), strict=True)), log_time=stamp, publish_time=stamp
                 )
             writer.write_message("/jets", several, {"data": [float(value) for value in on[row]]}, log_time=stamp, publish_time=stamp)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def json_mcap(path: Path) -> None:
