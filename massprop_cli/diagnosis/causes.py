@@ -131,10 +131,11 @@ def _timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
         ("thrust-lag", "lag"),
         ("gyro-filter", "gyro_lag"),
         ("accel-filter", "accel_lag"),
-        ("clock-drift", "drift"),
     ):
         if by_jets or name != "rise":
             yield _one(model, code, name)
+    # clocks agree where the log begins, and the stretch is somewhere in it
+    yield Supposition("clock-drift", (), np.hstack([along(model, (name, np.ones(1))) for name in ("delay", "drift")]))
 
 
 def _sensors(model: Model) -> Iterator[Supposition]:

@@ -101,6 +101,8 @@ class Design:
     """(3, 3) mean projector on the level plane, body axes."""
     used: BoolArray
     """(K, 2) whether gyro and accelerometer are."""
+    clock_s: tuple[float, float]
+    """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,8 @@ class Free:
     accelerometer: Told
     beside: tuple[Disturbance, ...]
     """The likeliest disturbance; none where the stated noise explains the rates."""
+    clock_s: tuple[float, float]
+    """From the log's beginning to the middle of the stretch, and how long that is."""
 
     @property
     def size(self) -> int:
@@ -124,11 +128,16 @@ class Free:
         return int(self.gyro.triangle.shape[1])
 
     @property
-    def variance(self) -> Array:
-        """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)², not below what is lost within a cycle."""
+    def pure(self) -> Array:
+        """(6,) pure error: mean square of what no coefficients explain, (rad/s)² and (m/s²)²."""
         found: Array = np.concatenate([told.left / told.spare for told in (self.gyro, self.accelerometer)])
-        least: Array = np.maximum(found, (RESOLUTION * self.signal) ** 2)
-        return least
+        return found
+
+    @property
+    def variance(self) -> Array:
+        """(6,) the same, not below what is lost within a cycle."""
+        found: Array = np.maximum(self.pure, (RESOLUTION * self.signal) ** 2)
+        return found
 
 
 def free_response(
@@ -156,7 +165,7 @@ def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Fre
     slow = _waves(count, SLOW if "east" in design.places else 0)
     felt = _reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
-    return Free(design.places, design.fired, design.level, signal, turning, felt, beside)
+    return Free(design.places, design.fired, design.level, signal, turning, felt, beside, design.clock_s)
 
 
 def _waves(count: int, most: int) -> Array:
@@ -185,6 +194,7 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
     rate = samples.rate_rad_s[cycles]
     if theta is not None:
         rate = rate - _by_body(samples.part(cycles), vehicle, theta, places, growth, mean)
+    middle_s = samples.executed.start_s[cycles] + samples.executed.duration_s[cycles] / 2
     cycle_s, up = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
     return Design(
         places,
@@ -196,6 +206,7 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
         cycle_s,
         np.eye(3) - up.T @ up / len(up),
         ~samples.executed.ignored[cycles],
+        (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
     )
 
 
@@ -245,7 +256,7 @@ def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, 
     early, late = ((windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in sides)
     later = [(b - a) / (2 * SHIFT) for a, b in zip(early, late, strict=True)]
     smeared = [(a - 2 * w + b) / SHIFT**2 for a, w, b in zip(early, wrench, late, strict=True)]
-    middle_s = (executed.start_s[cycles] + executed.end_s[cycles]) / 2
+    middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
     parts = [

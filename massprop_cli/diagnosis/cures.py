@@ -16,7 +16,7 @@ from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing, with_lag
 
 Matrix = tuple[tuple[float, ...], ...]
-BY_HAND = ("gyro_lag", "accel_lag", "drift", "torque", "drag", "mass_rate", "inertia_rate")
+BY_HAND = ("gyro_lag", "accel_lag", "torque", "drag", "mass_rate", "inertia_rate")
 """Entries of x that no log and no vehicle file can be mended for."""
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
@@ -93,6 +93,9 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     if log.command_kind == "jets":
         vehicle = _with_jets(vehicle, _jets(vehicle, found, list(fired)))
     imu: dict[str, Any] = {}
+    fast = drift_ppm(case, found)
+    if fast:
+        imu["clock_drift_ppm"] = vehicle.imu.clock_drift_ppm + fast
     if get("imu").any():
         imu["position_m"] = _vector(model.imu + get("imu"))
     turned = _both_turned(found)
@@ -107,7 +110,8 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
         parts = {"imu": vehicle.imu.model_copy(update=imu), "environment": vehicle.environment.model_copy(update=environment)}
         vehicle = vehicle.model_copy(update=parts)
     lag = timing.lag + float(get("lag")[0])
-    timing = Timing(max(timing.delay + float(get("delay")[0]), 0.0), max(lag, 0.0))
+    began = 1e-6 * fast * model.clock_s[0] / vehicle.cycle.period_s
+    timing = Timing(max(timing.delay + float(get("delay")[0]) - began, 0.0), max(lag, 0.0))
     return Case(log, with_lag(vehicle, timing.lag * vehicle.cycle.period_s), timing)
 
 
@@ -196,7 +200,10 @@ def _vector(values: Array) -> tuple[float, ...]:
 def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     """The keys that mend it, and factors on columns; None where neither does."""
     settings = [f"jets.{i}.{key}={_literal(value)}" for i, key, value in _jet_keys(case.vehicle, mended.vehicle)]
-    for section, keys in (("imu", ("position_m", "body_from_imu")), ("environment", ("bearing_position_m", "initial_attitude_wxyz"))):
+    for section, keys in (
+        ("imu", ("clock_drift_ppm", "position_m", "body_from_imu")),
+        ("environment", ("bearing_position_m", "initial_attitude_wxyz")),
+    ):
         for key in keys:
             before, after = (getattr(getattr(one.vehicle, section), key) for one in (case, mended))
             if before != after:
@@ -205,7 +212,7 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     for name, at, key in (("delay", 0, "cycle.command_delay"), ("lag", 1, "thrust.lag")):
         if mended.timing[at] != case.timing[at]:
             unit, suffix = (1.0, "cycles") if name == "delay" else (period, "s")
-            sigma = float(found.spread.max(initial=0.0)) * unit
+            sigma = float(found.spread[:1].max(initial=0.0)) * unit
             settings += [f"{key}_{suffix}={mended.timing[at] * unit:.9g}", f"{key}_sigma_{suffix}={sigma:.3g}"]
     get = found.value
     for name, key in (("gyro_bias", "imu.gyro_bias_sigma_rad_s"), ("accel_bias", "imu.accel_bias_sigma_m_s2")):
@@ -217,6 +224,12 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
         settings += _drifts(case, found)
     cure = replace(_on_columns(found), settings=tuple(settings), command=_command(case, found))
     return None if cure == Cure() else cure
+
+
+def drift_ppm(case: Case, found: Fitted) -> float:
+    """By how much more than stated the IMU's clock is supposed to run faster than that of the commands."""
+    cycles = float(found.value("drift")[0])
+    return 1e6 * cycles * case.vehicle.cycle.period_s / found.model.clock_s[1]
 
 
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:

@@ -141,7 +141,7 @@ class Look:
     @property
     def loud(self) -> bool:
         """Whether pure error is far above the stated noise: something is wrong that no coefficient stands for."""
-        return bool((self.free.variance > LOUD * self.noise).any())
+        return bool((self.free.pure > LOUD * self.noise).any())
 
     def likelihood(self, left: Array) -> float:
         """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""

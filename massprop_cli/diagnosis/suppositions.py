@@ -84,6 +84,8 @@ class Model:
     gravity: float
     level: Array
     """(3, 3) mean projector on the level plane, body axes."""
+    clock_s: tuple[float, float] = (0.0, 1.0)
+    """From the log's beginning to the middle of the stretch, and how long that is."""
     biases: Mapping[str, float] = field(default_factory=dict)
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
 
@@ -101,7 +103,7 @@ class Model:
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
         sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
-        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, biases)
+        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, free.clock_s, biases)
 
     @cached_property
     def entries(self) -> dict[str, slice]:

@@ -118,7 +118,8 @@ def _filter(sensor: str) -> Callable[[Said], str]:
 
 
 def _clock(said: Said) -> str:
-    return f"the clocks of commands and IMU drift apart by {said.seconds('drift'):.3g} s from the first to the last cycle; use one clock"
+    fast = said.mended.vehicle.imu.clock_drift_ppm
+    return f"the IMU's clock runs {fast:.4g} ppm faster than that of the commands; use one clock, or state imu.clock_drift_ppm"
 
 
 def _scale(sensor: str) -> Callable[[Said], str]:

@@ -66,6 +66,8 @@ class Log:
     """How a map made it of another recording."""
     ignored: BoolArray | None = None
     """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
+    began_s: float | None = None
+    """When the log began that this is a part of; None: it is the whole."""
 
     @property
     def cycles(self) -> int:
@@ -84,7 +86,13 @@ class Log:
             command=self.command[first:stop],
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
             ignored=None if self.ignored is None else self.ignored[first:stop],
+            began_s=self.origin_s,
         )
+
+    @property
+    def origin_s(self) -> float:
+        """When the whole log began."""
+        return float(self.time_s[0] - self.interval_s[0]) if self.began_s is None else self.began_s
 
     @property
     def cycle_end_s(self) -> Array:

@@ -23,6 +23,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 
 LEAST, MOST = 1e-30, 1e30
+FASTEST_PPM = 1e5
 Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
 
 
@@ -64,6 +65,12 @@ class Cycle(Section):
 class Imu(Section):
     """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean."""
 
+    clock_drift_ppm: Real = Field(
+        0.0,
+        ge=-FASTEST_PPM,
+        le=FASTEST_PPM,
+        description="by how much the IMU's clock runs faster than that of the commands; they agree where the log begins",
+    )
     position_m: Place = Field(ZERO, description="from O, body axes")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")

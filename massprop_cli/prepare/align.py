@@ -115,10 +115,12 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
     of = slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
     usable_s = first_usable_s(log, vehicle, delay_s)
-    start, duration = cycle_edges(log, of)
+    labelled, length = cycle_edges(log, of)
+    start, duration = _by_commands_clock(log, vehicle, labelled), length * _pace(vehicle)
     # and those whose commands may still act; the one that comes next may go on with a pulse
     before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
-    issued = slice(before, min(of.stop + 1, log.cycles))
+    ahead = max(float(start[-1] - labelled[-1]), 0.0) / vehicle.cycle.period_s
+    issued = slice(before, min(of.stop + 1 + int(np.ceil(ahead)), log.cycles))
     wrench = channel_wrench(log, vehicle)
     bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
     integral, moment = (
@@ -130,7 +132,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
     channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench)
     each = slice(of.start * records, of.stop * records)
     return Aligned(
-        start_s=frozen(start),
+        start_s=frozen(labelled),
         duration_s=frozen(duration),
         rate_imu_rad_s=frozen(log.delta_theta_imu_rad[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
         specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
@@ -142,7 +144,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
-        usable=start >= usable_s,
+        usable=labelled >= usable_s,
         ignored=np.zeros((count, 2), dtype=bool) if log.ignored is None else log.ignored[of],
     )
 
@@ -152,6 +154,19 @@ def cycle_edges(log: Log, cycles: slice) -> tuple[Array, Array]:
     records = log.records_per_cycle
     duration = log.interval_s[cycles.start * records : cycles.stop * records].reshape(-1, records).sum(1)
     return log.cycle_end_s[cycles] - duration, duration
+
+
+def _pace(vehicle: Vehicle) -> float:
+    """Seconds of the commands' clock to one of the IMU's."""
+    return 1.0 - 1e-6 * vehicle.imu.clock_drift_ppm
+
+
+def _by_commands_clock(log: Log, vehicle: Vehicle, time_s: Array) -> Array:
+    """What the commands' clock shows at times of the IMU's."""
+    if vehicle.imu.clock_drift_ppm == 0:
+        return time_s
+    shown: Array = log.origin_s + (time_s - log.origin_s) * _pace(vehicle)
+    return shown
 
 
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import flow
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
 from massprop_cli.testbed import scenario, simulate, truth
@@ -190,3 +191,34 @@ def test_a_log_without_noise_raises_no_cause() -> None:
     with np.errstate(all="ignore"):  # as the command does
         notices = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).notices
     assert {notice.code for notice in notices} == {"noise-floor", "disturbance-torque"}
+
+
+def test_a_drifting_clock_is_named_with_its_rate_and_mended() -> None:
+    """The IMU's clock is 2,500 ppm fast: its cycles begin up to one earlier than the commands'. Sampled from a flight in fine records."""
+    plan = [*PLAN, "sensors.records_per_cycle=20", "sensors.gyro_noise_rad_s=0.0", "sensors.accel_noise_m_s2=0.0"]
+    fine, flown = (simulate.fly(scenario.load("free-flyer", keys), [3]) for keys in (plan, PLAN))
+    truth, log = fine.log(0), flown.log(0).part(0, flown.log(0).cycles - 3)
+    rng = np.random.default_rng(1)
+
+    def seen(increments: Array, sigma: float) -> Array:
+        total = np.vstack([np.zeros(3), np.cumsum(increments, 0)])
+        at = np.concatenate([[0.0], log.time_s]) * (1 - 2.5e-3)
+        sampled = np.stack([np.interp(at, np.concatenate([[0.0], truth.time_s]), column) for column in total.T], 1)
+        white = sigma * np.sqrt(log.records_per_cycle) * log.interval_s[:, None]
+        found: Array = np.diff(sampled, axis=0) + white * rng.standard_normal((len(at) - 1, 3))
+        return found
+
+    imu = flown.vehicle.imu
+    drifted = replace(
+        log,
+        began_s=None,
+        delta_theta_imu_rad=seen(truth.delta_theta_imu_rad, imu.gyro_noise_rad_s or 0.0),
+        delta_v_imu_m_s=seen(truth.delta_v_imu_m_s, imu.accel_noise_m_s2 or 0.0),
+    )
+    found = flow.examine(drifted, VehicleSource(flown.vehicle, "t", ""))
+    (answer,) = found.mended
+    assert answer.fault.notice.code == "clock-drift"
+    ((_, ppm),) = [setting.split("=") for setting in answer.settings if setting.startswith("imu.clock_drift_ppm")]
+    assert float(ppm) == pytest.approx(2500, abs=25)
+    for true, e in zip(flown.truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
+        assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)

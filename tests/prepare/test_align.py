@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Jet
 from massprop_cli.prepare.actuators import Signal, held, pulses, window_integrals
+from massprop_cli.prepare.align import align
 from tests import flight
 
 EDGES = np.linspace(0.0, 1.0, 21)
@@ -133,3 +134,22 @@ def test_opposed_jets_make_nothing_but_rounding_and_that_is_taken_off() -> None:
     for part in (aligned.impulse, aligned.rising, aligned.impulse_bins.reshape(-1, 6)):
         np.testing.assert_array_equal(part[:, 3], 0.0)
     np.testing.assert_allclose(aligned.impulse[:, 1], 0.02 * (0.01 + 0.04 - 0.09), rtol=1e-12)  # the couple stays
+
+
+@pytest.mark.parametrize("ppm", [10_000.0, -10_000.0])
+def test_a_drifting_clock_moves_commands_by_what_it_is_ahead(ppm: float) -> None:
+    """A pulse over one cycle of the commands' clock lies over two of the IMU's, which are longer or shorter; the oracle is by hand."""
+    used = flight.vehicle(delay=2.0, imu={"clock_drift_ppm": ppm})
+    on = np.zeros((160, 18))
+    on[100, 0] = flight.CYCLE
+    still = np.zeros((160, 3))
+    log = flight.Flight(used, on, still, still).log()
+    pace = 1 - 1e-6 * ppm
+    edges = flight.CYCLE * np.arange(161) * pace
+    begin, end = (flight.CYCLE * k for k in (102, 103))
+    overlap = np.clip(np.minimum(edges[1:], end) - np.maximum(edges[:-1], begin), 0.0, None)
+    aligned = align(log, used, 2.0)
+    np.testing.assert_allclose(aligned.channels.whole[:, 0], overlap, atol=1e-12)
+    np.testing.assert_allclose(aligned.duration_s, flight.CYCLE * pace)
+    # a part of the log keeps the time at which both clocks agreed
+    np.testing.assert_allclose(align(log.part(90, 130), used, 2.0).channels.whole[:, 0], overlap[90:130], atol=1e-12)
