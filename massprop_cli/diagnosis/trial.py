@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Disturbance
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied
@@ -27,6 +28,8 @@ CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "ri
 """Entries of x by which what is measured changes along no straight line."""
 HOPELESS, SMALL = 20.0, 0.01
 """Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit."""
+NO_DRIFT = (0.01, 5.0)
+"""Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
 AGAIN = 8
 """How often one is applied anew from where it led."""
 STILL = 0.01
@@ -107,9 +110,17 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
     close = mended.misfit < CLOSE + FITS[1] * np.sqrt(2 / mended.freedom)
     fits = (close and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
     fits = fits or (mended.misfit < BETTER * look.misfit and _explained_by_engine(case, look.piece))
+    fits = fits and not _no_drift(found)
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found)
     return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
+
+
+def _no_drift(found: Fitted) -> bool:
+    """Whether a drift of the clocks is none beside the delay that is supposed with it: then it is the delay alone."""
+    drift = abs(float(found.value("drift")[0]))
+    own = found.supposed.code == "clock-drift"
+    return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * causes.EXPECTED["drift"])
 
 
 def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> tuple[Fitted, Case, Look | None]:
