@@ -236,7 +236,7 @@ def _docked(alone: Sequence[Part], single: PhaseItem, joined: Sequence[Part], co
         joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
     values[[9, 19]] -= bearings
     found = docking.difference(values[:10], values[10:])
-    slope = _difference_slope(values)
+    slope = docking.difference_slope(values[:10], values[10:])
     covariance = slope @ joint_covariance @ slope.T
     told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
     verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
@@ -259,16 +259,6 @@ def _docked(alone: Sequence[Part], single: PhaseItem, joined: Sequence[Part], co
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=_matrix(covariance), contradiction=contradiction
     )
-
-
-def _difference_slope(values: Array) -> Array:
-    """(10, 20) derivative of :func:`massprop_cli.conclude.docking.difference`, by central differences."""
-    size = natural_sizes(values[10:])
-    slope = np.empty((10, 20))
-    for i, step in enumerate(np.tile(1e-6 * size, 2)):
-        up, down = values + step * np.eye(20)[i], values - step * np.eye(20)[i]
-        slope[:, i] = (docking.difference(up[:10], up[10:]) - docking.difference(down[:10], down[10:])) / (2 * step)
-    return slope
 
 
 def _result(

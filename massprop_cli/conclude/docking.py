@@ -39,11 +39,11 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         return None
     values, joint = _joint(pair, vehicle)
     found = difference(values[:10], values[10:])
-    slope = _slope(values[:10], values[10:])
+    slope = difference_slope(values[:10], values[10:])
     for name, known in (vehicle.docking.known if vehicle.docking else {}).items():
         i = QUANTITIES.index(name)
         values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
-        found, slope = difference(values[:10], values[10:]), _slope(values[:10], values[10:])
+        found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
     covariance = slope @ joint @ slope.T
     settled = all(e.verdict == "converged" for conclusion in pair for e in conclusion.estimates.values())
     contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
@@ -120,7 +120,7 @@ def difference(alone: Array, combined: Array) -> Array:
     return np.concatenate([elements(inertia), cg, [mass]])
 
 
-def _slope(alone: Array, combined: Array) -> Array:
+def difference_slope(alone: Array, combined: Array) -> Array:
     """(10, 20) derivative of :func:`difference`, by central differences (the formulas are at most cubic over a mass)."""
     both = np.concatenate([alone, combined])
     trace = combined[0] + combined[3] + combined[5]

@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, triangle_of
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.diagnosis.whitening import LEVELS, Disturbance, Driven, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift, products
@@ -31,8 +32,6 @@ from massprop_cli.prepare.timing import Timing, with_lag
 
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
-LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
-"""Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
 SLOW = 12
 """Half-waves over a stretch in which the specific force may wander where gyro noise is integrated to an attitude."""
 SLOWER = 0.02
@@ -46,37 +45,6 @@ COUPLING = 0.5
 inertia's differences over one of them, squared, as it is of a slab."""
 RESOLUTION = 1e-4
 """Part of its signal below which a misfit is none: the motion within a cycle is taken as linear."""
-TINY = 1e-300
-EXPLAINED = 1.3
-"""Mean square over the stated noise up to which none is looked for."""
-
-
-class Disturbance(NamedTuple):
-    """What moves the rate beside all columns: variances per cycle over that of the gyro's noise."""
-
-    white: float
-    """Of the rate's own steps."""
-    walk: float
-    """Of the change, from cycle to cycle, of what it grows by."""
-
-
-class Told(NamedTuple):
-    """Of one kind of measurement: ``‖triangle @ coefficients − measured‖² + left`` is the sum of squares, per axis."""
-
-    triangle: Array
-    """(r, p)"""
-    measured: Array
-    """(r, 3)"""
-    left: Array
-    """(3,) what no coefficients explain."""
-    spare: int
-    """Measurements of each axis less coefficients."""
-    volume: float = 0.0
-    """Log determinant of the covariance that was whitened, for noise of unit variance."""
-
-    def cost(self, further: Array | float = 0.0) -> float:
-        """−2 log likelihood of free noise levels if ``further`` (3,) is left beyond what no coefficients explain."""
-        return float((self.spare * np.log((self.left + further) / self.spare + TINY)).sum()) + self.volume
 
 
 @dataclass(frozen=True)
@@ -103,6 +71,12 @@ class Design:
     """(K, 2) whether gyro and accelerometer are."""
     clock_s: tuple[float, float]
     """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
+
+    @property
+    def driven(self) -> Driven:
+        """The rates, as they are made white."""
+        coupling = COUPLING * float((self.rate**2).sum(1).mean()) * self.cycle_s**2
+        return Driven(self.growth, self.rate, self.used[:, 0], coupling)
 
 
 @dataclass(frozen=True)
@@ -149,21 +123,21 @@ def free_response(
     ``theta`` of :mod:`massprop_cli.model.lift` has, if one is given.
     """
     design = design_of(log, vehicle, timing, piece, theta)
-    turning, beside = _whitened(design, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
+    turning, beside = whitened(design.driven, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
     return _free(design, turning, beside)
 
 
 def beside_torques(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array) -> list[Free]:
     """The same beside each torque, wandering or white, that is ever tried."""
     design = design_of(log, vehicle, timing, piece, theta)
-    tried = [Disturbance(_coupling(design), walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
-    return [_free(design, one.told, (one.beside,)) for one in _each(design, tried)]
+    tried = [Disturbance(design.driven.coupling, walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
+    return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 
 def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
     slow = _waves(count, SLOW if "east" in design.places else 0)
-    felt = _reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
+    felt = reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
     return Free(design.places, design.fired, design.level, signal, turning, felt, beside, design.clock_s)
 
@@ -326,88 +300,3 @@ def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
     for k in range(rate.shape[1]):
         found[:, k + 1] = (back[:, k] @ found[:, k, :, None])[..., 0]
     return found
-
-
-def _whitened(design: Design, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
-    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
-
-    Where some are ``likely`` no others are tried.
-    """
-    none = Disturbance(_coupling(design), 0.0)
-    best = _likeliest(design, likely or [none])
-    if likely:
-        return best.told, (best.beside,)
-    if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
-        return best.told, ()
-    alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
-    best = min(best, _likeliest(design, alone), key=_cost)
-    walk, white = best.beside
-    near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
-    near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
-    near += [Disturbance(walk, level) for level in LEVELS if walk]
-    best = min(best, _likeliest(design, near), key=_cost)
-    return best.told, (best.beside,)
-
-
-def _coupling(design: Design) -> float:
-    """Of the noise in the rates, what their products bring into the rate's steps: a variance, over that of the noise."""
-    return COUPLING * float((design.rate**2).sum(1).mean()) * design.cycle_s**2
-
-
-class _Beside(NamedTuple):
-    """What the rates say beside a disturbance."""
-
-    beside: Disturbance
-    told: Told
-    cost: float
-    """−2 log likelihood of free noise levels, with the price of the disturbance."""
-
-
-def _cost(one: _Beside) -> float:
-    return one.cost
-
-
-def _likeliest(design: Design, disturbances: Sequence[Disturbance]) -> _Beside:
-    return min(_each(design, disturbances), key=_cost)
-
-
-def _each(design: Design, disturbances: Sequence[Disturbance]) -> list[_Beside]:
-    """What the rates say beside each of several, all gone through together.
-
-    A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
-    A torque that does not walk begins as nothing: a steady one is a column of its own.
-    """
-    count, size = design.mean.shape
-    now = np.zeros((len(disturbances), 2, 2 + size + 3))
-    now[:, :, :2] = np.eye(2)
-    driven, measured = np.zeros((2, count, now.shape[2]))
-    driven[1:, 2:-3], measured[:, -3:] = design.growth, design.rate
-    rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
-    added = np.stack([np.diag(one) for one in disturbances])
-    kept, step = np.zeros_like(added), np.array([[1.0, 1.0], [0.0, 1.0]])
-    for k in range(count):
-        if k > 0:
-            now[:, 0] += now[:, 1] + driven[k]
-            kept = step @ kept @ step.T + added
-        if not design.used[k, 0]:
-            rows[k], spread[k] = 0.0, 1.0
-            continue
-        rows[k], spread[k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
-        gain = kept[:, :, 0] / spread[k, :, None]
-        now += gain[:, :, None] * rows[k][:, None]
-        kept = kept - gain[:, :, None] * kept[:, :1]
-    found = []
-    for i, beside in enumerate(disturbances):
-        began = 2 if beside.walk > 0 else 1
-        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[design.used[:, 0]]
-        told = _reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
-        found.append(_Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
-    return found
-
-
-def _reduced(columns: Array, measured: Array, free: int = 0) -> Told:
-    """The triangle of columns of which the first ``free`` are of no interest."""
-    size = columns.shape[1]
-    upper = triangle_of(np.hstack([columns, measured]))
-    left = (upper[size:, size:] ** 2).sum(0)
-    return Told(upper[free:size, free:size], upper[free:size, size:], left, len(columns) - size)

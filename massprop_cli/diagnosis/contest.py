@@ -12,8 +12,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.channelwise import Free, Told
+from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.whitening import Told
 from massprop_cli.model.lift import MU, J
 
 STEPS = 8

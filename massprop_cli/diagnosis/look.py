@@ -14,10 +14,11 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
-from massprop_cli.diagnosis.channelwise import Disturbance, Free, beside_torques, free_response, verticals
+from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response, verticals
 from massprop_cli.diagnosis.contest import Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case
 from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.whitening import Disturbance
 from massprop_cli.diagnosis.wording import NEAR
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.prepare.align import LAGS_FORGOTTEN

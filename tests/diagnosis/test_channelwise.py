@@ -8,8 +8,9 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis.channelwise import Design, Disturbance
+from massprop_cli.diagnosis import channelwise, whitening
+from massprop_cli.diagnosis.channelwise import Design
+from massprop_cli.diagnosis.whitening import Disturbance
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import compensate
@@ -38,7 +39,7 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
     z, left = [], []
     for seed in range(40):
         made, truth = design(np.random.default_rng(seed), walk, white)
-        told, _ = channelwise._whitened(made, GYRO**2, [])
+        told, _ = whitening.whitened(made.driven, GYRO**2, [])
         variance = told.left.mean() / told.spare
         root = np.linalg.inv(told.triangle) * np.sqrt(variance)
         z.append((root @ (told.triangle @ truth - told.measured) / np.sqrt(variance)) / np.sqrt((root**2).sum(1))[:, None])
@@ -50,7 +51,7 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
 
 def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
     made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
-    told = channelwise._likeliest(made, [Disturbance(white=0.25, walk=0.01)]).told
+    told = whitening._likeliest(made.driven, [Disturbance(white=0.25, walk=0.01)]).told
     found = np.linalg.solve(told.triangle, told.measured)
     # the rate's own noise, steps summed once, a wandering torque summed twice
     once = np.tril(np.ones((60, 59)), -1)

@@ -1,0 +1,137 @@
+"""Rates beside a disturbance: what a torque that wanders or is white leaves correlated is made white again, at the likeliest levels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+
+LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
+"""Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
+TINY = 1e-300
+EXPLAINED = 1.3
+"""Mean square over the stated noise up to which none is looked for."""
+
+
+class Disturbance(NamedTuple):
+    """What moves the rate beside all columns: variances per cycle over that of the gyro's noise."""
+
+    white: float
+    """Of the rate's own steps."""
+    walk: float
+    """Of the change, from cycle to cycle, of what it grows by."""
+
+
+class Told(NamedTuple):
+    """Of one kind of measurement: ``‖triangle @ coefficients − measured‖² + left`` is the sum of squares, per axis."""
+
+    triangle: Array
+    """(r, p)"""
+    measured: Array
+    """(r, 3)"""
+    left: Array
+    """(3,) what no coefficients explain."""
+    spare: int
+    """Measurements of each axis less coefficients."""
+    volume: float = 0.0
+    """Log determinant of the covariance that was whitened, for noise of unit variance."""
+
+    def cost(self, further: Array | float = 0.0) -> float:
+        """−2 log likelihood of free noise levels if ``further`` (3,) is left beyond what no coefficients explain."""
+        return float((self.spare * np.log((self.left + further) / self.spare + TINY)).sum()) + self.volume
+
+
+class Driven(NamedTuple):
+    """Rates, and the p columns that their growth is regressed on. K cycles."""
+
+    growth: Array
+    """(K − 1, p) what a unit acceleration by each column adds to the mean rate."""
+    rate: Array
+    """(K, 3) measured, rad/s."""
+    used: BoolArray
+    """(K,) whether it counts."""
+    coupling: float
+    """What noise in the rates brings into the rate's steps by their products: a variance, over that of the noise."""
+
+
+def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
+    """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
+
+    Where some are ``likely`` no others are tried.
+    """
+    none = Disturbance(rates.coupling, 0.0)
+    best = _likeliest(rates, likely or [none])
+    if likely:
+        return best.told, (best.beside,)
+    if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
+        return best.told, ()
+    alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
+    best = min(best, _likeliest(rates, alone), key=_cost)
+    walk, white = best.beside
+    near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
+    near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
+    near += [Disturbance(walk, level) for level in LEVELS if walk]
+    best = min(best, _likeliest(rates, near), key=_cost)
+    return best.told, (best.beside,)
+
+
+class Beside(NamedTuple):
+    """What the rates say beside a disturbance."""
+
+    beside: Disturbance
+    told: Told
+    cost: float
+    """−2 log likelihood of free noise levels, with the price of the disturbance."""
+
+
+def _cost(one: Beside) -> float:
+    return one.cost
+
+
+def _likeliest(rates: Driven, disturbances: Sequence[Disturbance]) -> Beside:
+    return min(each(rates, disturbances), key=_cost)
+
+
+def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
+    """What the rates say beside each of several, all gone through together.
+
+    A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
+    A torque that does not walk begins as nothing: a steady one is a column of its own.
+    """
+    count, size = len(rates.rate), rates.growth.shape[1]
+    now = np.zeros((len(disturbances), 2, 2 + size + 3))
+    now[:, :, :2] = np.eye(2)
+    driven, measured = np.zeros((2, count, now.shape[2]))
+    driven[1:, 2:-3], measured[:, -3:] = rates.growth, rates.rate
+    rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
+    added = np.stack([np.diag(one) for one in disturbances])
+    kept, step = np.zeros_like(added), np.array([[1.0, 1.0], [0.0, 1.0]])
+    for k in range(count):
+        if k > 0:
+            now[:, 0] += now[:, 1] + driven[k]
+            kept = step @ kept @ step.T + added
+        if not rates.used[k]:
+            rows[k], spread[k] = 0.0, 1.0
+            continue
+        rows[k], spread[k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
+        gain = kept[:, :, 0] / spread[k, :, None]
+        now += gain[:, :, None] * rows[k][:, None]
+        kept = kept - gain[:, :, None] * kept[:, :1]
+    found = []
+    for i, beside in enumerate(disturbances):
+        began = 2 if beside.walk > 0 else 1
+        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[rates.used]
+        told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
+        found.append(Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
+    return found
+
+
+def reduced(columns: Array, measured: Array, free: int = 0) -> Told:
+    """The triangle of columns of which the first ``free`` are of no interest."""
+    size = columns.shape[1]
+    upper = triangle_of(np.hstack([columns, measured]))
+    left = (upper[size:, size:] ** 2).sum(0)
+    return Told(upper[free:size, free:size], upper[free:size, size:], left, len(columns) - size)
