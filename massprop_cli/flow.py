@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,23 +18,18 @@ from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
 from massprop_cli.diagnosis import delay, outliers
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.estimate import disturbances
-from massprop_cli.estimate.history import History, phase_cycles
+from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
+from massprop_cli.estimate.history import History, phases_of
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
-from massprop_cli.inputs import clipped, columns, vehicle
+from massprop_cli.inputs import clipped, vehicle
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource
-from massprop_cli.model.sensitivity import Consider, late
-from massprop_cli.prepare.align import cycle_edges
 from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing, with_lag
+from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.cures import Cure
     from massprop_cli.diagnosis.diagnose import Diagnosis
-
-_NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
 
 @dataclass(frozen=True)
@@ -116,18 +110,18 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    detected = _found_timing(log, source, say)
-    used_timing = _stated_timing(source.vehicle) if detected is None else detected.at
-    stated = _with_timing(source.vehicle, used_timing, detected)
+    detected = found_timing(log, source, say)
+    used_timing = stated_timing(source.vehicle) if detected is None else detected.at
+    stated = with_timing(source.vehicle, used_timing, detected)
     samples = Stream.of(log, stated, used_timing)
-    phases = _phases(log, stated, samples)
+    phases = phases_of(log, stated, samples)
     read, told = log, list[Notice]()
     if stated.estimator.method == "default":
         stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
         log = outliers.without(log, stated)
     if log is not read:
         samples = Stream.of(log, stated, used_timing)
-    consider = _considered(log, stated, used_timing)
+    consider = uncertain_timing(log, stated, used_timing)
     diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
         answer = by_thesis(samples, phases, stated)
@@ -188,34 +182,6 @@ def _saturated(log: Log) -> list[Notice]:
     return [notice for notice in log.notices if notice.code in SATURATED]
 
 
-def _with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
-    """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
-    period = stated.cycle.period_s
-    resolved = with_lag(stated, used.lag * period)
-    if detected is None:
-        return resolved
-    cycle, thrust = {}, {}
-    if stated.cycle.command_delay_cycles == "auto":
-        cycle["command_delay_sigma_cycles"] = detected.sigma.delay
-    if stated.thrust.lag_s == "auto":
-        thrust["lag_sigma_s"] = detected.sigma.lag * period
-    if cycle and thrust:
-        thrust["lag_delay_correlation"] = detected.correlation
-    return resolved.model_copy(
-        update={"cycle": resolved.cycle.model_copy(update=cycle), "thrust": resolved.thrust.model_copy(update=thrust)}
-    )
-
-
-def _considered(log: Log, stated: Vehicle, used: Timing) -> Consider:
-    """Delay and lag where they are uncertain."""
-    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / stated.cycle.period_s}
-    variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
-    names = [name for name, variant in variants.items() if variant is not None]
-    sigma = np.array([sigmas[name] for name in names])
-    correlation = np.eye(len(names)) + stated.thrust.lag_delay_correlation * (1 - np.eye(len(names)))
-    return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
-
-
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
     """One of those that the same cure mends."""
     return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
@@ -236,30 +202,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         again = _judged(_estimated(log, source, (), say, check=False), [])
     except InputError:
         return None
-    return MendedAnswer(fault, (*cure.settings, *_column_settings(found, cure)), again.conclusions)
-
-
-def _column_settings(found: Analysis, cure: Cure) -> tuple[str, ...]:
-    """The keys that mend units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
-    settings: list[str] = []
-    turns = ((found.log.rate_columns, cure.gyro), (found.log.force_columns, cure.accelerometer), (columns.WRENCH, _diagonal(cure.command)))
-    for names, turn in turns:
-        if all(sum(value != 0 for value in row) == 1 for row in turn):
-            settings += [_column(found, name, names, row) for name, row in zip(names, turn, strict=False)]
-    return tuple(setting for setting in settings if setting)
-
-
-def _diagonal(factors: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(factor * (i == j) for j in range(len(factors))) for i, factor in enumerate(factors))
-
-
-def _column(found: Analysis, name: str, names: Sequence[str], row: Sequence[float]) -> str:
-    """Where a column is to be read from; empty if it stays as it is."""
-    at = next(i for i, value in enumerate(row) if value != 0)
-    if names[at] == name and row[at] == 1.0:
-        return ""
-    now = found.source.vehicle.columns.get(names[at], vehicle.Column.model_validate({"from": names[at]}))
-    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
+    return MendedAnswer(fault, (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns)), again.conclusions)
 
 
 def _judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
@@ -324,38 +267,6 @@ def _undisturbed(used: Vehicle, stated: Vehicle) -> Vehicle:
     return used.model_copy(update={"environment": stated.environment, "estimator": stated.estimator})
 
 
-def _stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:
-    """Delay and lag of the vehicle file in cycles, with ``instead`` where it says "auto"."""
-    delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
-    return Timing(instead if delay == "auto" else delay, instead if lag == "auto" else lag / stated.cycle.period_s)
-
-
-def _found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
-    """What the vehicle file leaves to be found ("auto"); None where it states both delay and lag."""
-    automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
-    unknown = [name for name, auto in automatic.items() if auto]
-    if not unknown:
-        return None
-    say("finding delay and lag", 0.0)
-    given = _stated_timing(source.vehicle)
-    lags = delay.LAGS if automatic["lag"] else (given.lag,)
-    coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
-    found = None
-    if coarse is not None:
-        vehicle = with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
-        samples = Stream.of(log, vehicle, coarse)
-        pieces = [cycles for _, cycles in _phases(log, vehicle, samples)]
-        used, _ = disturbances.with_noise_levels(samples, pieces, vehicle)
-        found = delay.detect(log, used, pieces, coarse, unknown)
-    if found is None:
-        remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
-        raise InputError(
-            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
-            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
-        )
-    return found
-
-
 def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:
     """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
     known = [history.cycles for history in settled if history.reference is not None]
@@ -365,22 +276,6 @@ def _checked_timing(settled: Sequence[History], at: Timing, examination: Examine
     rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
     scale = max(later.before / rows, 1.0)
     return delay.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)
-
-
-def _phases(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, slice]]:
-    begun, length = cycle_edges(log, slice(0, log.cycles))
-    start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
-    found = []
-    for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
-        cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
-        if cycles.stop - cycles.start < 2:
-            raise InputError(
-                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "
-                f"{cycles.stop - cycles.start} usable cycles; "
-                f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
-            )
-        found.append((phase, cycles))
-    return found
 
 
 def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...], used: Vehicle) -> list[Notice]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,8 +12,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.inputs.vehicle import Column, Jet, Vehicle
 from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing, with_lag
 
@@ -62,6 +65,28 @@ class Cure:
             delta_v_imu_m_s=log.delta_v_imu_m_s @ np.array(self.accelerometer).T if self.accelerometer else log.delta_v_imu_m_s,
             command=log.command * np.array(self.command) if self.command else log.command,
         )
+
+    def column_settings(self, log: Log, columns: Mapping[str, Column]) -> tuple[str, ...]:
+        """The keys that mend units, signs, order and scale of the log's own columns; nothing for a sensor that takes more than that."""
+        settings: list[str] = []
+        turns = ((log.rate_columns, self.gyro), (log.force_columns, self.accelerometer), (WRENCH, _diagonal(self.command)))
+        for names, turn in turns:
+            if all(sum(value != 0 for value in row) == 1 for row in turn):
+                settings += [_column(columns, name, names, row) for name, row in zip(names, turn, strict=False)]
+        return tuple(setting for setting in settings if setting)
+
+
+def _diagonal(factors: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(factor * (i == j) for j in range(len(factors))) for i, factor in enumerate(factors))
+
+
+def _column(columns: Mapping[str, Column], name: str, names: Sequence[str], row: Sequence[float]) -> str:
+    """Where a column is to be read from; empty if it stays as it is."""
+    at = next(i for i, value in enumerate(row) if value != 0)
+    if names[at] == name and row[at] == 1.0:
+        return ""
+    now = columns.get(names[at], Column.model_validate({"from": names[at]}))
+    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
 
 
 def _product(after: Matrix, before: Matrix) -> Matrix:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
-from massprop_cli.inputs.telemetry import Notice
-from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
+from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.prepare.stream import Stream
 
 
 @dataclass(frozen=True)
@@ -62,3 +65,20 @@ def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:
     """The cycles with ``start_s < time_s <= end_s`` whose executed command is known; empty where there are none."""
     inside = np.flatnonzero(usable & (end_s > phase.start_s + 1e-9) & (end_s <= phase.end_s + 1e-9))
     return slice(int(inside[0]), int(inside[-1]) + 1) if inside.size else slice(0, 0)
+
+
+def phases_of(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, slice]]:
+    """Each phase of the vehicle file, or the whole log, with its cycles; :class:`InputError` where one holds too few."""
+    begun, length = cycle_edges(log, slice(0, log.cycles))
+    start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
+    found = []
+    for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
+        cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
+        if cycles.stop - cycles.start < 2:
+            raise InputError(
+                f"{log.path}: phase {phase.name!r} ({phase.start_s:g} to {phase.end_s:g} s) holds "
+                f"{cycles.stop - cycles.start} usable cycles; "
+                f"the log runs from {start:g} to {end:g} s. Mend [[phases]] in the vehicle file"
+            )
+        found.append((phase, cycles))
+    return found

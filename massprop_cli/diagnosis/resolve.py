@@ -1,0 +1,79 @@
+"""Delay and lag as one run uses them: as stated, or found in the log where the vehicle file says "auto"; and how uncertain they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis.delay import Found
+from massprop_cli.estimate import disturbances
+from massprop_cli.estimate.history import phases_of
+from massprop_cli.estimate.phases import Progress
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.model.sensitivity import Consider, late
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing, with_lag
+
+_NAMES = {"delay": "command delay", "lag": "thrust lag"}
+
+
+def with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
+    """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
+    period = stated.cycle.period_s
+    resolved = with_lag(stated, used.lag * period)
+    if detected is None:
+        return resolved
+    cycle, thrust = {}, {}
+    if stated.cycle.command_delay_cycles == "auto":
+        cycle["command_delay_sigma_cycles"] = detected.sigma.delay
+    if stated.thrust.lag_s == "auto":
+        thrust["lag_sigma_s"] = detected.sigma.lag * period
+    if cycle and thrust:
+        thrust["lag_delay_correlation"] = detected.correlation
+    return resolved.model_copy(
+        update={"cycle": resolved.cycle.model_copy(update=cycle), "thrust": resolved.thrust.model_copy(update=thrust)}
+    )
+
+
+def uncertain_timing(log: Log, stated: Vehicle, used: Timing) -> Consider:
+    """Delay and lag where they are uncertain."""
+    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / stated.cycle.period_s}
+    variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
+    names = [name for name, variant in variants.items() if variant is not None]
+    sigma = np.array([sigmas[name] for name in names])
+    correlation = np.eye(len(names)) + stated.thrust.lag_delay_correlation * (1 - np.eye(len(names)))
+    return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
+
+
+def stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:
+    """Delay and lag of the vehicle file in cycles, with ``instead`` where it says "auto"."""
+    delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
+    return Timing(instead if delay == "auto" else delay, instead if lag == "auto" else lag / stated.cycle.period_s)
+
+
+def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
+    """What the vehicle file leaves to be found ("auto"); None where it states both delay and lag."""
+    automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
+    unknown = [name for name, auto in automatic.items() if auto]
+    if not unknown:
+        return None
+    say("finding delay and lag", 0.0)
+    given = stated_timing(source.vehicle)
+    lags = delay.LAGS if automatic["lag"] else (given.lag,)
+    coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
+    found = None
+    if coarse is not None:
+        vehicle = with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
+        samples = Stream.of(log, vehicle, coarse)
+        pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
+        used, _ = disturbances.with_noise_levels(samples, pieces, vehicle)
+        found = delay.detect(log, used, pieces, coarse, unknown)
+    if found is None:
+        remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
+        raise InputError(
+            f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
+            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
+        )
+    return found
