@@ -132,7 +132,7 @@ def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str
 
     try:
         table = parquetheader.table(str(path), data)
-    except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
     metadata = table.schema.metadata or {}
@@ -224,7 +224,7 @@ class Cells:
             data = pc.utf8_trim_whitespace(data)
         try:
             return data.cast(pa.float64())
-        except (pa.ArrowException, NotImplementedError):  # the latter from pyarrow, of a type that has no cast
+        except pa.ArrowException:
             raise self._no_number(whole) from None
 
     def _no_number(self, data: Any) -> InputError:
