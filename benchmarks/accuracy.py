@@ -21,7 +21,7 @@ from massprop_cli import QUANTITIES, UNITS, __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import conclude
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import bound, scenario, simulate
 
 SCENARIOS = ("preliminary", "refined", "docking", "testbed", "free-flyer")

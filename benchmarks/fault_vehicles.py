@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs import vehicle
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission, scenario, simulate
@@ -97,7 +97,7 @@ class Case:
 
     def stating(self, *assignments: str) -> Case:
         """With other keys in the vehicle file."""
-        return replace(self, vehicle=vehicle.changed(self.vehicle, assignments))
+        return replace(self, vehicle=vehiclefile.changed(self.vehicle, assignments))
 
     def logging(self, delta_theta: Array | None = None, delta_v: Array | None = None, command: Array | None = None) -> Case:
         """With other columns in the log."""

@@ -17,7 +17,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli import flow as analysis
 from massprop_cli.inputs.require import precise
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import flow, limits
 from massprop_cli.testbed import bound, output, scenario, simulate
 

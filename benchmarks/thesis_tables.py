@@ -22,7 +22,8 @@ from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.estimate import thesis
 from massprop_cli.estimate.history import phase_cycles
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.compensate import Samples, compensate
 from massprop_cli.testbed import scenario, simulate

@@ -21,10 +21,11 @@ from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
 from massprop_cli.estimate.history import History, phases_of
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
-from massprop_cli.inputs import clipped, vehicle
+from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
-from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -88,7 +89,7 @@ def analyse(
 
 def _read(log_path: Path, vehicle_path: Path | None, assignments: Sequence[str]) -> tuple[Log, VehicleSource]:
     table = read_table(log_path)
-    source = vehicle.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
     return read(table, source.vehicle), source
 
 
@@ -198,7 +199,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         if fault.change_s is not None:
             source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
         else:
-            source = replace(source, vehicle=vehicle.changed(source.vehicle, cure.settings))
+            source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
         again = _judged(_estimated(log, source, (), say, check=False), [])
     except InputError:
         return None

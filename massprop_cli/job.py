@@ -16,11 +16,10 @@ import numpy as np
 from massprop_cli import flow
 from massprop_cli.base import exits, files
 from massprop_cli.flow import Analysis, Progress
-from massprop_cli.inputs import extremes, tablefile, telemetry
-from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs import extremes, tablefile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
 
@@ -79,7 +78,7 @@ def of_file(
     if progress is not None:
         progress("reading", 0.0)
     table = tablefile.read_table(log, map_file)
-    source = vehicles.find(log, vehicle, table.embedded_vehicle, assignments)
+    source = vehiclefile.find(log, vehicle, table.embedded_vehicle, assignments)
     with _guarded(table.path, source):
         read = telemetry.read(table, source.vehicle)
         del table  # as large as the log once more

@@ -13,10 +13,11 @@ import numpy as np
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs import vehicle
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import Log, read
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 
@@ -26,7 +27,7 @@ def sample(name: str, seconds: float = 1e9, file: str = "log.parquet") -> tuple[
     """The beginning of a sample log, and its vehicle."""
     path = SAMPLES / name / file
     table = read_table(path)
-    found = vehicle.find(path, None, table.embedded_vehicle, ())
+    found = vehiclefile.find(path, None, table.embedded_vehicle, ())
     log = read(table, found.vehicle)
     cycles = int(min(log.cycles, round(seconds / found.vehicle.cycle.period_s)))
     records = cycles * log.records_per_cycle
@@ -51,7 +52,7 @@ def truth(name: str, phase: int = 0) -> Array:
 
 def stated(used: Vehicle, *assignments: str) -> Vehicle:
     """With ``--set`` assignments."""
-    return vehicle.changed(used, assignments)
+    return vehiclefile.changed(used, assignments)
 
 
 def pushing(used: Vehicle, factors: Mapping[str, float]) -> Vehicle:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import campaignfile
-from massprop_cli.inputs import expect, tablefile, telemetry, tolerancefile, vehicle
+from massprop_cli.inputs import expect, tablefile, telemetry, tolerancefile, vehicle, vehiclefile
 from massprop_cli.report import markdown, spreadsheet, terminal
 from massprop_cli.result import read
 from massprop_cli.testbed import scenario
@@ -26,7 +26,7 @@ SAMPLE = Path(__file__).parent.parent / "sample_logs" / "free-flyer" / "vehicle.
 
 @cache
 def flyer() -> vehicle.Vehicle:
-    return vehicle.load(SAMPLE).vehicle
+    return vehiclefile.load(SAMPLE).vehicle
 
 
 def log(name: str, data: bytes) -> None:
@@ -65,7 +65,7 @@ def _tolerance(text: str) -> None:
 
 
 READERS: tuple[Callable[[str], object], ...] = (
-    lambda text: vehicle.parse(text, "vehicle.toml"),
+    lambda text: vehiclefile.parse(text, "vehicle.toml"),
     lambda text: scenario.parse(text, "scenario.toml"),
     lambda text: expect.parse(text, Path("expect.toml")),
     lambda text: expect.parse(text, Path("expect.json")),

@@ -13,7 +13,7 @@ import massprop_cli
 from massprop_cli import QUANTITIES, InputError, estimate_log, run_campaign
 from tests.campaigns import contents, simulate
 from tests.commandline import massprop
-from tests.inputs.test_bad_input import SAMPLES
+from tests.refusal import SAMPLES
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from massprop_cli.inputs.formats import recording
 if TYPE_CHECKING:
     from massprop_cli.flow import Analysis
     from massprop_cli.inputs.formats.mapfile import MapSource
-    from massprop_cli.inputs.vehicle import VehicleSource
+    from massprop_cli.inputs.vehiclefile import VehicleSource
     from massprop_cli.job import Judged
 
 
@@ -189,11 +189,11 @@ def _map(job: Job, inputs: Inputs) -> MapSource | None:
 
 def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     """By the contract's order: the named one, the log's own, the one beside it."""
-    from massprop_cli.inputs import vehicle
+    from massprop_cli.inputs import vehiclefile
 
     stated = job.settings.assignments
     if embedded is not None and job.settings.vehicle is None:
-        return vehicle.parse(embedded, f"{job.log} (embedded vehicle)", stated)
+        return vehiclefile.parse(embedded, f"{job.log} (embedded vehicle)", stated)
     if inputs.vehicle is None:
         raise InputError(
             f"{job.log}: no vehicle file; looked for {location.stem(job.log)}.vehicle.toml and vehicle.toml beside it. "
@@ -201,7 +201,7 @@ def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
             option="vehicle",
         )
     place, content = inputs.vehicle
-    return vehicle.parse(location.text(content, place, "vehicle file"), place, stated)
+    return vehiclefile.parse(location.text(content, place, "vehicle file"), place, stated)
 
 
 def _history(found: Analysis) -> bytes:

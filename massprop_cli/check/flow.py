@@ -17,8 +17,7 @@ from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs import extremes, tablefile, telemetry
-from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs import extremes, tablefile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -46,7 +45,7 @@ def check(
     """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
     files.check_name(str(log_path))
     table = tablefile.read_table(log_path)
-    source = vehicles.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
     vehicle, place = source.vehicle, table.places.of
     found = sampling(_times(table, vehicle), place)
     if any(one.grade == "unusable" for one in found):

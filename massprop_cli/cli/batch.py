@@ -153,11 +153,11 @@ def _not_a_folder(junit: Path | None) -> None:
 def _check(planned: Sequence[Job]) -> None:
     """Refuse at once what would make every log fail: vehicle and expect files that are named for many."""
     from massprop_cli.campaign import location
-    from massprop_cli.inputs import expect, vehicle
+    from massprop_cli.inputs import expect, vehiclefile
 
     for stated in dict.fromkeys(job.settings for job in planned):
         if stated.vehicle is not None:
-            vehicle.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
+            vehiclefile.parse(location.read_text(stated.vehicle, "vehicle file"), stated.vehicle, stated.assignments)
     for place in dict.fromkeys(job.settings.map for job in planned):
         if place is not None:
             from massprop_cli.inputs.formats import mapfile

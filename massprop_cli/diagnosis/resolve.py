@@ -11,7 +11,8 @@ from massprop_cli.estimate import disturbances
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider, late
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing, with_lag

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 
 FAR = 1e6
 """What a testbed's file states lies within this of 1, in SI units; there the arithmetic must not fail."""

@@ -13,7 +13,7 @@ from pydantic import Field
 from massprop_cli import QUANTITIES, UNITS, __version__
 from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.planner import Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal

@@ -11,9 +11,9 @@ import numpy as np
 from massprop_cli.base import exits, files, foldername
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.quantities import alone
-from massprop_cli.inputs import vehicle as vehicles
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import Requirement
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import document, guess, limits, planner, proof, rehearsal
 from massprop_cli.plan.choose import Criterion, Wanted
 from massprop_cli.plan.document import PlanFile
@@ -57,7 +57,7 @@ class Made:
 
 def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignments: tuple[str, ...] = ()) -> Made:
     """Plan; :class:`InputError` where there is nothing to plan with, or no motion keeps the limits."""
-    source = vehicles.load(vehicle, assignments)
+    source = vehiclefile.load(vehicle, assignments)
     guessed = guess.load(guess_file, source)
     flown = rehearsal.rehearsal(source, guessed, asked.off)
     order = _order(flown, guessed, asked)

@@ -8,7 +8,8 @@ import numpy as np
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.testbed.simulate import fly
 from massprop_cli.testbed.timeline import Segment

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan.guess import Guess
 from massprop_cli.plan.limits import Used, used
 from massprop_cli.testbed import bound, mission

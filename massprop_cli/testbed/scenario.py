@@ -18,7 +18,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import vehicle
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
@@ -357,7 +357,7 @@ def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path 
     if isinstance(data.get("vehicle"), str):
         path = (folder or Path()) / data["vehicle"]
         vehicle_text = configfile.read_text(path, "vehicle file")
-        vehicle.parse(vehicle_text, str(path))
+        vehiclefile.parse(vehicle_text, str(path))
         data["vehicle"] = configfile.parse_toml(vehicle_text, str(path))
     data = configfile.override(data, [assignment for assignment in assignments if assignment not in named])
     return ScenarioSource(configfile.validate(Scenario, data, source, text, assignments), source)

@@ -16,7 +16,7 @@ import massprop_cli
 from massprop_cli.base import escape, foldername
 from tests.commandline import massprop
 from tests.hostile import ESCAPES, SAMPLE, flight, vehicle
-from tests.inputs.test_bad_input import save
+from tests.refusal import save
 
 ROOMS = Path(massprop_cli.__file__).parent
 

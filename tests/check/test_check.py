@@ -18,7 +18,7 @@ from massprop_cli.check import flow
 from massprop_cli.check.attitude import turns
 from massprop_cli.check.finding import Check, rows
 from massprop_cli.check.sampling import sampling
-from massprop_cli.inputs import vehicle
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import requirements
 from tests.campaigns import simulate
 from tests.commandline import massprop
@@ -220,7 +220,7 @@ def test_gravity_off_the_vertical_is_told(tmp_path: Path) -> None:
     c, s = np.cos(0.1), np.sin(0.1)
     text = (tmp_path / "flight" / "vehicle.toml").read_text().replace("[imu]", f"[imu]\nbody_from_imu = [[1,0,0],[0,{c},{-s}],[0,{s},{c}]]")
     tilted.write_text(text)
-    vehicle.load(tilted)
+    vehiclefile.load(tilted)
     assert "attitude-gravity" in codes(flow.check(log, tilted, (), ()))
 
 

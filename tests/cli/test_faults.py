@@ -14,7 +14,7 @@ import pytest
 from massprop_cli.base import files
 from tests.cli.test_kill import COMMANDS, contents
 from tests.hostile import flight, vehicle
-from tests.inputs.test_bad_input import save
+from tests.refusal import save
 
 TOOL = f"{sys.executable} -m massprop_cli"
 WRITING = [command for command in COMMANDS if command != "estimate"]

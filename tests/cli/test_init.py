@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import columns, vehicle
+from massprop_cli.inputs import columns, vehiclefile
 from massprop_cli.inputs.formats import draft, recording, traits
 from massprop_cli.inputs.tablefile import read_table
 from tests.commandline import massprop
-from tests.inputs import test_formats as written
+from tests.inputs import everyformat as written
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 GYRO, ACCEL, RECORDS, CYCLES = 2e-3, 0.05, 5, 800
@@ -60,7 +60,7 @@ def test_a_drafted_file_is_one_and_its_log_can_be_read_with_it(tmp_path: Path) -
     run = massprop(tmp_path, "init", path, "--out", "own.vehicle.toml")
     assert (run.returncode, run.stdout) == (0, "own.vehicle.toml\n"), run.stderr
     text = (tmp_path / "own.vehicle.toml").read_text()
-    stated = vehicle.parse(text, "own").vehicle
+    stated = vehiclefile.parse(text, "own").vehicle
     assert stated.cycle.period_s == pytest.approx(0.05, rel=1e-4)
     assert stated.cycle.command_delay_cycles == "auto"
     assert stated.imu.gyro_noise_rad_s == pytest.approx(GYRO, rel=0.08)
@@ -95,7 +95,7 @@ def test_jets_are_listed_and_want_their_geometry(tmp_path: Path) -> None:
     assert "pwm_tick_s = 0.004   # all on-times are multiples of it" in text
     assert "column jet_b_s: never on in this log" in text
     with pytest.raises(InputError, match=r"jets.0.position_m.* is missing"):
-        vehicle.parse(text, "own")
+        vehiclefile.parse(text, "own")
 
 
 def test_few_quiet_cycles_leave_noise_to_the_estimate(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from tests.commandline import begun, massprop
 from tests.hostile import flight, vehicle
-from tests.inputs.test_bad_input import save
+from tests.refusal import save
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 SETTINGS = ("--set", "duration_s=3.0", "--set", 'plan=[{motion="random",axes=["roll","yaw","x"],start_s=0.0,end_s=3.0}]')

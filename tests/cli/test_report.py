@@ -17,7 +17,7 @@ from massprop_cli.result.schema import Result
 from massprop_cli.result.schema import to_json as result_json
 from tests import recorded
 from tests.commandline import massprop
-from tests.inputs.test_bad_input import contents
+from tests.refusal import contents
 
 
 def save(folder: Path, found: Result | None = None) -> Path:

@@ -11,7 +11,7 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.combine.joint import Piece, joint
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import schema
 from massprop_cli.testbed import bound, scenario, simulate
 from tests.campaigns import simulate as fly

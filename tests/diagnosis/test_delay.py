@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from massprop_cli import flow
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 
 SHORT = ["duration_s=20.0", "vehicle.cycle.command_delay_cycles=auto"]

@@ -11,7 +11,8 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate, truth
 
 PLAN = [

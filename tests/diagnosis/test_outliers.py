@@ -13,7 +13,8 @@ from massprop_cli.diagnosis import outliers
 from massprop_cli.estimate.history import phase_cycles
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource, changed
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate

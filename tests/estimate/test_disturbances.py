@@ -8,7 +8,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import disturbances
 from massprop_cli.estimate.phases import Estimates, as_stated, estimates
 from massprop_cli.flow import examine
-from massprop_cli.inputs.vehicle import Phase, Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.testbed import scenario, simulate

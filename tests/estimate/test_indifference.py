@@ -14,7 +14,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.estimate import engine
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Nominal, Vehicle, VehicleSource
+from massprop_cli.inputs.vehicle import Nominal, Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.plant import Reference
 from massprop_cli.testbed import scenario, simulate
 

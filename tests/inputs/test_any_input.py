@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from massprop_cli import job
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import tablefile, telemetry, vehicle
+from massprop_cli.inputs import tablefile, telemetry, vehicle, vehiclefile
 from massprop_cli.result import schema
 from tests.hostile import SAMPLE, flight
 from tests.targets import flyer
@@ -97,7 +97,7 @@ def estimates(data: dict[str, Any]) -> None:
     out = io.BytesIO()
     pq.write_table(flight(60), out)
     try:
-        source = vehicle.parse(tomli_w.dumps(data), "vehicle.toml")
+        source = vehiclefile.parse(tomli_w.dumps(data), "vehicle.toml")
         judged = job.of_table(tablefile.parse(Path("log.parquet"), out.getvalue()), source)
     except InputError:
         return

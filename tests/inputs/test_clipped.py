@@ -10,7 +10,7 @@ import pytest
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.clipped import at_extremes
-from massprop_cli.inputs.vehicle import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import faulty
 
 RNG = np.random.default_rng(5)

@@ -17,7 +17,7 @@ from massprop_cli.result.judge import judge, missed
 from massprop_cli.result.schema import EstimateItem, Expected, Result
 from tests import recorded
 from tests.commandline import massprop
-from tests.inputs.test_bad_input import contents
+from tests.refusal import contents
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 GOOD = """

@@ -14,7 +14,7 @@ from massprop_cli import flow as analysis
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import precise
-from massprop_cli.inputs.vehicle import VehicleSource, parse
+from massprop_cli.inputs.vehiclefile import VehicleSource, parse
 from massprop_cli.plan import flow, guess, limits, motions, rehearsal
 from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
 from massprop_cli.plan.flow import Asked, Made

@@ -19,7 +19,7 @@ from massprop_cli.result.schema import Result
 from massprop_cli.result.schema import to_json as result_json
 from tests import recorded
 from tests.commandline import massprop
-from tests.inputs.test_bad_input import contents
+from tests.refusal import contents
 
 NOT_EXCITED = {"verdict": "not_excited", "value": 22.0, "sigma": 1e6, "final_at_s": None, "reason": "hardly informed"}
 FOUR = Gate()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.inputs import vehicle
+from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.testbed import bound, simulate
@@ -25,7 +25,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 def test_the_bound_of_a_sample_log_is_the_one_recorded_with_it(name: str) -> None:
     """Those were made from the sensitivities of another forward model (sample_logs/README.md)."""
     recorded = json.loads((SAMPLES / name / "truth.json").read_text())
-    used = vehicle.load(SAMPLES / name / "vehicle.toml").vehicle
+    used = vehiclefile.load(SAMPLES / name / "vehicle.toml").vehicle
     log = read(read_table(SAMPLES / name / "log.parquet"), used)
     data = {"schema": 1, "duration_cycles": len(log.command), "vehicle": used, "truth": recorded["phases"][0]}
     data["sensors"] = {"records_per_cycle": log.records_per_cycle}

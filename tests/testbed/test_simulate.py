@@ -16,7 +16,7 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.cli import app
-from massprop_cli.inputs import columns, vehicle
+from massprop_cli.inputs import columns, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.testbed import output, scenario, simulate, truth
@@ -48,7 +48,7 @@ def test_recorded_commands_flown_again_give_the_recorded_increments_to_within_th
     """Logs of another engine (sample_logs/README.md), its truth, its on-times: the residuals are the stated noise and nothing else."""
     folder = SAMPLES / name
     recorded = json.loads((folder / "truth.json").read_text())
-    used = vehicle.load(folder / "vehicle.toml").vehicle
+    used = vehiclefile.load(folder / "vehicle.toml").vehicle
     log = read(read_table(folder / "log.parquet"), used)
     data: dict[str, Any] = {"schema": 1, "duration_cycles": len(log.command), "vehicle": used, "truth": recorded["phases"][0]}
     data["sensors"] = quiet(records_per_cycle=log.records_per_cycle)
@@ -332,7 +332,7 @@ def test_csv_and_parquet_hold_the_same_log(tmp_path: Path) -> None:
     for flag, name in (("--csv", "csv"), ("-q", "parquet")):
         result = runner.invoke(app, ["simulate", "docking", "--out", str(tmp_path / name), flag, *more])
         assert result.exit_code == 0, result.output
-    used = vehicle.load(tmp_path / "csv" / "vehicle.toml").vehicle
+    used = vehiclefile.load(tmp_path / "csv" / "vehicle.toml").vehicle
     logs = [read(read_table(tmp_path / kind / f"log.{kind}"), used) for kind in ("csv", "parquet")]
     for name in ("time_s", "delta_theta_imu_rad", "delta_v_imu_m_s", "command", "attitude_wxyz"):
         assert np.array_equal(getattr(logs[0], name), getattr(logs[1], name))

@@ -1,0 +1,55 @@
+"""Vehicle files: found, read and checked, with ``KEY=VALUE`` assignments on top."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from massprop_cli.base import configfile
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class VehicleSource:
+    """A vehicle with where it came from: a name for messages and the digest of the file as it was given."""
+
+    vehicle: Vehicle
+    source: str
+    sha256: str
+
+
+def load(path: Path, assignments: Sequence[str] = ()) -> VehicleSource:
+    """Read a vehicle file; :class:`InputError` names file, line and key."""
+    return parse(configfile.read_text(path, "vehicle file"), str(path), assignments)
+
+
+def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSource:
+    """Check a vehicle file's text, with ``KEY=VALUE`` assignments on top."""
+    data = configfile.parse_toml(text, source)
+    data = configfile.override(data, assignments)
+    vehicle = configfile.validate(Vehicle, data, source, text, assignments)
+    return VehicleSource(vehicle, source, hashlib.sha256(text.encode()).hexdigest())
+
+
+def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
+    """The vehicle with ``KEY=VALUE`` assignments on top."""
+    data = vehicle.model_dump(by_alias=True, exclude_none=True)
+    data["jets"] = list(data["jets"])
+    return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
+
+
+def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:
+    """The vehicle of a log: ``explicit``, the Parquet file's own metadata, LOGSTEM.vehicle.toml, vehicle.toml beside it."""
+    if explicit is not None:
+        return load(explicit, assignments)
+    if embedded is not None:
+        return parse(embedded, f"{log} (embedded vehicle)", assignments)
+    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
+    beside = [log.with_name(f"{plain.stem}.vehicle.toml"), log.with_name("vehicle.toml")]
+    for path in beside:
+        if path.exists():
+            return load(path, assignments)
+    raise InputError(f"{log}: no vehicle file; looked for {beside[0].name} and {beside[1].name} beside it. Name one", option="vehicle")
