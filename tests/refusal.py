@@ -13,7 +13,7 @@ from pyarrow import csv
 
 from tests.commandline import massprop
 
-SAMPLES = Path(__file__).parents[2] / "sample_logs"
+SAMPLES = Path(__file__).parents[1] / "sample_logs"
 NAN, INF = float("nan"), float("inf")
 Edit = Callable[[Any], Any]
 
