@@ -45,7 +45,7 @@ EXPECTED = {
 
 def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Supposition]:
     """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
-    return [*_channels(model, names), *_groups(model, names), *_timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
+    return [*_channels(model, names), *_groups(model, names), *timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
 
 
 def along(model: Model, *moves: tuple[str, Array]) -> Array:
@@ -124,7 +124,8 @@ def _lines(vectors: Array) -> list[int]:
     return found
 
 
-def _timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
+def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
+    """What makes motion late."""
     for code, name in (
         ("delay-mismatch", "delay"),
         ("thrust-rise", "rise"),

@@ -26,6 +26,7 @@ from massprop_cli.model.lift import Lift, products
 from massprop_cli.model.linearise import integrals
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.within import motion_within
+from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.align import Aligned, align
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing, with_lag
@@ -239,6 +240,7 @@ def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, 
         _Part("constant", lasting, np.ones_like(duration)),
         _Part("rates", middle * lasting, rate),
         _Part("later", *later),
+        *_lagging(vehicle, *later),
         _Part("smeared", *smeared),
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
@@ -249,6 +251,15 @@ def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, 
     if vehicle.on_air_bearing:
         parts += _by_gravity(samples, vehicle, cycles, lasting)
     return parts
+
+
+def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
+    """What comes later as sensors see it that lag by so much already: ``d/dL 1 / (1 + sL)``, as a low-pass of what was undone has it."""
+    imu, period = vehicle.imu, vehicle.cycle.period_s
+    if imu.gyro_lag_s == 0 and imu.accel_lag_s == 0:
+        return []
+    seen = [lowpass.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
+    return [_Part("lagging", *seen)]
 
 
 def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Array) -> list[_Part]:

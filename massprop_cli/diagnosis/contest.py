@@ -59,10 +59,21 @@ class Fitted:
         return self.value("thrust")[own]
 
     @property
+    def moved(self) -> Array:
+        """(d,) the unknowns, each over what is to be expected of it."""
+        found: Array = np.linalg.lstsq(self.supposed.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0]
+        return found
+
+    def along(self, part: float) -> Array:
+        """(nx,) x with the unknowns that many times as far from what is stated."""
+        x = self.x.copy()
+        x[10:] = self.model.stated[10:] + part * (x - self.model.stated)[10:]
+        return x
+
+    @property
     def unlikely(self) -> float:
         """Sum of squares of the unknowns over what is to be expected of each."""
-        away = self.x - self.model.stated
-        return float((np.linalg.lstsq(self.supposed.free[10:], away[10:], rcond=None)[0] ** 2).sum()) if self.unknowns else 0.0
+        return float((self.moved**2).sum()) if self.unknowns else 0.0
 
 
 def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> Array:

@@ -19,7 +19,7 @@ from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing, with_lag
 
 Matrix = tuple[tuple[float, ...], ...]
-BY_HAND = ("gyro_lag", "accel_lag", "torque", "drag", "mass_rate", "inertia_rate")
+BY_HAND = ("torque", "drag", "mass_rate", "inertia_rate")
 """Entries of x that no log and no vehicle file can be mended for."""
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
@@ -121,6 +121,10 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     fast = drift_ppm(case, found)
     if fast:
         imu["clock_drift_ppm"] = vehicle.imu.clock_drift_ppm + fast
+    for sensor in ("gyro", "accel"):
+        if get(f"{sensor}_lag").any():
+            lag_s = getattr(vehicle.imu, f"{sensor}_lag_s") + float(get(f"{sensor}_lag")[0]) * vehicle.cycle.period_s
+            imu[f"{sensor}_lag_s"] = max(lag_s, 0.0)
     if get("imu").any():
         imu["position_m"] = _vector(model.imu + get("imu"))
     turned = _both_turned(found)
@@ -226,7 +230,7 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     """The keys that mend it, and factors on columns; None where neither does."""
     settings = [f"jets.{i}.{key}={_literal(value)}" for i, key, value in _jet_keys(case.vehicle, mended.vehicle)]
     for section, keys in (
-        ("imu", ("clock_drift_ppm", "position_m", "body_from_imu")),
+        ("imu", ("clock_drift_ppm", "gyro_lag_s", "accel_lag_s", "position_m", "body_from_imu")),
         ("environment", ("bearing_position_m", "initial_attitude_wxyz")),
     ):
         for key in keys:
@@ -240,6 +244,9 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
             sigma = float(found.spread[:1].max(initial=0.0)) * unit
             settings += [f"{key}_{suffix}={mended.timing[at] * unit:.9g}", f"{key}_sigma_{suffix}={sigma:.3g}"]
     get = found.value
+    for sensor in ("gyro", "accel"):
+        if get(f"{sensor}_lag").any():
+            settings.append(f"imu.{sensor}_lag_sigma_s={float(found.spread.max(initial=0.0)) * period:.3g}")
     for name, key in (("gyro_bias", "imu.gyro_bias_sigma_rad_s"), ("accel_bias", "imu.accel_bias_sigma_m_s2")):
         if get(name).any():
             settings.append(f"{key}={float(np.abs(get(name)).max()):.3g}")

@@ -19,7 +19,7 @@ from massprop_cli.diagnosis.cures import Case, Cure, cure_of
 from massprop_cli.diagnosis.delay import Found, near, search
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, hopeless, refined, tried
+from massprop_cli.diagnosis.trial import Trial, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -86,7 +86,7 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)
     if found is None and not wandering.fits:
-        found = _much_later(look) or _changed(look) or _pair(look, alone)
+        found = _much_later(look) or _lowpassed(look) or _changed(look) or _pair(look, alone)
     if found is not None and found.score < wandering.cost - CLEAR:
         return found
     return Diagnosis() if wandering.fits else Diagnosis(unknown=_in_vain(look))
@@ -141,6 +141,19 @@ def _much_later(look: Look) -> Diagnosis | None:
     begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
     trial = refined(look, begun, look.case._replace(timing=timing._replace(delay=at.delay)))
     return None if trial is None else _chosen(look, [trial])
+
+
+def _lowpassed(look: Look) -> Diagnosis | None:
+    """A sensor's low-pass of cycles: further than a small step leads to."""
+    trials = []
+    for sensor in ("gyro", "accel"):
+        supposed = next(one for one in causes.timing(look.model, False) if one.code == f"{sensor}-filter")
+        x = look.stated.x.copy()
+        x[look.model.place(f"{sensor}_lag")] = causes.EXPECTED[f"{sensor}_lag"]
+        begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
+        trial = helped(look, begun)
+        trials += [] if trial is None else [trial]
+    return _chosen(look, trials)
 
 
 def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explanation:

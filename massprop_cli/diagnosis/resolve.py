@@ -13,7 +13,7 @@ from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider, late
+from massprop_cli.model.sensitivity import Consider, late, lowpassed
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing, with_lag
 
@@ -39,13 +39,18 @@ def with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicl
 
 
 def uncertain_timing(log: Log, stated: Vehicle, used: Timing) -> Consider:
-    """Delay and lag where they are uncertain."""
-    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / stated.cycle.period_s}
+    """Delay, lag and the sensors' low-passes where they are uncertain."""
+    period = stated.cycle.period_s
+    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / period}
+    sensors = {"gyro": stated.imu.gyro_lag_sigma_s / period, "accel": stated.imu.accel_lag_sigma_s / period}
     variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
-    names = [name for name, variant in variants.items() if variant is not None]
-    sigma = np.array([sigmas[name] for name in names])
-    correlation = np.eye(len(names)) + stated.thrust.lag_delay_correlation * (1 - np.eye(len(names)))
-    return Consider(tuple(v for v in variants.values() if v is not None), correlation * np.outer(sigma, sigma))
+    variants |= {name: lowpassed(log, stated, used, name) for name, sigma in sensors.items() if sigma > 0}
+    found = {name: variant for name, variant in variants.items() if variant is not None}
+    sigma = np.diag([{**sigmas, **sensors}[name] for name in found])
+    correlation = np.eye(len(found))
+    if "delay" in found and "lag" in found:
+        correlation[0, 1] = correlation[1, 0] = stated.thrust.lag_delay_correlation
+    return Consider(tuple(found.values()), sigma @ correlation @ sigma)
 
 
 def stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:

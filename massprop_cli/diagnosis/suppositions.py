@@ -84,14 +84,16 @@ class Model:
     gravity: float
     level: Array
     """(3, 3) mean projector on the level plane, body axes."""
+    lags: Mapping[str, float]
+    """Time constants as stated, cycles."""
     clock_s: tuple[float, float] = (0.0, 1.0)
     """From the log's beginning to the middle of the stretch, and how long that is."""
     biases: Mapping[str, float] = field(default_factory=dict)
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
 
     @staticmethod
-    def of(free: Free, vehicle: Vehicle, by_jets: bool) -> Model:
-        """For a log's triangles."""
+    def of(free: Free, vehicle: Vehicle, lag: float, by_jets: bool) -> Model:
+        """For a log's triangles; ``lag`` of the thrust as stated, cycles."""
         if by_jets:
             position = np.array([vehicle.jets[i].position_m for i in free.fired]).reshape(-1, 3)
             force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
@@ -103,7 +105,9 @@ class Model:
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
         sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
-        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, free.clock_s, biases)
+        period = vehicle.cycle.period_s
+        lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
+        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, lags, free.clock_s, biases)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -186,15 +190,20 @@ class Model:
         return self._measured(spin, push, x, gyro, accelerometer)
 
     def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
-        """What the stated wrench does later, smeared, with a drifting clock or a longer rise; sensors that lag see all of it later."""
-        command, gyro_lag, accel_lag = (
-            [x[..., self.entries[name]][..., 0] for name in names] for names in (("delay", "lag"), ("gyro_lag",), ("accel_lag",))
-        )
-        later, variance, rise = command[0] + command[1], command[1] ** 2, x[..., self.entries["rise"]][..., 0]
-        for own, parts, sensor in ((response, spin, gyro_lag[0]), (thrust, push, accel_lag[0])):
-            whole = later + sensor
-            parts["later"] = whole[..., None, None] * own
-            parts["smeared"] = ((whole**2 + variance + sensor**2) / 2 + RAMP * rise**2)[..., None, None] * own
+        """What the stated wrench does later, smeared, with a drifting clock or a longer rise; sensors that lag see all of it later.
+
+        A lag L as stated that is L + e is ``(1 + sL) / (1 + s(L + e)) = 1 − s e + s² e (L + e) − …``; of a sensor's the first term is taken
+        as the sensor sees it, ``− s e / (1 + sL)``.
+        """
+        delay, lag, rise = (x[..., self.entries[name]][..., 0] for name in ("delay", "lag", "rise"))
+        for own, parts, sensor in ((response, spin, "gyro_lag"), (thrust, push, "accel_lag")):
+            more = x[..., self.entries[sensor]][..., 0]
+            begins = more if self.lags[sensor] == 0 else np.zeros_like(more)
+            later = delay + lag + begins
+            smeared = (later**2 + lag**2 + begins**2) / 2 + lag * self.lags["lag"]
+            parts["later"] = later[..., None, None] * own
+            parts["lagging"] = (more - begins)[..., None, None] * own
+            parts["smeared"] = (smeared + RAMP * rise**2)[..., None, None] * own
             parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
             parts["rising"] = rise[..., None, None] * own
 

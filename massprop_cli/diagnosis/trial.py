@@ -16,6 +16,7 @@ from massprop_cli.diagnosis.whitening import Disturbance
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.lowpass import narrowed
 from massprop_cli.prepare.stream import Stream
 
 CLOSE = 1.4
@@ -30,10 +31,14 @@ HOPELESS, SMALL = 20.0, 0.01
 """Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit."""
 NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
-AGAIN = 8
+AGAIN = 16
 """How often one is applied anew from where it led."""
+ROUNDS = 3
+"""How often beside another disturbance."""
 STILL = 0.01
 """A change of −2 log likelihood that ends that."""
+SLOWLY, FARTHER = 0.3, 0.97
+"""Parts of the last step above which the next one goes further, and that it is taken for at most."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,15 @@ def tried(look: Look, found: Fitted) -> Trial | None:
     return refined(look, found, case)
 
 
+def helped(look: Look, begun: Fitted) -> Trial | None:
+    """The same from a beginning far away; None where that explains less than what is stated."""
+    case = applied(look.case, begun, look.free.fired)
+    there = None if case is None else looked(case, look.piece)
+    if case is None or there is None or there.cost + _by_units(there, begun, look.case) > look.cost:
+        return None
+    return refined(look, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
+
+
 def _once_more(look: Look, found: Fitted) -> tuple[Look, Fitted]:
     """Fitted to a reduction about its own body, where that leaves less."""
     theta = found.value("theta")
@@ -92,11 +106,16 @@ def _passes(look: Look, found: Fitted) -> bool:
 def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
     """What is left once the case is reduced anew, its unknowns moved on from there until they stand.
 
-    First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep.
+    First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
+    what is likeliest there, until that stays.
     """
-    found, case, mended = _led(look, found, case, look.free.beside)
-    if mended is not None and look.free.beside:
+    beside = look.free.beside
+    found, case, mended = _led(look, found, case, beside)
+    for _ in range(ROUNDS):
+        if mended is None or not beside:
+            break
         found, case, mended = _led(look, found, case, ())
+        beside = () if mended is None or mended.free.beside == beside else mended.free.beside
     if mended is None:
         return None
     found = replace(found, chi_square=mended.stated.chi_square)
@@ -112,7 +131,7 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
     fits = fits or (mended.misfit < BETTER * look.misfit and _explained_by_engine(case, look.piece))
     fits = fits and not _no_drift(found)
     excess = mended.score(mended.stated.chi_square, found)
-    units = _by_units(mended, found)
+    units = _by_units(mended, found, look.case)
     return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
 
 
@@ -126,21 +145,29 @@ def _no_drift(found: Fitted) -> bool:
 def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now."""
     mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
-    if mended is None or mended.model.places != look.model.places:
+    if mended is None or not np.array_equal(mended.free.fired, look.free.fired):
         return found, case, None
     if not found.unknowns:
         return found, case, about_its_body(mended)
+    last: Array = np.zeros(found.unknowns)
     for _ in range(AGAIN):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         if mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square) < STILL:
             break
-        further = replace(found, x=_together(found.x, more.x, look.model))
-        then = applied(look.case, further, look.free.fired)
-        there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
-        if then is None or there is None or there.cost > mended.cost - STILL:
+        step = more.moved
+        ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
+        now = mended.cost + _by_units(mended, found, look.case)
+        # where steps shrink by little, what they sum up to (Aitken 1926); else one alone
+        for part in (1 / (1 - ratio), 1.0) if ratio > SLOWLY else (1.0,):
+            further = replace(found, x=_together(found.x, more.along(part), look.model))
+            then = applied(look.case, further, look.free.fired)
+            there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
+            if then is not None and there is not None and there.cost + _by_units(there, further, look.case) < now - STILL:
+                break
+        else:
             break
-        found, case, mended = further, then, there
+        found, case, mended, last = further, then, there, part * step
     return found, case, mended
 
 
@@ -154,11 +181,18 @@ def _together(x: Array, more: Array, model: Model) -> Array:
     return found
 
 
-def _by_units(mended: Look, found: Fitted) -> float:
-    """−2 log of the density of mended measurements in the units and along the axes of the measured."""
-    supposed, free = found.supposed, mended.free
-    sensors = (("gyro_scale", supposed.gyro, free.gyro), ("accel_scale", supposed.accelerometer, free.accelerometer))
-    return float(sum(2 * told.spare * (found.value(name).sum() + np.log(abs(np.linalg.det(turn)))) for name, turn, told in sensors))
+def _by_units(mended: Look, found: Fitted, stated: Case) -> float:
+    """−2 log of the density of mended measurements in the units, along the axes and behind the low-passes of the measured."""
+    supposed, free, log = found.supposed, mended.free, stated.log
+    record_s = float(np.median(log.interval_s))
+    sensors = (("gyro", supposed.gyro, free.gyro), ("accel", supposed.accelerometer, free.accelerometer))
+    total = 0.0
+    for name, turn, told in sensors:
+        scale = 2 * (found.value(f"{name}_scale").sum() + np.log(abs(np.linalg.det(turn))))
+        lags = (getattr(case.vehicle.imu, f"{name}_lag_s") for case in (mended.case, stated))
+        now, before = (3 * narrowed(lag_s, record_s, log.records_per_cycle) for lag_s in lags)
+        total += told.spare * (scale + now - before)
+    return float(total)
 
 
 def _explained_by_engine(case: Case, piece: slice) -> bool:

@@ -111,10 +111,15 @@ def _rise(said: Said) -> str:
 
 
 def _filter(sensor: str) -> Callable[[Said], str]:
-    return lambda said: (
-        f"the {SENSORS[sensor]} is low-pass filtered by {said.seconds(f'{sensor}_lag'):.3g} s beyond the commands; take the filter out, "
-        "or log what is before it"
-    )
+    def words(said: Said) -> str:
+        key, sigma = f"{sensor}_lag_s", said.spread * said.stated.vehicle.cycle.period_s
+        lag_s = getattr(said.mended.vehicle.imu, key)
+        return (
+            f"the {SENSORS[sensor]} is low-pass filtered with a time constant of {lag_s:.3g} ± {sigma:.2g} s; log what is before it, "
+            f"or state imu.{key}"
+        )
+
+    return words
 
 
 def _clock(said: Said) -> str:

@@ -72,6 +72,10 @@ class Imu(Section):
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     gyro_bias_sigma_rad_s: NonNegative = 0.0
     accel_bias_sigma_m_s2: NonNegative = 0.0
+    gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")
+    accel_lag_s: NonNegative = Field(0.0, description="the same within the accelerometer; noise is what is before it")
+    gyro_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of gyro_lag_s; goes into every sigma")
+    accel_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of accel_lag_s; goes into every sigma")
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None
     gyro_outliers_s: tuple[FiniteFloat, ...] | None = Field(

@@ -123,3 +123,13 @@ def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | Non
     except InputError:
         return None
     return Variant(sides[0], sides[1], sum(high) - sum(low))
+
+
+def lowpassed(log: Log, vehicle: Vehicle, timing: Timing, sensor: str) -> Variant:
+    """The low-pass within the gyro or the accelerometer ("accel") changed, per control cycle."""
+    key, period = f"{sensor}_lag_s", vehicle.cycle.period_s
+    lag = getattr(vehicle.imu, key) / period
+    ends = max(lag - STEP, 0.0), lag + STEP
+    changed = (vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={key: end * period})}) for end in ends)
+    low, high = (Side(Stream.of(log, one, timing)) for one in changed)
+    return Variant(low, high, ends[1] - ends[0])

@@ -25,6 +25,8 @@ def uncounted(vehicle: Vehicle) -> list[str]:
         "thrust.pulse_sigma": vehicle.thrust.pulse_sigma,
         "thrust.lag_sigma_s": vehicle.thrust.lag_sigma_s,
         "cycle.command_delay_sigma_cycles": vehicle.cycle.command_delay_sigma_cycles,
+        "imu.gyro_lag_sigma_s": vehicle.imu.gyro_lag_sigma_s,
+        "imu.accel_lag_sigma_s": vehicle.imu.accel_lag_sigma_s,
         "imu.gyro_bias_sigma_rad_s": vehicle.imu.gyro_bias_sigma_rad_s,
         "imu.accel_bias_sigma_m_s2": vehicle.imu.accel_bias_sigma_m_s2,
     }

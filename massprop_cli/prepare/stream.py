@@ -10,6 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, cycle_edges, first_usable_s
 from massprop_cli.prepare.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
@@ -25,7 +26,7 @@ class Alignment:
     """Of one log under one timing; the part that was asked for last is kept, since what is varied beside it asks for the same."""
 
     def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
-        self.log, self.delay = log, timing.delay
+        self.log, self.delay = lowpass.undone(log, vehicle), timing.delay
         self.vehicle = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
         self.usable_s = first_usable_s(log, self.vehicle, self.delay * self.vehicle.cycle.period_s)
         self._held = slice(0, min(LEAST, log.cycles))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.compensate import Samples, compensate
 
@@ -19,6 +20,7 @@ class Timing(NamedTuple):
 
     def of(self, log: Log, vehicle: Vehicle) -> Samples:
         """The log's samples under this timing."""
+        log = lowpass.undone(log, vehicle)
         return compensate(align(log, with_lag(vehicle, self.lag * vehicle.cycle.period_s), self.delay), vehicle)
 
     def moved(self, unknown: Sequence[str], steps: Iterable[float]) -> Timing:

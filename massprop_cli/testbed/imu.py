@@ -1,4 +1,4 @@
-"""The IMU as it really is: mounting, bias, white noise, range, quantised increments."""
+"""The IMU as it really is: mounting, bias, white noise, low-pass, range, quantised increments."""
 
 from __future__ import annotations
 
@@ -26,21 +26,26 @@ class Sensor:
     quantum: float
     """Smallest increment."""
     record_s: float
+    kept: float = 0.0
+    """What its low-pass keeps of a record in the next."""
     increments: Array = field(init=False)
     """(3, S, K, N) what is logged, IMU axes."""
 
     def __post_init__(self) -> None:
         self.increments = np.zeros_like(self.noise)
         self._left = np.zeros(self.noise.shape[:2])
+        self._last: Array | None = None
 
     def sense(self, cycle: int, mean: Array, jump: Array | float = 0.0) -> Array:
         """Log one cycle from (3, S, N) means of its records and return the sum of its increments, (3, S).
 
         ``jump`` (3, S) comes on top of the first increment.
         """
-        seen = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None] + self.noise[:, :, cycle]
+        seen: Array = apply(self.imu_from_body[..., None, None], mean) + self.bias[:, None, None] + self.noise[:, :, cycle]
         if np.ndim(jump):
             seen[..., 0] += apply(self.imu_from_body[..., None], np.asarray(jump)) / self.record_s
+        if self.kept > 0:
+            seen = self._lowpassed(seen)
         if self.limit is not None:
             seen = np.clip(seen, -self.limit, self.limit)
         step = seen * self.record_s
@@ -54,25 +59,44 @@ class Sensor:
         total: Array = step.sum(-1)
         return total
 
+    def _lowpassed(self, seen: Array) -> Array:
+        """(3, S, N) records of a cycle after a first-order low-pass, which began at rest with the first."""
+        found = np.empty_like(seen)
+        last: Array = seen[..., 0] if self._last is None else self._last
+        for k in range(seen.shape[-1]):
+            found[..., k] = self.kept * last + (1 - self.kept) * seen[..., k]
+            last = found[..., k]
+        self._last = last
+        return found
+
 
 def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
     """The scenario's gyro, rad."""
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.gyro_noise_rad_s if real.gyro_noise_rad_s is None else real.gyro_noise_rad_s
-    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, stated.gyro_range_rad_s, real.gyro_quantum_rad)
+    limits = stated.gyro_range_rad_s, real.gyro_quantum_rad
+    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, stated.gyro_lag_s, *limits)
 
 
 def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
     """The scenario's accelerometer, m/s."""
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.accel_noise_m_s2 if real.accel_noise_m_s2 is None else real.accel_noise_m_s2
-    return _sensor(scenario, rngs, sigma or 0.0, real.accel_bias_m_s2, stated.accel_range_m_s2, real.accel_quantum_m_s)
+    limits = stated.accel_range_m_s2, real.accel_quantum_m_s
+    return _sensor(scenario, rngs, sigma or 0.0, real.accel_bias_m_s2, stated.accel_lag_s, *limits)
 
 
 def _sensor(
-    scenario: Scenario, rngs: list[np.random.Generator], sigma: float, bias: tuple[float, ...], limit: float | None, quantum: float
+    scenario: Scenario,
+    rngs: list[np.random.Generator],
+    sigma: float,
+    bias: tuple[float, ...],
+    lag_s: float,
+    limit: float | None,
+    quantum: float,
 ) -> Sensor:
     records = scenario.sensors.records_per_cycle
+    record_s = scenario.vehicle.cycle.period_s / records
     shape = (scenario.cycles, records, 3)
     # sigma is that of a cycle's mean: a record's is larger by the root of their number
     noise = np.stack([rng.standard_normal(shape) * (sigma * np.sqrt(records)) for rng in rngs])
@@ -82,5 +106,6 @@ def _sensor(
         bias=np.array(bias),
         limit=limit,
         quantum=quantum,
-        record_s=scenario.vehicle.cycle.period_s / records,
+        record_s=record_s,
+        kept=float(np.exp(-record_s / lag_s)) if lag_s > 0 else 0.0,
     )

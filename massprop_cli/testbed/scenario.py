@@ -243,6 +243,8 @@ class Scenario(Timed):
         for jet in self.vehicle.jets:
             if max(jet.rise_s, jet.fall_s) > period:
                 raise ValueError(f"jet {jet.name!r}: a rise or fall longer than the control cycle of {period:g} s can't be simulated")
+        if self.vehicle.imu.clock_drift_ppm != 0:
+            raise ValueError("imu.clock_drift_ppm: one clock only can be simulated; leave it out")
         if self.vehicle.cycle.command_delay_cycles == "auto" and self.actuators.delay_cycles is None:
             raise ValueError('cycle.command_delay_cycles is "auto": give the true delay as actuators.delay_cycles')
         if self.vehicle.thrust.lag_s == "auto" and self.actuators.lag_s is None:

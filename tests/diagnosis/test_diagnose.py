@@ -223,3 +223,18 @@ def test_a_drifting_clock_is_named_with_its_rate_and_mended() -> None:
     assert float(ppm) == pytest.approx(2500, abs=25)
     for true, e in zip(flown.truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
         assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_a_low_passed_sensor_is_named_with_its_time_constant_and_mended(sensor: str) -> None:
+    """Of a cycle and a half, stated by none: the time constant within its sigma, and the values that it gives within theirs."""
+    lag_s = 0.075
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, f"vehicle.imu.{sensor}_lag_s={lag_s}"]), [3])
+    unstated = flown.vehicle.model_copy(update={"imu": flown.vehicle.imu.model_copy(update={f"{sensor}_lag_s": 0.0})})
+    found = flow.examine(flown.log(0), VehicleSource(unstated, "t", ""))
+    (answer,) = found.mended
+    assert answer.fault.notice.code == f"{sensor}-filter"
+    said = {key: float(value) for key, _, value in (setting.partition("=") for setting in answer.settings)}
+    assert abs(said[f"imu.{sensor}_lag_s"] - lag_s) < 4 * said[f"imu.{sensor}_lag_sigma_s"] < 0.1 * lag_s
+    for true, e in zip(flown.truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
+        assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)

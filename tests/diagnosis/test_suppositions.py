@@ -39,7 +39,7 @@ def theta(kind: str) -> Array:
 def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     """Chi-square that the true body leaves of a log, with entries of x as given."""
     free = free_response(log, used, DELAY, PIECE)
-    model = Model.of(free, used, True)
+    model = Model.of(free, used, 0.0, True)
     x = model.stated
     x[:10] = theta(kind)
     for name, value in entries.items():
@@ -136,7 +136,7 @@ def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     flown = flight.standard("free")
     log, used = weak(flown.log(np.random.default_rng(3)), flown.used)
     free = free_response(log, used, DELAY, PIECE)
-    model = Model.of(free, used, True)
+    model = Model.of(free, used, 0.0, True)
     column = np.zeros((len(model.stated), 1))
     column[model.place("thrust").start] = 0.3
     stated, found = fitted(

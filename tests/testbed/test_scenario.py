@@ -237,3 +237,7 @@ def test_the_scenario_schema_accepts_the_packaged_files() -> None:
     for name in scenario.packaged():
         text = (resources.files("massprop_cli.testbed") / "scenarios" / f"{name}.toml").read_text()
         jsonschema.validate(tomllib.loads(text), schema)
+
+
+def test_a_second_clock_is_refused() -> None:
+    assert "one clock only" in refusal(BASE + "[vehicle.imu]\nclock_drift_ppm = 100.0\n" + JETS + HOLD)

@@ -1,0 +1,67 @@
+"""A low-pass within a sensor, undone: what it would have reported without.
+
+A first-order low-pass of time constant τ reports ``y[k] = a y[k−1] + (1 − a) u[k]``, ``a = exp(−T / τ)`` for a record of length T. Undone,
+record k takes records k − 1 and k alone, and noise that the sensor had before its low-pass is white again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+
+REACH = 64
+"""Cycles after which what one was is forgotten: of low-passes that are a few cycles long."""
+
+
+def undone(log: Log, vehicle: Vehicle) -> Log:
+    """The log without the low-passes that ``imu.gyro_lag_s`` and ``imu.accel_lag_s`` state; that of a steady motion before it began."""
+    gyro, accelerometer = vehicle.imu.gyro_lag_s, vehicle.imu.accel_lag_s
+    if gyro == 0 and accelerometer == 0:
+        return log
+    return replace(
+        log,
+        delta_theta_imu_rad=_undone(log.delta_theta_imu_rad, log.interval_s, gyro),
+        delta_v_imu_m_s=_undone(log.delta_v_imu_m_s, log.interval_s, accelerometer),
+    )
+
+
+def _undone(increments: Array, interval_s: Array, lag_s: float) -> Array:
+    """(n, 3) increments over intervals (n,)."""
+    if lag_s == 0:
+        return increments
+    mean = increments / interval_s[:, None]
+    kept = np.exp(-interval_s / lag_s)[:, None]
+    before = np.concatenate([mean[:1], mean[:-1]])
+    found: Array = interval_s[:, None] * (mean - kept * before) / (1 - kept)
+    return found
+
+
+def applied(values: Array, step_s: float, lag_s: float) -> Array:
+    """(K, n) what a low-pass makes of values that follow one another by ``step_s``, nothing before; nothing of all without one."""
+    kept = np.exp(-step_s / lag_s) if lag_s > 0 else 1.0
+    found, now = np.empty_like(values), np.zeros(values.shape[1])
+    for k, value in enumerate(values):
+        found[k] = now = kept * now + (1 - kept) * value
+    return found
+
+
+def narrowed(lag_s: float, record_s: float, records: int) -> float:
+    """Log of what of a cycle's variance no earlier cycle tells, after a low-pass over before: both of white noise in ``records`` records.
+
+    The innovation variance of the decimated means (Szegő 1915: its log is the mean log spectral density).
+    """
+    if lag_s == 0:
+        return 0.0
+    kept = np.exp(-record_s / lag_s)
+    apart = np.arange(REACH * records)
+    correlated = (1 - kept) / (1 + kept) * kept**apart
+    # the mean over a cycle, against that over another
+    pairs = np.abs(np.arange(REACH)[:, None, None] * records + np.arange(records)[:, None] - np.arange(records))
+    by_cycle = correlated[np.minimum(pairs, len(apart) - 1)].sum((1, 2)) / records
+    lags = np.abs(np.arange(REACH)[:, None] - np.arange(REACH))
+    return 2 * float(np.log(np.diag(np.linalg.cholesky(by_cycle[lags]))[-1]))
