@@ -19,7 +19,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.diagnosis.whitening import LEVELS, Disturbance, Driven, Told, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, Disturbance, Driven, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift, products

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, median
-from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import PARAMETERS, RATE, linearise, parameters, stepped
@@ -48,9 +48,6 @@ MEDIAN = 0.6745
 """The median of a normal deviate's size, in sigmas."""
 STRETCH = 4096
 """Most cycles over which one body is to explain what it can, before what is left is looked at."""
-LAGS = (2, 10)
-"""Cycles over which the residual torque is compared with itself to tell a slow torque from a white one: at least two, since a residual is
-a mean over two cycles; five times as far, so that what a walk adds in between outweighs the scatter."""
 
 
 def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
@@ -208,13 +205,13 @@ def _pulses(samples: Samples) -> Array:
 def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
     """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
 
-    Disturbance torque: as the residual torque shows it (:func:`_torque_levels`); where that was done before, raised by what is still
+    Disturbance torque: at its likeliest levels (:mod:`massprop_cli.estimate.sizing`); where that was done before, raised by what is still
     missing. Accelerometer noise: widened per axis by the excess.
     """
     environment: dict[str, float] = {}
     now = vehicle.environment
     if not np.isnan(excess[:3]).all():
-        white, walk = _torque_levels(samples, cycles, vehicle)
+        white, walk = torque_levels(samples, cycles, vehicle)
         worst = float(np.nanmax(excess[:3]))
         factor = np.sqrt(worst) if np.isfinite(worst) else 1.0
         environment = {
@@ -259,29 +256,6 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
             )
         )
     return found
-
-
-def _torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
-    """One sigma per cycle of a white torque, and of the change of a random-walk torque, N m, pooled over axes and phases.
-
-    From the structure function of the residual torque e, a mean over two cycles: ``E (e[k+n] − e[k])² = n walk² + white² + 2 gyro noise``
-    for n ≥ 2.
-    """
-    walks, whites = [], []
-    for piece in cycles:
-        reference = beginning(samples, piece, vehicle)
-        if reference is None or piece.stop - piece.start <= 5 * LAGS[1]:
-            continue
-        duration = gathered(samples, piece, duration_s)[1:, None]
-        e = times(reference.inertia, _residual_growth(samples, piece, reference, vehicle)) / duration
-        near, far = (((e[lag:] - e[:-lag]) ** 2).mean() for lag in LAGS)
-        walk = (far - near) / (LAGS[1] - LAGS[0])
-        gyro = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2 * (reference.inertia**2).sum() / 3 / median(duration) ** 2
-        walks.append(walk)
-        whites.append(near - LAGS[0] * walk - 2 * gyro)
-    if not walks:
-        return 0.0, 0.0
-    return float(np.sqrt(max(np.mean(whites), 0.0))), float(np.sqrt(max(np.mean(walks), 0.0)))
 
 
 def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:

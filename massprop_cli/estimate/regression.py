@@ -87,7 +87,7 @@ class Regression:
         self.prior = prior(samples, vehicle)
         self.free = int((self.prior > 0).sum())
         """m, the states whose beginning is unknown."""
-        self.assumed = len(consider.variants) + consider.thrust * len(samples.wrench)
+        self.assumed = consider.columns(len(samples.wrench))
         """e, the assumptions."""
         self._last: tuple[Run, Array, Array, Array] | None = None
         self._begun: tuple[Reference, Array, Array] | None = None

@@ -155,8 +155,8 @@ class Lift:
         return np.concatenate([np.arange(row * self.channels - 6, row * self.channels) for row in (1, 2, 3)])
 
     def nearest(self, theta: Array, steps: Array) -> Array:
-        """(K, 10) θ moved by each of ``steps`` (K, 10), as far as that leads to a body."""
-        share = np.ones(len(steps))
+        """(K, 10) θ moved by each of ``steps`` (K, 10), as far as that leads to a body; not at all by one that is no number."""
+        share, steps = np.ones(len(steps)), np.where(np.isfinite(steps).all(1, keepdims=True), steps, 0.0)
         for _ in range(HALVINGS):
             found: Array = theta + share[:, None] * steps
             principal = np.linalg.eigvalsh(tensor(found[:, J]))

@@ -8,9 +8,10 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis import channelwise, whitening
+from massprop_cli.diagnosis import channelwise
 from massprop_cli.diagnosis.channelwise import Design
-from massprop_cli.diagnosis.whitening import Disturbance
+from massprop_cli.estimate import whitening
+from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import compensate

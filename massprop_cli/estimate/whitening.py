@@ -55,6 +55,8 @@ class Driven(NamedTuple):
     """(K,) whether it counts."""
     coupling: float
     """What noise in the rates brings into the rate's steps by their products: a variance, over that of the noise."""
+    held: bool = False
+    """Whether a white torque is held through each cycle, so that half of it and half of the next one's make a step of the mean rate."""
 
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
@@ -102,16 +104,19 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
     A torque that does not walk begins as nothing: a steady one is a column of its own.
     """
     count, size = len(rates.rate), rates.growth.shape[1]
-    now = np.zeros((len(disturbances), 2, 2 + size + 3))
-    now[:, :, :2] = np.eye(2)
+    states, step, white = _torque(rates.held)
+    now = np.zeros((len(disturbances), states, 2 + size + 3))
+    now[:, :2, :2] = np.eye(2)
     driven, measured = np.zeros((2, count, now.shape[2]))
     driven[1:, 2:-3], measured[:, -3:] = rates.growth, rates.rate
     rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
-    added = np.stack([np.diag(one) for one in disturbances])
-    kept, step = np.zeros_like(added), np.array([[1.0, 1.0], [0.0, 1.0]])
+    walk = np.eye(states)[1]
+    added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in disturbances])
+    kept = np.zeros_like(added)
     for k in range(count):
         if k > 0:
-            now[:, 0] += now[:, 1] + driven[k]
+            now = step @ now
+            now[:, 0] += driven[k]
             kept = step @ kept @ step.T + added
         if not rates.used[k]:
             rows[k], spread[k] = 0.0, 1.0
@@ -127,6 +132,13 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
         told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
         found.append(Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
     return found
+
+
+def _torque(held: bool) -> tuple[int, Array, Array]:
+    """States (rate, what it grows by, the last cycle's white torque if that is held), their transition, and where white noise enters."""
+    if not held:
+        return 2, np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([1.0, 0.0])
+    return 3, np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), np.array([0.5, 0.0, 1.0])
 
 
 def reduced(columns: Array, measured: Array, free: int = 0) -> Told:

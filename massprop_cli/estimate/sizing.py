@@ -1,0 +1,100 @@
+"""How large a disturbance torque is that nobody stated: white, or wandering, at its likeliest levels.
+
+What the rates say is made white beside a torque of some level (:mod:`massprop_cli.estimate.whitening`), while the response to commands and
+to the motion is left free, so that no mass properties need be known. What no coefficients explain, over the stated noise, with the log
+determinants of what was whitened and of the coefficients' information, is −2 log of that level's restricted likelihood (Patterson &
+Thompson 1971).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.whitening import Disturbance, Driven, each
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.linearise import integrals
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.within import motion_within
+from massprop_cli.prepare.compensate import Source
+
+LONGEST = 2048
+"""Cycles of each phase that are looked at."""
+LEVELS = (0.0, *(10.0**k for k in range(-3, 4)))
+"""Each tried, of both kinds; 1 is a torque whose cycle's impulse moves the rate by as much as the gyro's noise."""
+FINER = (3.0, 1.7, 1.3, 1.1)
+"""Factors by which the likeliest is then varied, one after the other."""
+
+
+class _Piece(NamedTuple):
+    driven: Driven
+    weights: Array
+    """(3,) variance, over the gyro's noise, of what a unit of torque adds to the rate about each axis in a cycle."""
+    noise: float
+    """One sigma, rad/s."""
+
+
+def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+    """One sigma per cycle of a white torque, and of the change per cycle of a wandering one, N m, each axis alike."""
+    pieces = [piece for part in cycles if (piece := _piece(samples, part, vehicle)) is not None]
+    if not pieces:
+        return 0.0, 0.0
+    unit = float(np.mean([piece.weights.mean() for piece in pieces])) ** -0.5
+    best = _likeliest(pieces, [(unit * a, unit * b) for a, b in product(LEVELS, LEVELS)])
+    for by in FINER:
+        white, walk = best
+        best = _likeliest(pieces, [(white * a, walk * b) for a, b in product((1 / by, 1.0, by), repeat=2)])
+    return best
+
+
+def _likeliest(pieces: Sequence[_Piece], levels: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    levels = list(dict.fromkeys(levels))
+    costs = np.sum([_costs(piece, levels) for piece in pieces], 0)
+    count = sum(int(piece.driven.used.sum()) for piece in pieces)
+    price = [3 * np.log(count) * sum(level > 0 for level in one) for one in levels]
+    return levels[int(np.argmin(costs + price))]
+
+
+def _costs(piece: _Piece, levels: Sequence[tuple[float, float]]) -> Array:
+    """(L,) −2 log likelihood of each, with the stated noise."""
+    rates, weights = piece.driven, piece.weights
+    beside = [Disturbance(rates.coupling + w * white**2, w * walk**2) for white, walk in levels for w in weights]
+    told = [one.told for one in each(rates, beside)]
+    axes = np.arange(len(told)) % 3
+    costs = [t.left[i] / piece.noise**2 + t.volume / 3 + _determinant(t.triangle) for t, i in zip(told, axes, strict=True)]
+    found: Array = np.array(costs).reshape(-1, 3).sum(1)
+    return found
+
+
+def _determinant(triangle: Array) -> float:
+    """2 log |det| of a triangle, without columns that are nothing."""
+    diagonal = np.abs(np.diag(triangle))
+    return 2 * float(np.log(diagonal[diagonal > 0]).sum())
+
+
+def _piece(samples: Source, cycles: slice, vehicle: Vehicle) -> _Piece | None:
+    """A phase's first cycles; None where they tell of no body, or are too few."""
+    part = slice(cycles.start, min(cycles.start + LONGEST, cycles.stop))
+    reference = beginning(samples, part, vehicle)
+    lift = Lift(plant_of(vehicle))
+    if reference is None or part.stop - part.start < 3 * lift.channels:
+        return None
+    here = samples.part(part)
+    theta = lift.theta(reference)
+    step, _, known = integrals(here, lift, theta, motion_within(here, reference, lift))
+    rate = here.rate_rad_s - np.concatenate([np.zeros((1, 3)), np.cumsum(known, 0)])
+    noise = vehicle.imu.gyro_noise_rad_s or 0.0
+    driven = Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True)
+    return _Piece(driven, _weights(reference, median(here.executed.duration_s), noise), noise)
+
+
+def _weights(reference: Reference, cycle_s: float, noise: float) -> Array:
+    inverse = np.linalg.inv(reference.inertia)
+    found: Array = np.einsum("ij,ij->i", inverse, inverse) * (cycle_s / noise) ** 2
+    return found
