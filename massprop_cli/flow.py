@@ -15,6 +15,7 @@ from massprop_cli.conclude.assumptions import Assumption, Examined, assumptions,
 from massprop_cli.conclude.contradict import Contradiction, Fault, by_faults, by_known, by_misfit, by_no_body, together
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
+from massprop_cli.conclude.score import Doubt, by_doubts, doubts
 from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
 from massprop_cli.diagnosis import delay, outliers
 from massprop_cli.diagnosis.delay import Found
@@ -26,10 +27,13 @@ from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
+    from massprop_cli.diagnosis.cures import Cure
     from massprop_cli.diagnosis.diagnose import Diagnosis
 
 
@@ -75,6 +79,8 @@ class Analysis:
     """What has a name."""
     unknown: str = ""
     """Why nothing has, where something should."""
+    doubts: tuple[Doubt, ...] = ()
+    """Assumptions that the log contradicts."""
 
 
 def analyse(
@@ -105,7 +111,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
     mended = [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
-    judged = _judged(found, mended)
+    judged = _judged(found, mended, [_offline(found, cure) for answer in mended for cure in answer.fault.rivals])
     return replace(judged, assumptions=_assumptions(judged))
 
 
@@ -138,10 +144,16 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     histories, settled, used = answer.histories, answer.settled, answer.used
     if stated.estimator.refine and settled:
         histories = tuple(settled)
-    examination = None
+    examination, doubted = None, list[Doubt]()
     if settled and check:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled)
+        doubted = doubts(examination, channel_names(log, used))
+    if doubted and diagnosis is None and not _saturated(log):
+        say("looking for the cause", 1.0)
+        from massprop_cli.diagnosis.diagnose import diagnose
+
+        diagnosis = diagnose(log, used, used_timing, [cycles for _, cycles in phases])
     explanations, unknown = (diagnosis.explanations, diagnosis.unknown) if diagnosis else ((), "")
     if detected is None and diagnosis:
         detected = diagnosis.detected
@@ -168,8 +180,12 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         ),
         assignments=tuple(assignments),
         examination=examination,
-        faults=(*(Fault(n, None) for n in _saturated(log)), *(Fault(e.notice, e.cure, e.change_s) for e in explanations)),
+        faults=(
+            *(Fault(n, None) for n in _saturated(log)),
+            *(Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations),
+        ),
         unknown=unknown,
+        doubts=tuple(doubted),
     )
 
 
@@ -200,22 +216,48 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
             source = replace(source, vehicle=_split(source.vehicle, [h.phase for h in found.histories], fault.change_s))
         else:
             source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
-        again = _judged(_estimated(log, source, (), say, check=False), [])
+        again = _estimated(log, source, (), say, check=False)
+        again = _judged(_widened(again, [_offline(found, near) for near in fault.around]), [])
     except InputError:
         return None
     return MendedAnswer(fault, (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns)), again.conclusions)
 
 
-def _judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
-    """Conclusions with what is contradicted, the docked object, and every notice."""
+def _offline(found: Analysis, cure: Cure) -> list[Array]:
+    """(10,) what off-line fits of each phase give with a fault mended so; NaN where there is none."""
+    log, vehicle = cure.log(found.log), vehiclefile.changed(found.source.vehicle, cure.settings)
+    timing = stated_timing(vehicle)
+    samples = Stream.of(log, vehicle, timing)
+    fits = as_stated(samples, phases_of(log, vehicle, samples), vehicle, Consider()).fits
+    return [np.full(10, np.nan) if fit is None else fit.history.values[-1] for fit in fits]
+
+
+def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:
+    """With sigmas that hold by how much the values move if each unknown of what was mended is one sigma further on."""
+    if not around:
+        return found
+    histories = []
+    for i, (history, settled) in enumerate(zip(found.histories, found.settled, strict=True)):
+        moved = np.stack([values[i] - settled.values[-1] for values in around], 1)
+        sigmas = np.sqrt(history.sigmas**2 + (moved**2).sum(1))
+        histories.append(replace(history, sigmas=sigmas, covariance=history.covariance + moved @ moved.T))
+    return replace(found, histories=tuple(histories), conclusions=tuple(conclude(history, found.vehicle) for history in histories))
+
+
+def _judged(found: Analysis, mended: Sequence[MendedAnswer], rivals: Sequence[Sequence[Array]] = ()) -> Analysis:
+    """Conclusions with what is contradicted, the docked object, and every notice.
+
+    ``rivals``: (10,) values of each phase if a cause is mended instead that can't be ruled out.
+    """
     by_method, faults = found.vehicle.estimator.method == "default", found.faults
     conclusions, factors = [], []
-    for conclusion, history, settled in zip(found.conclusions, found.histories, found.settled, strict=True):
+    for i, (conclusion, history, settled) in enumerate(zip(found.conclusions, found.histories, found.settled, strict=True)):
         own = [f for f in faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
         answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle) if by_method else (None, np.ones(6))
-        unnamed = [] if own or not by_method else [_explained(misfit, found.unknown), by_no_body(conclusion)]
-        against = together([by_faults(conclusion, own, answers), by_known(history), *unnamed])
+        nameless = [_explained(misfit, found.unknown), by_doubts(conclusion, i, found.doubts), by_no_body(conclusion)]
+        unnamed = nameless if by_method and not own else []
+        against = together([by_faults(conclusion, own, answers, [values[i] for values in rivals]), by_known(history), *unnamed])
         conclusions.append(conclusion if against is None else contradicted(conclusion, against.cause, against.touched))
         factors.append(factor)
     docked = docked_object(tuple(conclusions), found.vehicle)

@@ -19,11 +19,11 @@ from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.engine import respond
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.rows import Response
-from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import MU
 from massprop_cli.model.sensitivity import Consider, Side, Variant, late
+from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -59,14 +59,15 @@ class Assumption:
 
 
 @dataclass(frozen=True)
-class _Taken:
+class Taken:
     """An assumption, and how it is varied: ``size`` units make one step."""
 
     code: str
     message: str
     step: str
     stated: bool
-    variant: Variant
+    variant: Variant | None
+    """None: one of the columns that follow all variants."""
     size: float
 
 
@@ -87,13 +88,35 @@ class Later(NamedTuple):
 class Examined:
     """What is taken for granted, and what each of it does to each phase."""
 
-    taken: tuple[_Taken, ...]
+    taken: tuple[Taken, ...]
     responses: tuple[Response | None, ...]
-    """To one unit of each, then of each channel's thrust; None of a phase without a reference."""
+    """To one unit of each variant, then of the scale of each of the accelerometer's axes, then of each channel's thrust; None of a phase
+    without a reference."""
+    count: int
+    """How many innovations there are in all."""
+    noise: tuple[Array, ...]
+    """(4,) of each phase: sum of squared innovations, normalised, of the gyro and along each of the accelerometer's axes."""
+
+    @property
+    def scatter(self) -> float:
+        """Mean square of what is left of all phases, normalised."""
+        return float(np.sum([part.sum() for part in self.noise]) / max(self.count, 1))
+
+    @property
+    def varied(self) -> list[Taken]:
+        """Those that have a variant."""
+        return [t for t in self.taken if t.variant is not None]
+
+    def step(self, taken: Taken, columns: int) -> Array:
+        """(e,) units of each column that make one step."""
+        found, first = np.zeros(columns), len(self.varied)
+        at = next((i for i, t in enumerate(self.varied) if t is taken), None)
+        found[slice(first, first + 3) if at is None else at] = taken.size
+        return found
 
     def delay(self) -> Later | None:
         """None where nothing tells."""
-        at = next((i for i, t in enumerate(self.taken) if t.code == "command-delay"), None)
+        at = next((i for i, t in enumerate(self.varied) if t.code == "command-delay"), None)
         grams = [response.gram[np.ix_([0, at + 1], [0, at + 1])] for response in self.responses if response is not None and at is not None]
         if not grams or not sum(gram[1, 1] for gram in grams) > 0:
             return None
@@ -104,11 +127,14 @@ class Examined:
 def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, settled: Sequence[History]) -> Examined:
     """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``."""
     taken = tuple(_taken(log, vehicle, timing, samples))
-    consider = Consider(tuple(t.variant for t in taken), thrust=True)
+    consider = Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True)
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
     ]
-    return Examined(taken, tuple(responses))
+    innovations = [history.normalised[np.isfinite(history.normalised).all(1)] for history in settled]
+    along = [part[:, 3:] @ np.array(vehicle.imu.body_from_imu) for part in innovations]
+    noise = [np.array([(part[:, :3] ** 2).sum(), *(own**2).sum(0)]) for part, own in zip(innovations, along, strict=True)]
+    return Examined(taken, tuple(responses), sum(part.size for part in innovations), tuple(noise))
 
 
 def assumptions(
@@ -120,10 +146,9 @@ def assumptions(
     for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):
         if response is None:
             continue
-        for i, (of_one, t) in enumerate(zip(effects, found.taken, strict=True)):
-            step = t.size * (np.arange(response.shift.shape[1]) == i)
-            of_one.append(_effect(history, conclusion, vehicle, response, step))
-        listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.taken))
+        for of_one, t in zip(effects, found.taken, strict=True):
+            of_one.append(_effect(history, conclusion, vehicle, response, found.step(t, response.shift.shape[1])))
+        listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
     told = zip(found.taken, effects, strict=True)
     return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
 
@@ -153,7 +178,7 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
     if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():
         return []
-    names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
+    names = channel_names(log, vehicle)
     listed = ", ".join(name for name, is_one in zip(names, chosen, strict=True) if is_one)
     step = 0.01 * np.concatenate([np.zeros(first), chosen])
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
@@ -194,7 +219,7 @@ def _effect(history: History, conclusion: Conclusion, vehicle: Vehicle, response
     return Effect(history.phase.name, change, float(np.sqrt(max(float(step @ response.misfit @ step), 0.0))))
 
 
-def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[_Taken]:
+def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[Taken]:
     """What is varied, each about the log as it was read."""
     here = Side(samples)
     imu, stated = vehicle.imu, vehicle.imu.model_fields_set
@@ -202,47 +227,44 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Itera
     for i, axis in enumerate(AXES):
         further = _with(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
         variant = Variant(here, Side(here.samples, further), 1e-3)
-        yield _Taken("imu-position", f"{words}; further along {axis}", "1 mm", "position_m" in stated, variant, 1e-3)
+        yield Taken("imu-position", f"{words}; further along {axis}", "1 mm", "position_m" in stated, variant, 1e-3)
     words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
     for i, axis in enumerate(AXES):
         mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
         used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
         variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
         message = f"imu.body_from_imu is {words}; turned about {axis}"
-        yield _Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
+        yield Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
     later = late(log, vehicle, timing, "delay")
     if later is not None:
         uncertain = vehicle.cycle.command_delay_sigma_cycles > 0
         words = "its uncertainty is in every sigma" if uncertain else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
-        yield _Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)
-    for code, name, scaled in (
-        ("gyro-scale", "gyro", samples.changed(gyro=1.01)),
-        ("accelerometer-scale", "accelerometer", samples.changed(accelerometer=1.01)),
-    ):
-        variant = Variant(here, Side(scaled), 0.01)
-        yield _Taken(code, f"the {name}'s scale is taken as exact", "1 %", False, variant, 0.01)
+        yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)
+    scaled = Variant(here, Side(samples.changed(gyro=1.01)), 0.01)
+    yield Taken("gyro-scale", "the gyro's scale is taken as exact", "1 %", False, scaled, 0.01)
+    yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
     if vehicle.on_air_bearing:
         yield from _on_bearing(vehicle, here, samples)
 
 
-def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[_Taken]:
+def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken]:
     environment, stated = vehicle.environment, vehicle.environment.model_fields_set
     for code, key, unit in (("bearing-mass", "bearing_mass_kg", "kg"), ("gravity", "gravity_m_s2", "m/s^2")):
         value = getattr(environment, key)
         if value > 0:
             changed = _with(vehicle, "environment", key, 1.01 * value)
             message = f"environment.{key} is {'stated' if key in stated else 'not stated and taken'} as {value:g} {unit}"
-            yield _Taken(code, message, "1 %", key in stated, Variant(here, Side(here.samples, changed), 0.01), 0.01)
+            yield Taken(code, message, "1 %", key in stated, Variant(here, Side(here.samples, changed), 0.01), 0.01)
     place = environment.bearing_position_m
     for i, axis in enumerate(AXES):
         changed = _with(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
         message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
         variant = Variant(here, Side(here.samples, changed), 1e-4)
-        yield _Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
+        yield Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
     for i, axis in enumerate("" if samples.attitude_logged else "XY"):
         variant = Variant(here, _tilted(samples, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
         message = f"environment.initial_attitude_wxyz is {_vector(environment.initial_attitude_wxyz)}; tilted about the world's {axis}"
-        yield _Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
+        yield Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
 
 
 def _vector(values: Sequence[float]) -> str:

@@ -52,6 +52,10 @@ class Fault:
     """None where nothing mends the log."""
     change_s: float | None = None
     """When the mass properties changed, if they did."""
+    around: tuple[Cure, ...] = ()
+    """The cure with each of its unknowns one sigma further on."""
+    rivals: tuple[Cure, ...] = ()
+    """Of causes that can't be ruled out."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +67,23 @@ class Contradiction:
     """(10,)"""
 
 
-def by_faults(conclusion: Conclusion, faults: Sequence[Fault], mended: Sequence[Conclusion | None]) -> Contradiction | None:
-    """Of named faults; ``mended`` holds what each one's cure gives for this phase, None where there is no cure or it is no cure."""
+def by_faults(
+    conclusion: Conclusion, faults: Sequence[Fault], mended: Sequence[Conclusion | None], rivals: Sequence[Array] = ()
+) -> Contradiction | None:
+    """Of named faults.
+
+    ``mended`` holds what each one's cure gives for this phase, None where there is no cure or it is none; ``rivals`` the values (10,) by
+    off-line fits if a cause is mended instead that can't be ruled out.
+    """
     if not faults:
         return None
     touched = np.ones(10, dtype=bool)
     for found in mended:
         if found is not None:
             touched &= ~_agree(conclusion, found)
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    for values in rivals:
+        touched |= ~(np.abs(values - conclusion.values) <= AGREES * sigma)
     return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
 
 

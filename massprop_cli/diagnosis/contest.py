@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
-from massprop_cli.diagnosis.whitening import Told
+from massprop_cli.estimate.whitening import Told
 from massprop_cli.model.lift import MU, J
 
 STEPS = 8
@@ -57,6 +57,11 @@ class Fitted:
         """What of their stated thrust the channels give that the supposition is about."""
         own = np.flatnonzero(self.supposed.free[self.model.place("thrust")].any(1))
         return self.value("thrust")[own]
+
+    def sigma(self, name: str) -> Array:
+        """One sigma of an entry of x, as far as its own unknowns go."""
+        found: Array = np.sqrt(((self.supposed.free[self.model.place(name)] * self.spread) ** 2).sum(1))
+        return found
 
     @property
     def moved(self) -> Array:
@@ -113,7 +118,7 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
     for i, (one, (_, sizes)) in enumerate(zip(supposed, starts, strict=True)):
         moves[i, :10, :10] = np.diag(sizes)
         moves[i, :, common : common + one.free.shape[1]] = one.free
-    descent = _Descent(rows, moves, x)
+    descent = _Descent(rows, moves, x.copy())
     active = np.arange(len(supposed))
     for step in range(STEPS):
         gained = descent.step(active)
@@ -125,7 +130,7 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
     spread = descent.spread()[:, common:]
     per_channel = (descent.left**2).sum(1)
     # what is uncertain anyway is no part of what is supposed
-    found = descent.x - descent.offset[:, 10:common] @ uncertain.T
+    found = np.where(uncertain.any(1), x, descent.x)
     return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
 
 

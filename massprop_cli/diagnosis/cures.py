@@ -23,6 +23,10 @@ BY_HAND = ("torque", "drag", "mass_rate", "inertia_rate")
 """Entries of x that no log and no vehicle file can be mended for."""
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
+STATED = ("delay", "lag", "gyro_lag", "accel_lag", "gyro_bias", "accel_bias", "torque", "mass_rate", "inertia_rate")
+"""Entries whose uncertainty is a key of the vehicle file."""
+NEAR = 0.05
+"""Parts of its stated thrust within which a jet is dead, or pushes the other way."""
 PART = 1e-3
 """Of a steady torque, what it may change per cycle where it is to be estimated."""
 
@@ -241,12 +245,12 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     for name, at, key in (("delay", 0, "cycle.command_delay"), ("lag", 1, "thrust.lag")):
         if mended.timing[at] != case.timing[at]:
             unit, suffix = (1.0, "cycles") if name == "delay" else (period, "s")
-            sigma = float(found.spread[:1].max(initial=0.0)) * unit
+            sigma = float(found.sigma(name)[0]) * unit
             settings += [f"{key}_{suffix}={mended.timing[at] * unit:.9g}", f"{key}_sigma_{suffix}={sigma:.3g}"]
     get = found.value
     for sensor in ("gyro", "accel"):
         if get(f"{sensor}_lag").any():
-            settings.append(f"imu.{sensor}_lag_sigma_s={float(found.spread.max(initial=0.0)) * period:.3g}")
+            settings.append(f"imu.{sensor}_lag_sigma_s={float(found.sigma(f'{sensor}_lag')[0]) * period:.3g}")
     for name, key in (("gyro_bias", "imu.gyro_bias_sigma_rad_s"), ("accel_bias", "imu.accel_bias_sigma_m_s2")):
         if get(name).any():
             settings.append(f"{key}={float(np.abs(get(name)).max()):.3g}")
@@ -256,6 +260,25 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
         settings += _drifts(case, found)
     cure = replace(_on_columns(found), settings=tuple(settings), command=_command(case, found))
     return None if cure == Cure() else cure
+
+
+def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
+    """The cure with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
+    stated = np.zeros(len(found.x), dtype=bool)
+    for name in STATED:
+        stated[found.model.place(name)] = True
+    cures = []
+    for move, sigma in zip(found.supposed.free.T, found.spread, strict=True):
+        further = replace(found, x=found.x + sigma * move)
+        then = None if at_once(found) or move[stated].any() else applied(case, further, fired)
+        cure = None if then is None else cure_of(case, then, further)
+        cures += [] if cure is None else [cure]
+    return tuple(cures)
+
+
+def at_once(found: Fitted) -> bool:
+    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
+    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
 
 
 def drift_ppm(case: Case, found: Fitted) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.diagnosis import causes, change
 from massprop_cli.diagnosis.contest import Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, Cure, cure_of
+from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of
 from massprop_cli.diagnosis.delay import Found, near, search
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
@@ -53,6 +53,10 @@ class Explanation:
     """None where neither the vehicle file's keys nor factors on the log's columns mend it."""
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
+    around: tuple[Cure, ...] = ()
+    """The cure with each of its unknowns one sigma further on."""
+    rivals: tuple[Cure, ...] = ()
+    """Of causes that can't be ruled out."""
 
     @property
     def notice(self) -> Notice:
@@ -74,15 +78,16 @@ class Diagnosis:
 
 
 def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
-    """Why the piece that fits worst doesn't fit. Noise levels must be set in ``vehicle``, and no disturbance beyond what it states."""
+    """Why the piece that fits worst doesn't fit, of a log of which a test has failed.
+
+    Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.
+    """
     case = Case(log, vehicle, timing)
     looks = [look for piece in pieces if (look := looked(*busiest(case, piece))) is not None]
     if not looks:
         return Diagnosis()
     look = max(looks, key=lambda one: one.misfit)
     look = about_its_body(look)
-    if look.fits:
-        return Diagnosis()
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)
     if found is None and not wandering.fits:
@@ -171,7 +176,14 @@ def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explan
     message = f"the log fits if {message}"
     if beside:
         message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
-    return Explanation(code, message, cure_of(look.case, trial.case, trial.fitted))
+    others = (cure_of(look.case, rival.case, rival.fitted) for rival in rivals)
+    return Explanation(
+        code,
+        message,
+        cure_of(look.case, trial.case, trial.fitted),
+        around=around(look.case, trial.fitted, look.free.fired),
+        rivals=tuple(cure for cure in others if cure is not None),
+    )
 
 
 def _changed(look: Look) -> Diagnosis | None:
@@ -213,7 +225,10 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     one, two = _explained(look, trial), _explained(mended, other)
     both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
     message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
-    return Diagnosis((Explanation(one.code, message, both), Explanation(two.code, message, both)), score=score)
+    near: tuple[Cure, ...] = ()
+    if one.cure is not None and two.cure is not None:
+        near = (*(cure.followed_by(two.cure) for cure in one.around), *(one.cure.followed_by(cure) for cure in two.around))
+    return Diagnosis(tuple(Explanation(code, message, both, around=near) for code in (one.code, two.code)), score=score)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:
@@ -226,10 +241,10 @@ def _two_channels(look: Look) -> Diagnosis | None:
     trial = None if hopeless(look, best) else tried(look, best)
     if trial is None or not trial.fits:
         return None
-    both = cure_of(look.case, trial.case, trial.fitted)
+    both, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
     return Diagnosis(
         tuple(
-            Explanation(code, f"the log fits if {words}", both)
+            Explanation(code, f"the log fits if {words}", both, around=near)
             for name in best.supposed.subject
             for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
         ),

@@ -16,11 +16,10 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response, verticals
 from massprop_cli.diagnosis.contest import Fitted, compared, fitted
-from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.suppositions import Model, Supposition
-from massprop_cli.diagnosis.whitening import Disturbance
-from massprop_cli.diagnosis.wording import NEAR
-from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
 
 LONGEST = 1200
@@ -102,7 +101,7 @@ class Look:
     @property
     def names(self) -> list[str]:
         """Of the channels that fired."""
-        every = [jet.name for jet in self.case.vehicle.jets] if self.case.log.command_kind == "jets" else list(WRENCH)
+        every = channel_names(self.case.log, self.case.vehicle)
         return [every[i] for i in self.free.fired]
 
     @property
@@ -213,8 +212,3 @@ class Look:
             for one, i in zip(supposed, which.ravel(), strict=True)
         ]
         return [float((part**2).mean()) for part in left]
-
-
-def at_once(found: Fitted) -> bool:
-    """Whether it says of channels that they are dead or push the other way round, and nothing else."""
-    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())

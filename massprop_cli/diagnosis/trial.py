@@ -9,11 +9,11 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.contest import Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, applied
-from massprop_cli.diagnosis.look import FITS, Look, about_its_body, at_once, looked
+from massprop_cli.diagnosis.cures import Case, applied, at_once
+from massprop_cli.diagnosis.look import FITS, Look, about_its_body, looked
 from massprop_cli.diagnosis.suppositions import ENTRIES, Model
-from massprop_cli.diagnosis.whitening import Disturbance
 from massprop_cli.estimate.phases import as_stated
+from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.lowpass import narrowed

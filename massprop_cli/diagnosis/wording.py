@@ -9,10 +9,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.contest import Fitted
-from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.cures import NEAR, Case
 
-NEAR = 0.05
-"""Parts of its stated thrust within which a jet is dead, or pushes the other way."""
 SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
 
 
@@ -35,10 +33,9 @@ class Said:
         """The one that it is about, among those that fired."""
         return list(self.names).index(self.subject[0])
 
-    @property
-    def spread(self) -> float:
-        """One sigma of its unknown, the largest of several."""
-        return float(self.found.spread.max(initial=0.0))
+    def sigma(self, name: str) -> float:
+        """Of an entry in cycles."""
+        return float(self.found.sigma(name)[0])
 
     def seconds(self, name: str) -> float:
         """An entry in cycles."""
@@ -96,13 +93,14 @@ def _delay(said: Said) -> str:
     shown = said.mended.timing.delay
     return (
         f"commands act later or earlier than cycle.command_delay_cycles = {said.stated.timing.delay:g}: the log shows {shown:.4g} ± "
-        f'{said.spread:.2g} cycles; mend it, or state "auto" to have it found'
+        f'{said.sigma("delay"):.2g} cycles; mend it, or state "auto" to have it found'
     )
 
 
 def _lag(said: Said) -> str:
     period = said.stated.vehicle.cycle.period_s
-    return f"thrust follows commands with a lag of {said.mended.timing.lag * period:.4g} ± {said.spread * period:.2g} s; state thrust.lag_s"
+    lag, sigma = said.mended.timing.lag * period, said.sigma("lag") * period
+    return f"thrust follows commands with a lag of {lag:.4g} ± {sigma:.2g} s; state thrust.lag_s"
 
 
 def _rise(said: Said) -> str:
@@ -112,7 +110,7 @@ def _rise(said: Said) -> str:
 
 def _filter(sensor: str) -> Callable[[Said], str]:
     def words(said: Said) -> str:
-        key, sigma = f"{sensor}_lag_s", said.spread * said.stated.vehicle.cycle.period_s
+        key, sigma = f"{sensor}_lag_s", said.sigma(f"{sensor}_lag") * said.stated.vehicle.cycle.period_s
         lag_s = getattr(said.mended.vehicle.imu, key)
         return (
             f"the {SENSORS[sensor]} is low-pass filtered with a time constant of {lag_s:.3g} ± {sigma:.2g} s; log what is before it, "

@@ -52,8 +52,13 @@ class Consider:
 
     variants: tuple[Variant, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    thrust: bool = False
-    """Whether each command channel's own thrust follows, per unit of its relative change; it adds nothing to the covariance."""
+    scales: bool = False
+    """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
+    change; they add nothing to the covariance."""
+
+    def columns(self, channels: int) -> int:
+        """e, of a log with so many command channels."""
+        return len(self.variants) + self.scales * (3 + channels)
 
 
 def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
@@ -70,10 +75,12 @@ def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehi
         low, high = read[id(variant.low)], read[id(variant.high)]
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
-    if consider.thrust:
+    if consider.scales:
         growth, force = thrust_columns(samples, cycles, reference, vehicle, here)
-        drive, seen = np.zeros((len(growth), state.shape[1], growth.shape[2])), np.zeros((len(force), 6, force.shape[2]))
-        drive[:, :3], seen[:, 3:] = growth, -force
+        drive, seen = np.zeros((len(growth), state.shape[1], 3 + growth.shape[2])), np.zeros((len(force), 6, 3 + force.shape[2]))
+        drive[:, :3, 3:], seen[:, 3:, 3:] = growth, -force
+        mounting = np.array(vehicle.imu.body_from_imu)
+        seen[:, 3:, :3] = mounting * (samples.part(cycles).specific_force_m_s2 @ mounting)[:, None, :]
         driven.extend(np.moveaxis(drive, -1, 0))
         measured.extend(np.moveaxis(seen, -1, 0))
     return np.stack(driven, -1), np.stack(measured, -1)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Jet, Vehicle
 
@@ -22,6 +23,11 @@ TOUCHING = 1e-3
 def capability(log: Log, vehicle: Vehicle) -> Array:
     """(r, 6) wrenches that this vehicle can command."""
     return channel_wrench(log, vehicle) if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)]
+
+
+def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
+    """Of each command channel: jets, or the components of a wrench."""
+    return [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:

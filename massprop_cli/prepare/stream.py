@@ -42,9 +42,9 @@ class Alignment:
 class Stream:
     """The cycles of a log as the estimators take them (:class:`massprop_cli.prepare.compensate.Source`)."""
 
-    def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float = 1.0, accelerometer: float = 1.0) -> None:
-        """``gyro`` and ``accelerometer`` are factors on what these measured. :class:`InputError` where a logged attitude is none."""
-        self.alignment, self.vehicle, self.gyro, self.accelerometer = alignment, vehicle, gyro, accelerometer
+    def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float = 1.0) -> None:
+        """``gyro`` is a factor on what it measured. :class:`InputError` where a logged attitude is none."""
+        self.alignment, self.vehicle, self.gyro = alignment, vehicle, gyro
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
@@ -62,9 +62,9 @@ class Stream:
         alignment = Alignment(log, vehicle, timing)
         return Stream(alignment, alignment.vehicle)
 
-    def changed(self, vehicle: Vehicle | None = None, gyro: float = 1.0, accelerometer: float = 1.0) -> Stream:
+    def changed(self, vehicle: Vehicle | None = None, gyro: float = 1.0) -> Stream:
         """The same commands with another IMU or another attitude at the beginning."""
-        return Stream(self.alignment, vehicle or self.vehicle, gyro, accelerometer)
+        return Stream(self.alignment, vehicle or self.vehicle, gyro)
 
     def __len__(self) -> int:
         return self.log.cycles
@@ -79,8 +79,7 @@ class Stream:
 
     def _compensated(self, cycles: slice) -> Samples:
         aligned = self.alignment.part(cycles)
-        rate, force = self.gyro * aligned.rate_imu_rad_s, self.accelerometer * aligned.specific_force_imu_m_s2
-        scaled = replace(aligned, rate_imu_rad_s=rate, specific_force_imu_m_s2=force)
+        scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s)
         return compensate(scaled, self.vehicle, self._before(cycles.start))
 
     def _before(self, cycle: int) -> Before | None:

@@ -1,0 +1,85 @@
+"""A test of each assumption: whether the log would fit better with another value of it.
+
+What is left of the log stands beside what a unit of each assumption would have added to it (:mod:`massprop_cli.conclude.assumptions`).
+Their inner product over the latter's norm is the score test (Rao 1948): standard normal where the assumption is right, and sharper than any
+test of what is left in all, which drowns one direction among thousands of cycles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.conclude.assumptions import Examined
+from massprop_cli.conclude.contradict import Contradiction
+from massprop_cli.conclude.verdict import Conclusion
+
+SURE = 5.5
+"""Sigmas beyond which an assumption is wrong: by chance in one of a million logs, of thirty assumptions each."""
+MOVES = 1.0
+"""Of its sigma, the least change of a value that touches it."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An assumption that the log contradicts."""
+
+    what: str
+    sigmas: float
+    moves: tuple[Array | None, ...]
+    """(10, a) of each phase: by how much the likeliest value of it would move the estimates' state parameters, and as much of any that is
+    of its kind, along another axis."""
+
+
+def doubts(found: Examined, names: Sequence[str]) -> list[Doubt]:
+    """Those that are wrong, the surest first; ``names`` of the command channels."""
+    told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
+    if not told:
+        return []
+    kinds = [t.code for t in found.varied] + ["accelerometer-scale"] * 3 + [f"thrust of {name}" for name in names]
+    whats = np.array([*kinds, "accelerometer-scale"])
+    # the scale of all three axes at once is a direction of its own
+    unit = np.eye(len(kinds))
+    along = np.column_stack([unit, unit[:, whats[:-1] == "accelerometer-scale"].sum(1)])
+    gram = np.sum([response.gram for response, _ in told], 0)
+    cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
+    # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
+    gyro, *accelerometer = np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
+    cross[whats[:-1] == "gyro-scale"] -= gyro
+    cross[whats[:-1] == "accelerometer-scale"] -= accelerometer
+    cross = cross @ along
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigmas, sizes = (np.nan_to_num(part) for part in (np.abs(cross) / np.sqrt(own * max(found.scatter, 1.0)), np.abs(cross) / own))
+    shifts = [None if response is None else response.shift @ along for response in found.responses]
+    return [
+        Doubt(str(whats[i]), float(sigmas[i]), tuple(None if shift is None else sizes[i] * shift[:, whats == whats[i]] for shift in shifts))
+        for i in np.argsort(-sigmas, kind="stable")
+        if sigmas[i] > SURE
+    ]
+
+
+def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:
+    """Of assumptions that nothing with a name stands for, in phase number ``at``: what their likeliest values would move."""
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    mass = conclusion.estimates["mass"].value or np.nan
+    touched: BoolArray = np.zeros(len(QUANTITIES), dtype=bool)
+    for doubt in found:
+        moved = doubt.moves[at]
+        if moved is not None:
+            change = np.abs(moved).max(1)
+            change[9] *= mass**2  # of 1/m
+            with np.errstate(invalid="ignore"):
+                touched |= change > MOVES * sigma
+    if not touched.any():
+        return None
+    names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
+    first = found[0]
+    cause = (
+        f"the log contradicts what is taken for granted: with another {first.what.replace('-', ' ')} it would fit better by "
+        f"{first.sigmas:.2g} sigma, and {names} would move by more than their sigmas"
+    )
+    return Contradiction(cause, touched)

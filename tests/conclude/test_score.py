@@ -1,0 +1,84 @@
+"""A wrong assumption is told by the log where a look at all that is left tells nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.conclude import score
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+
+PLAN = [
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+]
+pytestmark = pytest.mark.numerical
+
+
+def examined(log: Log, used: Vehicle) -> Analysis:
+    return flow.examine(log, VehicleSource(used, "t", ""))
+
+
+def scores(found: Analysis, monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """The largest of each kind, sigmas."""
+    assert found.examination is not None
+    monkeypatch.setattr(score, "SURE", 0.0)
+    told: dict[str, float] = {}
+    for doubt in score.doubts(found.examination, [jet.name for jet in found.vehicle.jets]):
+        told.setdefault(doubt.what, doubt.sigmas)
+    monkeypatch.undo()
+    return told
+
+
+def left(found: Analysis) -> float:
+    """Chi-square of the off-line fits."""
+    assert found.examination is not None
+    return sum(float(response.gram[0, 0]) for response in found.examination.responses if response is not None)
+
+
+def moved(used: Vehicle, by: tuple[float, float, float]) -> Vehicle:
+    position = tuple(float(x) for x in np.add(used.imu.position_m, by))
+    return used.model_copy(update={"imu": used.imu.model_copy(update={"position_m": position})})
+
+
+def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of twenty seeds, each assumption's score is a standard normal deviate's: root mean square within a third of one, none beyond 4."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), list(range(1, 21)))
+    told = [scores(examined(flown.log(i), flown.vehicle), monkeypatch) for i in range(20)]
+    jets = np.array([[one[f"thrust of {jet.name}"] for jet in flown.vehicle.jets] for one in told])
+    for own in (*jets.T, np.array([one["gyro-scale"] for one in told]), np.array([one["command-delay"] for one in told])):
+        assert own.max() < 4.0
+        assert 0.5 < np.sqrt((own**2).mean()) < 1.5
+    assert np.sqrt((jets**2).mean()) == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_score_is_what_the_fit_gains_by_the_likeliest_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its square against the drop of chi-square when the log is estimated again with that value (a likelihood ratio, Wilks 1938)."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
+    wrong = moved(flown.vehicle, (0.004, 0.0, 0.0))
+    found = examined(flown.log(0), wrong)
+    told = scores(found, monkeypatch)["imu-position"]
+    gains = [left(found) - left(examined(flown.log(0), moved(wrong, (-by, 0.0, 0.0)))) for by in (0.003, 0.004, 0.005)]
+    curve = np.polyfit([0.003, 0.004, 0.005], gains, 2)
+    assert told**2 == pytest.approx(curve[2] - curve[1] ** 2 / (4 * curve[0]), rel=0.05)
+
+
+def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_that_it_moves() -> None:
+    """The accelerometer shows 15 % too much, which mass takes up but for the lever arm's part: no channel is beyond its noise by half."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
+    log = flown.log(0)
+    for factor, wrong in ((1.0, False), (1.15, True)):
+        found = examined(replace(log, delta_v_imu_m_s=factor * log.delta_v_imu_m_s), flown.vehicle)
+        assert np.allclose(found.settled[0].normalised[20:].var(0), 1.0, atol=0.5)
+        assert [doubt.what for doubt in found.doubts][:1] == ["accelerometer-scale"] * wrong
+        for true, estimate in zip(flown.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
+            off = abs((estimate.value or 0.0) - true) / (estimate.sigma or np.inf)
+            assert off < 4.5 or estimate.verdict == "contradicted"
+        assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
