@@ -97,6 +97,11 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
     torque, force = model.wrench(model.stated)
     about = torque - np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
     lines = [_lines(force), _lines(about)]
+    for group in model.together:  # both dead or mounted the other way round: too far to be led there
+        column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
+        for begin in (0.0, -1.0):
+            start = {model.place("thrust").start + i: begin for i in group}
+            yield Supposition("thrust-scale", subject, column, start=start, suspects=group)
     seen = {tuple(range(len(names)))}
     for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
         for key in dict.fromkeys(keys):

@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.diagnosis import causes, change
 from massprop_cli.diagnosis.contest import Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of
+from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of
 from massprop_cli.diagnosis.delay import Found, near, search
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
@@ -39,6 +39,8 @@ TRIED = (
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
     "a change of the mass properties, and pairs of these"
 )
+STRANGE = 25.0
+"""Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
 
@@ -106,7 +108,7 @@ def _alone(look: Look) -> list[Trial]:
         fitting = [trial for trial in best if trial.fits]
         akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
         farthest = max((LATER if akin else FURTHER) * min((trial.excess for trial in fitting), default=np.inf), near) + CLEAR
-        if len(best) >= most or rough > farthest or hopeless(look, found):
+        if len(best) >= most or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
             continue
         trial = tried(look, found)
         if trial is not None:
@@ -115,13 +117,19 @@ def _alone(look: Look) -> list[Trial]:
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
 
 
+def _simpler(found: Fitted, fitting: Sequence[Trial]) -> bool:
+    """Whether it says of a channel that it is dead or reversed, of which what fits so far says what hardly happens."""
+    strange = [trial for trial in fitting if trial.fitted.unlikely > STRANGE]
+    return at_once(found) and any(set(found.supposed.subject) & set(trial.fitted.supposed.subject) for trial in strange)
+
+
 def _turned(look: Look) -> list[Trial]:
     return [trial for found in look.upright if (trial := tried(look, found)) is not None]
 
 
 def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
     """The likeliest of those with which the log fits."""
-    fitting = sorted((trial for trial in trials if trial.fits), key=lambda trial: trial.score)
+    fitting = sorted((trial for trial in trials if trial.fits and not _by_wander(trial, look)), key=lambda trial: trial.score)
     if not fitting:
         return None
     rivals = [trial for trial in fitting[1:] if trial.score < fitting[0].score + CLEAR]
@@ -132,6 +140,12 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
         by = first.case.timing.delay - look.case.timing.delay
         detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
     return Diagnosis((_explained(look, first, rivals),), detected, score=first.score)
+
+
+def _by_wander(trial: Trial, look: Look) -> bool:
+    """Whether it is steady beside a torque that wanders: that one's mean, or what the accelerometer feels of it by the lever arm."""
+    beside = (trial.look or look).free.beside
+    return trial.fitted.supposed.code in ("accel-bias", "steady-torque") and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:
@@ -207,28 +221,39 @@ def _changed(look: Look) -> Diagnosis | None:
 
 def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
-    found: list[tuple[float, Trial, Look, Trial]] = []
+    found: list[tuple[float, Trial, Look, list[Trial]]] = []
     upright = [found.supposed for found in look.upright]
     likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
     for first in [*(trial.fitted for trial in likeliest), *(found for _, found in look.ranked)][:FIRST]:
         trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
         if trial is None or (mended := trial.look) is None:
             continue
-        for _, second in mended.ranked[:SECOND]:
-            other = None if hopeless(mended, second) else tried(mended, second)
-            if other is not None and other.fits:
-                found.append((other.score + trial.units + first.unknowns * np.log(look.free.gyro.spare), trial, mended, other))
-                break
+        seconds = _seconds(mended)
+        if seconds:
+            score = seconds[0].score + trial.units + first.unknowns * np.log(look.free.gyro.spare)
+            found.append((score, trial, mended, seconds))
     if not found:
         return _two_channels(look)
-    score, trial, mended, other = min(found, key=lambda one: one[0])
-    one, two = _explained(look, trial), _explained(mended, other)
+    score, trial, mended, (other, *rivals) = min(found, key=lambda one: one[0])
+    one, two = _explained(look, trial), _explained(mended, other, [rival for rival in rivals if rival.score < other.score + CLEAR])
     both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
     message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
     near: tuple[Cure, ...] = ()
     if one.cure is not None and two.cure is not None:
         near = (*(cure.followed_by(two.cure) for cure in one.around), *(one.cure.followed_by(cure) for cure in two.around))
     return Diagnosis(tuple(Explanation(code, message, both, around=near) for code in (one.code, two.code)), score=score)
+
+
+def _seconds(mended: Look) -> list[Trial]:
+    """What makes a log fit beside what is mended already, the likeliest first."""
+    fitting: list[Trial] = []
+    for i, (_, second) in enumerate(mended.ranked):
+        if (fitting or i >= SECOND) and not _simpler(second, fitting):
+            continue
+        trial = None if hopeless(mended, second) else tried(mended, second)
+        if trial is not None and trial.fits:
+            fitting.append(trial)
+    return sorted(fitting, key=lambda trial: trial.score)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

@@ -20,6 +20,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import MOMENT, MU, J, gamma, products, products_by_rate
 
 _UNIT = np.eye(3)
+ALIKE = 1 - 1e-9
+"""Cosine beyond which two columns are one."""
 RAMP = 2 / 3
 """Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
@@ -88,6 +90,8 @@ class Model:
     """Time constants as stated, cycles."""
     clock_s: tuple[float, float] = (0.0, 1.0)
     """From the log's beginning to the middle of the stretch, and how long that is."""
+    together: tuple[tuple[int, ...], ...] = ()
+    """Channels that always fire together, two or more each."""
     biases: Mapping[str, float] = field(default_factory=dict)
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
 
@@ -107,7 +111,9 @@ class Model:
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
-        return Model(free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, lags, free.clock_s, biases)
+        return Model(
+            free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, lags, free.clock_s, _together(free), biases
+        )
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -251,6 +257,15 @@ class Model:
                     part = part @ back
                 found[..., place, axes] = np.swapaxes(part, -1, -2)
         return found
+
+
+def _together(free: Free) -> tuple[tuple[int, ...], ...]:
+    """Channels whose columns are one and the same, or its opposite."""
+    columns = free.accelerometer.triangle[:, free.places["channels"]]
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    alike = np.abs((columns / size).T @ (columns / size)) > ALIKE
+    groups = dict.fromkeys(tuple(int(i) for i in np.flatnonzero(row)) for row in alike)
+    return tuple(group for group in groups if len(group) > 1)
 
 
 def _by_products(arm: Array) -> Array:
