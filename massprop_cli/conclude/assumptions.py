@@ -69,6 +69,8 @@ class Taken:
     variant: Variant | None
     """None: one of the columns that follow all variants."""
     size: float
+    sigma: float = 0.0
+    """One sigma, units, by which it is stated to be uncertain."""
 
 
 class Later(NamedTuple):
@@ -237,9 +239,9 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Itera
         yield Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
     later = late(log, vehicle, timing, "delay")
     if later is not None:
-        uncertain = vehicle.cycle.command_delay_sigma_cycles > 0
-        words = "its uncertainty is in every sigma" if uncertain else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
-        yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1)
+        sigma = vehicle.cycle.command_delay_sigma_cycles
+        words = "its uncertainty is in every sigma" if sigma > 0 else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
+        yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1, sigma)
     scaled = Variant(here, Side(samples.changed(gyro=1.01)), 0.01)
     yield Taken("gyro-scale", "the gyro's scale is taken as exact", "1 %", False, scaled, 0.01)
     yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)

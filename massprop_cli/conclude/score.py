@@ -52,8 +52,11 @@ def doubts(found: Examined, names: Sequence[str]) -> list[Doubt]:
     cross[whats[:-1] == "gyro-scale"] -= gyro
     cross[whats[:-1] == "accelerometer-scale"] -= accelerometer
     cross = cross @ along
+    # what is stated to be uncertain may be off by that much
+    uncertain = np.concatenate([[t.sigma for t in found.varied], np.zeros(len(whats) - len(found.varied))])
     with np.errstate(divide="ignore", invalid="ignore"):
-        sigmas, sizes = (np.nan_to_num(part) for part in (np.abs(cross) / np.sqrt(own * max(found.scatter, 1.0)), np.abs(cross) / own))
+        sizes = np.nan_to_num(np.abs(cross) / own)
+        sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
     shifts = [None if response is None else response.shift @ along for response in found.responses]
     return [
         Doubt(str(whats[i]), float(sigmas[i]), tuple(None if shift is None else sizes[i] * shift[:, whats == whats[i]] for shift in shifts))
