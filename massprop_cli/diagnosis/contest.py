@@ -48,6 +48,11 @@ class Fitted:
         return self.x[self.model.place(name)]
 
     @property
+    def parts(self) -> list[Fitted]:
+        """Of two suppositions at once, each; else itself."""
+        return [replace(self, supposed=part) for part in self.supposed.parts] or [self]
+
+    @property
     def unknowns(self) -> int:
         """How many d is."""
         return int(self.supposed.free.shape[1])

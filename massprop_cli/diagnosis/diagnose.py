@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from massprop_cli.diagnosis import causes, change
+from massprop_cli.diagnosis import causes, change, delay
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of
-from massprop_cli.diagnosis.delay import Found, near, search
+from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.trial import Trial, both, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -92,8 +93,11 @@ def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)
-    if found is None and not wandering.fits:
-        found = _much_later(look) or _lowpassed(look) or _changed(look) or _pair(look, alone)
+    further = (_much_later, _lowpassed, _changed, partial(_pair, alone=alone))
+    for search in () if wandering.fits else further:
+        if found is not None and found.score < wandering.cost - CLEAR:
+            break
+        found = search(look)
     if found is not None and found.score < wandering.cost - CLEAR:
         return found
     return Diagnosis() if wandering.fits else Diagnosis(unknown=_in_vain(look))
@@ -151,7 +155,7 @@ def _by_wander(trial: Trial, look: Look) -> bool:
 def _much_later(look: Look) -> Diagnosis | None:
     """Another command delay, further off than a small step leads to: where free coefficients leave least."""
     log, vehicle, timing = look.case
-    at = search(log, vehicle, [timing.lag], pieces=[look.piece])
+    at = delay.search(log, vehicle, [timing.lag], pieces=[look.piece])
     if at is None:
         return None
     x = look.stated.x.copy()
@@ -221,39 +225,24 @@ def _changed(look: Look) -> Diagnosis | None:
 
 def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
-    found: list[tuple[float, Trial, Look, list[Trial]]] = []
+    fitting: list[Trial] = []
     upright = [found.supposed for found in look.upright]
     likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
     for first in [*(trial.fitted for trial in likeliest), *(found for _, found in look.ranked)][:FIRST]:
         trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
-        if trial is None or (mended := trial.look) is None:
+        if trial is None or trial.look is None:
             continue
-        seconds = _seconds(mended)
-        if seconds:
-            score = seconds[0].score + trial.units + first.unknowns * np.log(look.free.gyro.spare)
-            found.append((score, trial, mended, seconds))
-    if not found:
+        for i, (_, second) in enumerate(trial.look.ranked):
+            if i < SECOND or _simpler(second, fitting):
+                together = None if hopeless(trial.look, second) else both(look, trial, second)
+                fitting += [together] if together is not None and together.fits else []
+    if not fitting:
         return _two_channels(look)
-    score, trial, mended, (other, *rivals) = min(found, key=lambda one: one[0])
-    one, two = _explained(look, trial), _explained(mended, other, [rival for rival in rivals if rival.score < other.score + CLEAR])
-    both = one.cure.followed_by(two.cure) if one.cure is not None and two.cure is not None else None
-    message = f"{one.message}, and {two.message.removeprefix('the log fits if ')} as well"
-    near: tuple[Cure, ...] = ()
-    if one.cure is not None and two.cure is not None:
-        near = (*(cure.followed_by(two.cure) for cure in one.around), *(one.cure.followed_by(cure) for cure in two.around))
-    return Diagnosis(tuple(Explanation(code, message, both, around=near) for code in (one.code, two.code)), score=score)
-
-
-def _seconds(mended: Look) -> list[Trial]:
-    """What makes a log fit beside what is mended already, the likeliest first."""
-    fitting: list[Trial] = []
-    for i, (_, second) in enumerate(mended.ranked):
-        if (fitting or i >= SECOND) and not _simpler(second, fitting):
-            continue
-        trial = None if hopeless(mended, second) else tried(mended, second)
-        if trial is not None and trial.fits:
-            fitting.append(trial)
-    return sorted(fitting, key=lambda trial: trial.score)
+    best = min(fitting, key=lambda trial: trial.score)
+    words = [words_of(part, look.names, look.case, best.case) for part in best.fitted.parts]
+    message = f"the log fits if {', and '.join(said for _, said in words)} as well"
+    cure, near = cure_of(look.case, best.case, best.fitted), around(look.case, best.fitted, look.free.fired)
+    return Diagnosis(tuple(Explanation(code, message, cure, around=near) for code, _ in words), score=best.score)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

@@ -135,7 +135,8 @@ class Look:
 
         Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
         """
-        price = np.log(2) if at_once(found) else found.unlikely + found.unknowns * np.log(self.free.gyro.spare)
+        each = np.log(self.free.gyro.spare)
+        price = sum(np.log(2) if at_once(part) else part.unlikely + part.unknowns * each for part in found.parts)
         return self.likelihood(left) + float(price + 2 * np.log(alternatives))
 
     @property

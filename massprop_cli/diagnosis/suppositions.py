@@ -66,6 +66,17 @@ class Supposition:
     accelerometer: Array = field(default_factory=lambda: np.eye(3))
     suspects: tuple[int, ...] = ()
     """Channels whose commands are not to be relied on to find a body first."""
+    parts: tuple[Supposition, ...] = ()
+    """Of two at once, each."""
+
+    def beside(self, other: Supposition) -> Supposition:
+        """Both at once; what begins elsewhere or is turned must be in place already."""
+        return Supposition("", (), np.hstack([self.free, other.free]), parts=(self, other))
+
+    @property
+    def moves(self) -> Supposition:
+        """What is left to be found once it is in place."""
+        return Supposition(self.code, self.subject, self.free)
 
 
 @dataclass(frozen=True)

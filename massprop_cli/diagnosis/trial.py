@@ -85,6 +85,19 @@ def helped(look: Look, begun: Fitted) -> Trial | None:
     return refined(look, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
 
 
+def both(look: Look, first: Trial, second: Fitted) -> Trial | None:
+    """A supposition beside the one that is mended already, both fitted together; None where that makes another testbed."""
+    one = first.fitted
+    x = _together(one.x, second.x, look.model)
+    supposed = one.supposed.beside(second.supposed)
+    turned = replace(
+        supposed, gyro=second.supposed.gyro @ one.supposed.gyro, accelerometer=second.supposed.accelerometer @ one.supposed.accelerometer
+    )
+    found = Fitted(turned, look.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
+    case = applied(look.case, found, look.free.fired)
+    return None if case is None else refined(look, found, case)
+
+
 def _once_more(look: Look, found: Fitted) -> tuple[Look, Fitted]:
     """Fitted to a reduction about its own body, where that leaves less."""
     theta = found.value("theta")
@@ -119,10 +132,11 @@ def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
     if mended is None:
         return None
     found = replace(found, chi_square=mended.stated.chi_square)
-    if at_once(found):
+    thrust = look.model.place("thrust")
+    exact = [part.supposed.free[thrust].any(1) for part in found.parts if at_once(part)]
+    if exact:
         x = found.x.copy()
-        thrust = look.model.place("thrust")
-        x[thrust] = np.where(x[thrust] == 1.0, 1.0, x[thrust].round())
+        x[thrust] = np.where(np.any(exact, 0), x[thrust].round(), x[thrust])
         found = replace(found, x=x)
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
@@ -151,7 +165,7 @@ def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...])
         return found, case, about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
     for _ in range(AGAIN):
-        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed], found.value("theta"))
+        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         if mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square) < STILL:
             break
