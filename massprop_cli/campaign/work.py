@@ -155,8 +155,11 @@ def versions(report: bool = False) -> dict[str, str]:
     import platform
     from importlib.metadata import version
 
+    from massprop_cli.kernel import kernel
+
     libraries = ("numpy", "pyarrow", *(("matplotlib", "jinja2") if report else ()))
-    return {"massprop": __version__, "python": platform.python_version()} | {name: version(name) for name in libraries}
+    own = {"massprop": __version__, "kernel": kernel().name, "python": platform.python_version()}
+    return own | {name: version(name) for name in libraries}
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:

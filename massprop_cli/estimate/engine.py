@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import compiled
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.nuisance import Taken
@@ -59,8 +60,11 @@ def replay(
 ) -> History:
     """Run the estimator through ``cycles`` (non-empty). ``vehicle`` must state noise levels (:mod:`massprop_cli.estimate.disturbances`).
 
-    What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, after every block.
+    What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, on the way. Where the compiled kernel
+    holds all that the vehicle asks for it runs instead of what stands here, which it follows decision by decision.
     """
+    if compiled.holds(vehicle, consider):
+        return _compiled(samples, cycles, phase, vehicle, progress)
     regression = Regression(samples, cycles, vehicle, consider)
     run = regression.begin(fallback(vehicle))
     started, due, spare = False, cycles.start + FIRST, LEARNING
@@ -77,14 +81,14 @@ def replay(
             far = regression.astray(before, posed) if spare >= 0 else None
             if far is not None:
                 # the estimate has moved too far to go on about the one before: the block ends here
-                spare -= run.at - before.at - far - 1
+                spare -= end - before.at - far - 1
                 end, posed = before.at + far + 1, posed.first(far + 1)
                 run, taken = regression.take(before, end)
             rows = regression.rows(before, taken, posed)
         if run.at < end:
             told.add(rows)
             break  # a block at the log's end is what it would have been in a longer log
-        ring = [*(one for one in ring if one.at >= run.at - (RING if run.bound else LEARNING)), run]
+        ring = [*_kept(ring, run.at - (RING if run.bound else LEARNING)), run]
         target: Reference | None = None
         if started:
             run = ring[-1] = regression.improved(run)
@@ -103,6 +107,20 @@ def replay(
             run, started = ring[-1], True
         told.add(rows.ending(*regression.row(run)) if started else rows)
     return _history(samples, phase, told, run.estimate if started else None)
+
+
+def _kept(ring: list[Run], oldest: int) -> list[Run]:
+    """The checkpoints from a cycle on; one too near the one before it goes, so that their number has a bound."""
+    kept = [run for run in ring if run.at >= oldest]
+    return kept[:-1] if len(kept) > 1 and kept[-1].at - kept[-2].at < BLOCK else kept
+
+
+def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None) -> History:
+    """The same, by the compiled kernel."""
+    told, run = _Told(cycles, vehicle), compiled.Pass(samples, cycles, vehicle)
+    for rows in run.rows(progress):
+        told.add(rows)
+    return _history(samples, phase, told, run.reference())
 
 
 class _Told:

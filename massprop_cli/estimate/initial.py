@@ -105,17 +105,17 @@ def _mu(samples: Samples, vehicle: Vehicle) -> float | None:
 
 def fallback(vehicle: Vehicle) -> Reference:
     """What stands in while the log has said nothing: of the size that the jets' reach gives, and of the known mass or one kilogram."""
-    return _unturned(_fallback_mu(vehicle, 3 / _reach(vehicle) ** 2), vehicle)
+    return _unturned(_fallback_mu(vehicle, 3 / reach(vehicle) ** 2), vehicle)
 
 
 def _unturned(mu: float, vehicle: Vehicle) -> Reference:
     """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
     plant = plant_of(vehicle)
     centre = plant.bearing if isinstance(plant, BearingBody) else np.zeros(3)
-    return Reference(_reach(vehicle) ** 2 / (3 * mu) * np.eye(3), centre, mu)
+    return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), centre, mu)
 
 
-def _reach(vehicle: Vehicle) -> float:
+def reach(vehicle: Vehicle) -> float:
     """Distance of the farthest jet from O, m; a decimetre where there is none."""
     return max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
 
@@ -123,7 +123,7 @@ def _reach(vehicle: Vehicle) -> float:
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
     """1/m where no force has been felt: the known mass, else a body whose radius of gyration is its jets' reach."""
     known = vehicle.known.get("mass")
-    return 1 / known.value if known else _reach(vehicle) ** 2 * scale / 3
+    return 1 / known.value if known else reach(vehicle) ** 2 * scale / 3
 
 
 def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:

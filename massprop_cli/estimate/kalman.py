@@ -71,12 +71,12 @@ def update(state: State, measured: Array, observation: Array, noise_root: Array)
 
 
 def _triangle(wide: Array) -> Array:
-    """The lower-triangular T with T Tᵀ = A Aᵀ, A with at least as many columns as rows."""
+    """The lower-triangular T with a positive diagonal and T Tᵀ = A Aᵀ, A with at least as many columns as rows."""
     # "raw" has T in its lower triangle, and Householder vectors, which are not wanted, above it
     packed, _ = np.linalg.qr(wide.T, mode="raw")
     rows = len(wide)
     lower: Array = packed[:, :rows] * _mask(rows)
-    return lower
+    return lower * np.where(np.diagonal(lower) < 0, -1.0, 1.0)
 
 
 @cache

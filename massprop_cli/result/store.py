@@ -15,6 +15,7 @@ from typing import Any
 from massprop_cli.base import files, foldername
 from massprop_cli.base.errors import InputError
 from massprop_cli.flow import Analysis
+from massprop_cli.kernel import kernel
 from massprop_cli.result import historyfile, rendered
 from massprop_cli.result.rendered import RUN, Cleared
 
@@ -110,4 +111,4 @@ def _identity(log: Path) -> str:
 
 def _run(log: Path, vehicle: str) -> dict[str, str]:
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"time": now, "host": platform.node(), "log": _identity(log), "vehicle": vehicle}
+    return {"time": now, "host": platform.node(), "kernel": kernel().name, "log": _identity(log), "vehicle": vehicle}

@@ -44,5 +44,5 @@ def test_a_page_made_by_another_version_of_what_draws_it_is_made_again(library: 
 
 
 def test_the_versions_that_a_page_depends_on_count_where_one_is_made_alone() -> None:
-    assert list(work.versions(False)) == ["massprop", "python", "numpy", "pyarrow"]
+    assert list(work.versions(False)) == ["massprop", "kernel", "python", "numpy", "pyarrow"]
     assert set(work.versions(True)) - set(work.versions(False)) == {"matplotlib", "jinja2"}

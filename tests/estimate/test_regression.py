@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import disturbances, engine, nuisance, regression
+from massprop_cli.estimate import compiled, disturbances, engine, nuisance, regression
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
 from massprop_cli.estimate.regression import Regression
@@ -94,6 +94,7 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
         return system_of(samples, cycles, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(regression, "system_of", counted)
+    monkeypatch.setattr(compiled, "holds", lambda *_: False)
     flown = simulate.fly(scenario.load("free-flyer"), [3])
     samples = Timing(2.0, 0.0).of(flown.log(0), flown.vehicle)
     cycles = slice(2, len(samples))

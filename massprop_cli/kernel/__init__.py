@@ -1,0 +1,41 @@
+"""The causal pass in C99, one source for the ground and for flight, and where a compiler has built it, its library."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from massprop_cli.kernel.compile import built
+
+CHOICE = "MASSPROP_KERNEL"
+"""Environment variable; "numpy" keeps the compiled kernel out."""
+BINS = 16
+"""MP_BINS"""
+
+
+class Kernel(NamedTuple):
+    """What runs the causal pass."""
+
+    library: ctypes.CDLL | None
+    """None: NumPy does."""
+    name: str
+    """For run.json: which, and why."""
+
+
+@cache
+def kernel() -> Kernel:
+    """The compiled kernel, where it was built beside this file and is not turned off."""
+    if os.environ.get(CHOICE) == "numpy":
+        return Kernel(None, f"NumPy ({CHOICE}=numpy)")
+    path = built(Path(__file__).parent)
+    if not path.exists():
+        return Kernel(None, "NumPy (no compiled kernel was installed)")
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        return Kernel(None, f"NumPy ({path.name} can't be loaded: {error})")
+    library.mp_host_size.restype = ctypes.c_size_t
+    return Kernel(library, "C99, double precision")

@@ -1,0 +1,236 @@
+/* The causal estimator of mass properties, for flight: C99, fixed-size arrays, no allocation, recursion, globals or input and output.
+ *
+ * Body axes, SI. Inertia is about the CG, its products are the tensor's own elements; the CG is counted from the body origin O.
+ * Ten parameters, in this order: ixx ixy ixz iyy iyz izz [kg m^2], cg_x cg_y cg_z [m], mu = 1/mass [1/kg].
+ *
+ * The same equations stand in NumPy in massprop_cli/model and massprop_cli/estimate; names agree, and the reasons stand there.
+ * Arithmetic is + - * / and square roots alone, so that with -ffp-contract=off every machine gives the same bytes.
+ */
+#ifndef MASSPROP_H
+#define MASSPROP_H
+
+#ifdef MP_SINGLE
+typedef float mp_real;
+#define MP_SQRT sqrtf
+#define MP_EPSILON ((mp_real)1.2e-7)
+#define MP_TINY ((mp_real)1.2e-38)
+#else
+typedef double mp_real;
+#define MP_SQRT sqrt
+#define MP_EPSILON ((mp_real)2.3e-16)
+#define MP_TINY ((mp_real)2.3e-308)
+#endif
+
+/* Limits. A smaller one may be given to the compiler; a vehicle beyond one is refused. */
+#ifndef MP_BINS
+#define MP_BINS 16 /* parts of a cycle in which its motion is resolved */
+#endif
+#ifndef MP_CHANNELS
+#define MP_CHANNELS 15 /* columns of the response: 12 in free flight, 15 on a bearing */
+#endif
+#ifndef MP_BEGINNINGS
+#define MP_BEGINNINGS 12 /* states whose beginning is unknown: rate, gyro bias, accelerometer bias, slow torque */
+#endif
+
+#define MP_STATES (MP_BEGINNINGS + 3)
+#define MP_COEFFICIENTS (3 * MP_CHANNELS + 4)
+#define MP_WIDTH (1 + MP_COEFFICIENTS + MP_BEGINNINGS)
+#define MP_UNKNOWNS (MP_BEGINNINGS + 28)
+#define MP_PROCESS 9
+#define MP_PACKED(n) ((n) * ((n) + 1) / 2)
+
+#define MP_BLOCK 16       /* cycles between looks at the estimate where it has just moved, */
+#define MP_LONGEST 128    /* and at most */
+#define MP_RING 256       /* cycles that are taken in anew when the estimate has moved: once each axis is known, */
+#define MP_LEARNING 1024  /* and before */
+#define MP_HELD (MP_LEARNING + MP_LONGEST + 2)
+#define MP_CHECKPOINTS (MP_LEARNING / MP_BLOCK + 4)
+
+enum mp_status {
+    MP_OK = 0,
+    MP_NOT_FINITE = 1, /* a number that isn't finite; the state is unchanged */
+    MP_TIME = 2,       /* a cycle without length, or one that does not follow the last; the state is unchanged */
+    MP_LIMIT = 3,      /* a vehicle beyond a limit */
+    MP_ORDER = 4       /* a call before the one that must go first */
+};
+
+/* What is constant: of the vehicle, its noise levels resolved. */
+typedef struct {
+    int bearing;         /* 0: free flight */
+    int gyro_bias;       /* whether each of these is a state */
+    int accel_bias;
+    int slow_torque;
+    int tilt;
+    int bins;            /* 2 ... MP_BINS */
+    int pulses;          /* whether pulses err */
+    mp_real imu[3];      /* position of the IMU from O, m */
+    mp_real gyro_noise;  /* rad/s, one sigma of a cycle's mean rate */
+    mp_real accel_noise[3];
+    mp_real gyro_bias_sigma;
+    mp_real accel_bias_sigma;
+    mp_real slow_torque_sigma; /* N m, of where it begins */
+    mp_real torque_noise;      /* N m, white, of a cycle */
+    mp_real torque_walk;       /* N m per cycle */
+    mp_real prior_scale;       /* prior sigma over natural sizes */
+    mp_real reach;             /* m, of the farthest jet */
+    mp_real known_mass;        /* kg, 0: not known */
+    mp_real centre[3];         /* bearing's position from O, m */
+    mp_real bearing_mass;      /* kg */
+    mp_real gravity;           /* m/s^2 */
+} mp_vehicle;
+
+/* One cycle: what the IMU told, and what the commands did. Body axes. */
+typedef struct {
+    mp_real end_s;
+    mp_real duration_s;
+    mp_real rate[3];      /* mean, rad/s */
+    mp_real rate_step[3]; /* from the cycle before */
+    mp_real force[3];     /* mean specific force, m/s^2 */
+    mp_real up[2][3];     /* vertical at the start and at the end; zeros in free flight */
+    mp_real impulse[MP_BINS][6]; /* torque about O [N m s] and force [N s] in equal parts of the cycle */
+    mp_real skew[MP_BINS][6];    /* first moment about the middle of its part, over the part's length */
+    mp_real rising[6];    /* impulse weighted with the rising half of the triangular window */
+    mp_real falling[6];
+    mp_real pulse_covariance[6][6];
+    int deaf[2];          /* whose gyro, whose accelerometer is not used */
+} mp_cycle;
+
+/* The body about which the equations are linear. */
+typedef struct {
+    mp_real theta[10];     /* J = inverse inertia (about the CG, or the bearing), CG or first moment, mu */
+    mp_real inertia[3][3]; /* about the CG */
+    mp_real cg[3];
+    mp_real mu;
+    mp_real bias[3];       /* of the gyro, rad/s */
+    mp_real phi[3][MP_CHANNELS];
+} mp_reference;
+
+/* What one cycle is to the equations, about a reference. */
+typedef struct {
+    mp_real duration_s;
+    mp_real raw_rate[3];
+    mp_real rate[3];            /* less the gyro's bias */
+    mp_real rising[MP_CHANNELS]; /* what phi multiplies, under the halves of the window */
+    mp_real falling[MP_CHANNELS];
+    mp_real known[2][3];        /* known growth of the rate under them */
+    mp_real turning[2][3];      /* rate under them */
+    mp_real up[2][3];           /* vertical under them */
+    mp_real measured[3];        /* specific force less what is known */
+    mp_real euler[3][3];        /* specific force by angular acceleration */
+    mp_real mean[MP_CHANNELS];  /* what phi multiplies, mean over the cycle */
+    mp_real own[3][4];          /* specific force by mu, and by c or mu kappa */
+    mp_real by_torque[3][3];    /* specific force by a slow torque */
+    mp_real by_tilt[3][3];      /* specific force by an error of attitude */
+    mp_real pulse_root[3][3];   /* root of the moment that pulses err by, N m s */
+    mp_real noise[6][6];        /* lower root of the measurements' noise */
+} mp_motion;
+
+/* The filter on all that is not of interest: a column for the log, for each coefficient and for each unknown beginning. */
+typedef struct {
+    mp_real mean[MP_STATES][MP_WIDTH];
+    mp_real root[MP_STATES][MP_STATES];
+} mp_filter;
+
+/* What is kept of the cycles before `at`. */
+typedef struct {
+    long at;
+    int begun;
+    int bound; /* whether each axis is known without the gyroscopic coupling */
+    mp_filter filter;
+    mp_real triangle[MP_PACKED(MP_WIDTH)];
+} mp_run;
+
+/* A triangle on nuisances and on the departure of theta, about one theta. */
+typedef struct {
+    int bound;
+    int count; /* unknowns, the last ten are theta's */
+    mp_real theta[10];
+    mp_real scale[10];
+    mp_real phi[MP_COEFFICIENTS];
+    mp_real slopes[MP_COEFFICIENTS][10]; /* by departures over scale */
+    mp_real triangle[MP_PACKED(MP_UNKNOWNS + 1)];
+} mp_posed;
+
+/* What is said after a cycle. */
+typedef struct {
+    int told;      /* whether anything is said of the parameters */
+    int expected[2]; /* whether rates, whether forces were expected */
+    mp_real mean[10];
+    mp_real covariance[10][10];
+    mp_real innovation[6]; /* torque [N m] and force [N] */
+    mp_real sigma[6];
+    mp_real normalised[6];
+} mp_row;
+
+/* Sums from which a first reference is found. */
+typedef struct {
+    long cycles;
+    mp_real triangle[MP_PACKED(16)]; /* load, products, duration; torque; growth */
+    mp_real push[3][3];              /* of each axis: triangle of force and acceleration */
+    mp_real duration_s;
+    mp_real growth;                  /* largest */
+    mp_real rate[3];
+    mp_real load[3];
+    mp_real area[6];
+    mp_real falling[6];
+    mp_real rising[6];
+} mp_start;
+
+typedef struct {
+    int channels, coefficients, states, beginnings, width, process;
+    int at_bias, at_accel, at_torque, at_tilt; /* states, or -1 */
+    mp_real prior[MP_BEGINNINGS];
+} mp_layout;
+
+/* From one cycle into the next. */
+typedef struct {
+    mp_real transition[MP_STATES][MP_STATES];
+    mp_real process[MP_STATES][MP_PROCESS]; /* root of the process noise */
+    mp_real solve[3][3];
+    mp_real step[MP_CHANNELS]; /* what phi multiplies, and solve what that makes */
+    mp_real drive[MP_STATES];  /* the states' own */
+} mp_leap;
+
+/* Room for what is not kept from one cycle to the next. */
+typedef struct {
+    mp_motion motion;
+    mp_leap leap;
+    mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)];
+    mp_real white[6 * MP_WIDTH];
+    mp_real ordered[6 * MP_WIDTH];
+    mp_real rows[MP_WIDTH * (MP_UNKNOWNS + 1)];
+    mp_real ahead[6 * (6 + MP_UNKNOWNS)];
+    mp_posed posed;
+} mp_room;
+
+/* All of it. The caller owns the memory. */
+typedef struct {
+    mp_vehicle vehicle;
+    mp_layout layout;
+    int ready;
+    int started;
+    long due;     /* cycle of the next attempt to find a first reference */
+    long spare;   /* cycles that may still be taken in anew */
+    long moved;   /* cycle at which the reference was last moved */
+    long block_begin, block_end;
+    mp_real begun_s;
+    mp_real end_s;
+    mp_reference reference, estimate, centre;
+    mp_real centre_sizes[10];
+    mp_start start;
+    mp_posed posed; /* about the estimate at the block's beginning */
+    mp_run run;
+    int first, runs; /* of the ring */
+    mp_run ring[MP_CHECKPOINTS];
+    mp_cycle held[MP_HELD];
+    mp_motion last; /* the latest cycle about the reference */
+    mp_room room;
+} mp_pass;
+
+/* Begin. MP_LIMIT: more bins than MP_BINS, a bearing without MP_CHANNELS, more states than MP_BEGINNINGS. */
+int mp_begin(mp_pass *pass, const mp_vehicle *vehicle);
+
+/* Take one cycle in, and say what is known after it. MP_ORDER before mp_begin. */
+int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row);
+
+#endif

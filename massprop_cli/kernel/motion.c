@@ -1,0 +1,489 @@
+#include "motion.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "small.h"
+
+#define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
+#define PASSES 3     /* that rebuild the motion within a cycle */
+#define DEAF R(1e8)  /* by how much louder the noise is of a reading that is not used */
+#define WIDE R(1e3)  /* rad/s, of a rate of which nothing is known */
+
+static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
+
+int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
+    int i, end = 3;
+    layout->channels = vehicle->bearing ? 15 : 12;
+    layout->coefficients = 3 * layout->channels + 4;
+    layout->beginnings = 3 * (1 + vehicle->gyro_bias + vehicle->accel_bias + vehicle->slow_torque);
+    if (layout->channels > MP_CHANNELS || layout->beginnings > MP_BEGINNINGS) return MP_LIMIT;
+    if (vehicle->bins < 2 || vehicle->bins > MP_BINS) return MP_LIMIT;
+    for (i = 0; i < 3; i++) layout->prior[i] = WIDE;
+    layout->at_bias = layout->at_accel = layout->at_torque = layout->at_tilt = -1;
+    if (vehicle->gyro_bias) {
+        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->gyro_bias_sigma;
+        layout->at_bias = end;
+        end += 3;
+    }
+    if (vehicle->accel_bias) {
+        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->accel_bias_sigma;
+        layout->at_accel = end;
+        end += 3;
+    }
+    if (vehicle->slow_torque) {
+        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->slow_torque_sigma;
+        layout->at_torque = end;
+        end += 3;
+    }
+    if (vehicle->tilt) {
+        layout->at_tilt = end;
+        end += 3;
+    }
+    layout->states = end;
+    layout->width = 1 + layout->coefficients + layout->beginnings;
+    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + vehicle->pulses);
+    return MP_OK;
+}
+
+void mp_products(const mp_real rate[3], mp_real out[6]) {
+    int k;
+    for (k = 0; k < 6; k++) out[k] = rate[FIRST[k]] * rate[SECOND[k]];
+}
+
+/* The part of a vector that lies in the level plane. */
+static void level(const mp_real up[3], const mp_real v[3], mp_real out[3]) {
+    mp_real along = mp_dot(up, v);
+    int i;
+    for (i = 0; i < 3; i++) out[i] = v[i] - up[i] * along;
+}
+
+/* The angular acceleration and the rate's products that the commands and the coupling make, bin by bin. */
+typedef struct {
+    mp_real wrench[6], late[3], driven[3], rate[3], rate_dot[3], up[3];
+} bin;
+
+/* What phi makes of a wrench and a vertical. */
+static void driven(const mp_vehicle *vehicle, const mp_reference *about, const mp_real wrench[6], const mp_real up[3],
+                   const mp_real level_of[3], mp_real out[3]) {
+    mp_real acts[9];
+    int i, j, count = 6;
+    if (vehicle->bearing) {
+        mp_cross(vehicle->centre, wrench + 3, acts);
+        for (i = 0; i < 3; i++) acts[i] = wrench[i] - acts[i];
+        for (i = 0; i < 3; i++) acts[3 + i] = up[i];
+        level(level_of, wrench + 3, acts + 6);
+        count = 9;
+    } else {
+        for (i = 0; i < 6; i++) acts[i] = wrench[i];
+    }
+    for (i = 0; i < 3; i++) {
+        mp_real sum = R(0);
+        for (j = 0; j < count; j++) sum += about->phi[i][j] * acts[j];
+        out[i] = sum;
+    }
+}
+
+/* The gyroscopic coupling, bounded where it is steep. */
+static void coupled(const mp_reference *about, int channels, const mp_real rate[3], mp_real cycle_s, mp_real out[3]) {
+    mp_real s[6], most = R(0), change = R(0), share;
+    int i, j;
+    mp_products(rate, s);
+    for (i = 0; i < 3; i++) {
+        mp_real sum = R(0);
+        for (j = 0; j < 6; j++) sum += about->phi[i][channels - 6 + j] * s[j];
+        out[i] = sum;
+        most += STEEP * rate[i] * (STEEP * rate[i]);
+        change += sum * cycle_s * (sum * cycle_s);
+    }
+    if (change > most) {
+        share = MP_SQRT(most / mp_max(change, MP_TINY));
+        for (i = 0; i < 3; i++) out[i] *= share;
+    }
+}
+
+/* Acceleration of a point beyond that of the centre. */
+static void lever_arm(const mp_real rate[3], const mp_real rate_dot[3], const mp_real arm[3], mp_real out[3]) {
+    mp_real inner[3], outer[3];
+    int i;
+    mp_cross(rate_dot, arm, out);
+    mp_cross(rate, arm, inner);
+    mp_cross(rate, inner, outer);
+    for (i = 0; i < 3; i++) out[i] += outer[i];
+}
+
+/* On a bearing: what the CG's own swing adds to the angular acceleration. */
+static void swing(const mp_reference *about, const bin *here, mp_real out[3]) {
+    mp_real j[3][3], moved[3], flat[3], swung[3];
+    int i;
+    lever_arm(here->rate, here->rate_dot, about->theta + 6, moved);
+    level(here->up, moved, flat);
+    mp_cross(about->theta + 6, flat, swung);
+    for (i = 0; i < 3; i++) swung[i] *= about->theta[9];
+    mp_tensor(about->theta, j);
+    mp_times((const mp_real(*)[3])j, swung, out);
+}
+
+/* The vertical after the body has turned, to second order. */
+static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) {
+    mp_real once[3], twice[3];
+    int i;
+    mp_cross(up, angle, once);
+    mp_cross(once, angle, twice);
+    for (i = 0; i < 3; i++) out[i] = up[i] + once[i] + twice[i] / R(2);
+}
+
+/* Rate, angular acceleration and vertical in each bin, and the rate and the vertical at both ends. */
+static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
+                   bin *bins, mp_real rates[2][3], mp_real ups[2][3]) {
+    const mp_real zero[3] = {R(0), R(0), R(0)};
+    int count = vehicle->bins, again, b, i;
+    mp_real bin_s = cycle->duration_s / R(count);
+    for (b = 0; b < count; b++) {
+        for (i = 0; i < 6; i++) bins[b].wrench[i] = cycle->impulse[b][i] / bin_s;
+        for (i = 0; i < 3; i++) {
+            bins[b].rate[i] = mean[i];
+            bins[b].rate_dot[i] = R(0);
+            bins[b].up[i] = cycle->up[0][i];
+        }
+    }
+    for (i = 0; i < 3; i++) ups[0][i] = ups[1][i] = cycle->up[0][i];
+    for (again = 0; again < PASSES; again++) {
+        mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)};
+        for (b = 0; b < count; b++) {
+            bin *here = bins + b;
+            mp_real coupling[3], dot[3];
+            coupled(about, channels, here->rate, bin_s * R(count), coupling);
+            if (vehicle->bearing || again == 0) {
+                driven(vehicle, about, here->wrench, here->up, here->up, here->driven);
+                driven(vehicle, about, cycle->skew[b], zero, here->up, here->late);
+            }
+            for (i = 0; i < 3; i++) dot[i] = here->driven[i] + coupling[i];
+            if (vehicle->bearing) {
+                mp_real swung[3];
+                swing(about, here, swung);
+                for (i = 0; i < 3; i++) dot[i] += swung[i];
+            }
+            for (i = 0; i < 3; i++) {
+                mp_real own = dot[i] * bin_s;
+                change[i] += own;
+                here->rate_dot[i] = dot[i];
+                here->rate[i] = change[i] - own / R(2) - here->late[i];
+                behind[i] += here->rate[i];
+            }
+        }
+        for (i = 0; i < 3; i++) {
+            rates[0][i] = mean[i] - behind[i] / R(count);
+            rates[1][i] = rates[0][i] + change[i];
+        }
+        for (b = 0; b < count; b++) {
+            bin *here = bins + b;
+            mp_real angle[3];
+            for (i = 0; i < 3; i++) here->rate[i] += rates[0][i];
+            if (!vehicle->bearing) continue;
+            for (i = 0; i < 3; i++) {
+                mp_real own = here->rate[i] * bin_s;
+                turned[i] += own;
+                angle[i] = turned[i] - own / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12);
+            }
+            tilted(cycle->up[0], angle, here->up);
+        }
+        if (vehicle->bearing) tilted(cycle->up[0], turned, ups[1]);
+    }
+}
+
+/* An integral over the bins under the rising half of the window, and plain. */
+static void windowed(mp_real *rising, mp_real *whole, mp_real value, int b, int count, mp_real bin_s) {
+    *rising += (R(b) + R(0.5)) / R(count) * value * bin_s;
+    *whole += value * bin_s;
+}
+
+/* What phi multiplies, under the rising half of the window, and over the whole cycle. */
+static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
+                      const bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
+    int count = vehicle->bins, channels = layout->channels, b, i;
+    mp_real bin_s = cycle->duration_s / R(count), squared = bin_s * bin_s / R(12);
+    mp_real *rising = out->rising, ends[2][6], lag[3], plain[3];
+    memset(rising, 0, sizeof out->rising);
+    memset(whole, 0, MP_CHANNELS * sizeof whole[0]);
+    memset(out->known, 0, sizeof out->known);
+    memset(out->turning, 0, sizeof out->turning);
+    memset(out->up, 0, sizeof out->up);
+    for (i = 0; i < 6; i++) {
+        rising[i] = cycle->rising[i];
+        whole[i] = cycle->rising[i] + cycle->falling[i];
+    }
+    if (vehicle->bearing) {
+        mp_cross(vehicle->centre, rising + 3, lag);
+        mp_cross(vehicle->centre, whole + 3, plain);
+        for (i = 0; i < 3; i++) {
+            rising[i] -= lag[i];
+            whole[i] -= plain[i];
+            rising[3 + i] = whole[3 + i] = R(0);
+        }
+    }
+    for (b = 0; b < count; b++) {
+        const bin *here = bins + b;
+        mp_real s[6], by[6];
+        mp_products(here->rate, s);
+        mp_products(here->rate_dot, by);
+        for (i = 0; i < 6; i++) windowed(rising + channels - 6 + i, whole + channels - 6 + i, s[i] + by[i] * squared, b, count, bin_s);
+        for (i = 0; i < 3; i++) windowed(out->turning[0] + i, out->turning[1] + i, here->rate[i], b, count, bin_s);
+        if (vehicle->bearing) {
+            mp_real flat[3], late[3], swung[3];
+            level(here->up, here->wrench + 3, flat);
+            level(here->up, cycle->skew[b] + 3, late);
+            swing(about, here, swung);
+            for (i = 0; i < 3; i++) {
+                windowed(rising + 3 + i, whole + 3 + i, here->up[i], b, count, bin_s);
+                windowed(out->up[0] + i, out->up[1] + i, here->up[i], b, count, bin_s);
+                windowed(rising + 6 + i, whole + 6 + i, flat[i], b, count, bin_s);
+                windowed(out->known[0] + i, out->known[1] + i, swung[i], b, count, bin_s);
+                rising[6 + i] += late[i] / R(count);
+            }
+        }
+    }
+    mp_products(rates[0], ends[0]);
+    mp_products(rates[1], ends[1]);
+    for (i = 0; i < 6; i++) rising[channels - 6 + i] += (ends[1][i] - ends[0][i]) * bin_s / R(12) / R(count);
+    for (i = 0; i < 3; i++) {
+        out->turning[0][i] += (rates[1][i] - rates[0][i]) * bin_s / R(12) / R(count);
+        if (vehicle->bearing) rising[3 + i] += (ups[1][i] - ups[0][i]) * bin_s / R(12) / R(count);
+    }
+    for (i = 0; i < channels; i++) {
+        out->falling[i] = whole[i] - rising[i];
+        whole[i] /= cycle->duration_s;
+        out->mean[i] = whole[i];
+    }
+    for (i = 0; i < 3; i++) {
+        out->known[1][i] -= out->known[0][i];
+        out->turning[1][i] -= out->turning[0][i];
+        out->up[1][i] -= out->up[0][i];
+    }
+}
+
+/* The specific force in terms of phi, mu, and c or mu kappa. */
+static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, const bin *bins,
+                 mp_motion *out) {
+    mp_real dot[3], centripetal[3][3], rotation[3][3], arm[3], part[3], trace;
+    int i, j, b, channels = layout->channels;
+    for (i = 0; i < 3; i++) {
+        mp_real sum = R(0);
+        for (j = 0; j < channels; j++) sum += about->phi[i][j] * out->mean[j];
+        dot[i] = sum;
+    }
+    mp_tensor(out->mean + channels - 6, centripetal);
+    trace = centripetal[0][0] + centripetal[1][1] + centripetal[2][2];
+    for (i = 0; i < 3; i++) centripetal[i][i] -= trace;
+    mp_cross_matrix(dot, rotation);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) rotation[i][j] += centripetal[i][j];
+    if (vehicle->bearing) {
+        mp_real kappa[3], along[3][3], flat[3][3], swung[3][3], seen[3][3], other[3];
+        for (i = 0; i < 3; i++) {
+            arm[i] = vehicle->imu[i] - vehicle->centre[i];
+            kappa[i] = about->theta[9] * about->theta[6 + i];
+        }
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) {
+                mp_real sum = R(0);
+                for (b = 0; b < vehicle->bins; b++) sum += bins[b].up[i] * bins[b].up[j];
+                flat[i][j] = (i == j ? R(1) : R(0)) - sum / R(vehicle->bins);
+            }
+        mp_cross_matrix(kappa, along);
+        mp_product((const mp_real(*)[3])flat, (const mp_real(*)[3])along, swung);
+        mp_product((const mp_real(*)[3])flat, (const mp_real(*)[3])rotation, seen);
+        mp_cross_matrix(arm, out->euler);
+        mp_times((const mp_real(*)[3])centripetal, arm, part);
+        mp_times((const mp_real(*)[3])swung, dot, other);
+        for (i = 0; i < 3; i++) {
+            out->own[i][0] = out->mean[6 + i];
+            for (j = 0; j < 3; j++) {
+                out->euler[i][j] = swung[i][j] - out->euler[i][j];
+                out->own[i][1 + j] = -seen[i][j];
+            }
+            out->measured[i] = cycle->force[i] - (vehicle->gravity * out->mean[3 + i] + part[i] - other[i]);
+        }
+    } else {
+        mp_real other[3];
+        for (i = 0; i < 3; i++) arm[i] = about->cg[i] - vehicle->imu[i];
+        mp_cross_matrix(arm, out->euler);
+        mp_times((const mp_real(*)[3])centripetal, vehicle->imu, part);
+        mp_cross(dot, about->cg, other);
+        for (i = 0; i < 3; i++) {
+            out->own[i][0] = out->mean[3 + i];
+            for (j = 0; j < 3; j++) out->own[i][1 + j] = -rotation[i][j];
+            out->measured[i] = cycle->force[i] - (part[i] + other[i]);
+        }
+    }
+}
+
+/* (3, 3) derivative of the moment by an error of attitude, of a vertical that is an integral. */
+static void moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], mp_real out[3][3]) {
+    mp_real offset[3], mass, across[3][3], turn[3][3];
+    int i, j;
+    mass = mp_max(R(1) / about->mu - vehicle->bearing_mass, R(0.01) / about->mu);
+    for (i = 0; i < 3; i++) offset[i] = about->cg[i] - vehicle->centre[i];
+    mp_cross_matrix(offset, across);
+    mp_cross_matrix(up, turn);
+    mp_product((const mp_real(*)[3])across, (const mp_real(*)[3])turn, out);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) out[i][j] *= -mass * vehicle->gravity;
+}
+
+/* What slow torques and errors of attitude do to the specific force. */
+static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
+                         mp_motion *out) {
+    mp_real inverse[3][3], tilting[3][3], turn[3][3], mean[3];
+    int i, j;
+    if (layout->at_torque < 0 && layout->at_tilt < 0) return;
+    mp_tensor(about->theta, inverse);
+    mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
+    if (layout->at_tilt < 0) return;
+    for (i = 0; i < 3; i++) mean[i] = (out->up[0][i] + out->up[1][i]) / cycle->duration_s;
+    moment_by_tilt(vehicle, about, mean, tilting);
+    mp_product((const mp_real(*)[3])out->by_torque, (const mp_real(*)[3])tilting, out->by_tilt);
+    mp_cross_matrix(mean, turn);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) out->by_tilt[i][j] += vehicle->gravity * turn[i][j];
+}
+
+/* Roots of the noise of measurements, and of the moment that pulses err by. */
+static void noise_of(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
+    int i, j, k, l;
+    memset(out->noise, 0, sizeof out->noise);
+    for (i = 0; i < 3; i++) {
+        out->noise[i][i] = vehicle->gyro_noise;
+        out->noise[3 + i][3 + i] = vehicle->accel_noise[i];
+    }
+    if (vehicle->pulses) {
+        mp_real moment[3][6], covariance[3][3], values[3], axes[3][3], force[9], turn[3][3];
+        const mp_real *centre = vehicle->bearing ? vehicle->centre : about->cg;
+        mp_real share = about->mu * about->mu / (cycle->duration_s * cycle->duration_s);
+        mp_cross_matrix(centre, turn);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) {
+                moment[i][j] = i == j ? R(1) : R(0);
+                moment[i][3 + j] = -turn[i][j];
+            }
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) {
+                mp_real sum = R(0);
+                for (k = 0; k < 6; k++)
+                    for (l = 0; l < 6; l++) sum += moment[i][k] * cycle->pulse_covariance[k][l] * moment[j][l];
+                covariance[i][j] = sum;
+                force[3 * i + j] = share * cycle->pulse_covariance[3 + i][3 + j];
+                if (i == j) force[3 * i + j] += vehicle->accel_noise[i] * vehicle->accel_noise[i];
+            }
+        mp_eigen((const mp_real(*)[3])covariance, values, axes);
+        if (mp_cholesky(force, 3))
+            for (i = 0; i < 3; i++)
+                for (j = 0; j < 3; j++) out->noise[3 + i][3 + j] = force[3 * i + j];
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->pulse_root[i][j] = axes[i][j] * MP_SQRT(mp_max(values[j], R(0)));
+    }
+    for (k = 0; k < 2; k++)
+        if (cycle->deaf[k])
+            for (i = 0; i < 3; i++)
+                for (j = 0; j < 3; j++) out->noise[3 * k + i][3 * k + j] *= DEAF;
+}
+
+void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
+    bin bins[MP_BINS];
+    mp_real rates[2][3], ups[2][3], whole[MP_CHANNELS];
+    int i;
+    out->duration_s = cycle->duration_s;
+    for (i = 0; i < 3; i++) {
+        out->raw_rate[i] = cycle->rate[i];
+        out->rate[i] = cycle->rate[i] - about->bias[i];
+    }
+    within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups);
+    integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
+    felt(vehicle, layout, cycle, about, bins, out);
+    by_nuisances(vehicle, layout, cycle, about, out);
+    noise_of(vehicle, cycle, about, out);
+}
+
+/* Derivative of the gyroscopic term by the rate, under one half of the window, made smaller where it is steep. */
+static void bounded(const mp_reference *about, int channels, const mp_real rate[3], mp_real out[3][3]) {
+    mp_real by[6][3], size = R(0);
+    int i, j, k;
+    memset(by, 0, sizeof by);
+    for (k = 0; k < 6; k++) {
+        by[k][FIRST[k]] += rate[SECOND[k]];
+        by[k][SECOND[k]] += rate[FIRST[k]];
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            mp_real sum = R(0);
+            for (k = 0; k < 6; k++) sum += about->phi[i][channels - 6 + k] * by[k][j];
+            out[i][j] = sum;
+            size += sum * sum;
+        }
+    size = MP_SQRT(size);
+    if (size > STEEP)
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out[i][j] *= STEEP / size;
+}
+
+void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
+                const mp_reference *about, mp_leap *out) {
+    mp_real leaving[3][3], entering[3][3], inverse[3][3], to_rate[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
+    int i, j, q = 0;
+    memset(out->transition, 0, sizeof out->transition);
+    memset(out->process, 0, sizeof out->process);
+    memset(out->drive, 0, sizeof out->drive);
+    bounded(about, layout->channels, from->turning[0], leaving);
+    bounded(about, layout->channels, into->turning[1], entering);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) part[i][j] = (i == j ? R(1) : R(0)) - entering[i][j];
+    mp_inverse((const mp_real(*)[3])part, out->solve);
+    mp_tensor(about->theta, inverse);
+    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])inverse, to_rate);
+    mp_times((const mp_real(*)[3])leaving, from->rate, gone);
+    mp_times((const mp_real(*)[3])entering, into->rate, come);
+    for (i = 0; i < 3; i++) {
+        known[i] = from->known[0][i] + into->known[1][i] - gone[i] - come[i];
+        leaving[i][i] += R(1);
+    }
+    mp_times((const mp_real(*)[3])out->solve, known, out->drive);
+    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])leaving, part);
+    for (i = 0; i < layout->channels; i++) out->step[i] = from->rising[i] + into->falling[i];
+    for (i = 0; i < layout->states; i++) out->transition[i][i] = R(1);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) out->transition[i][j] = part[i][j];
+    mean_s = (from->duration_s + into->duration_s) / R(2);
+    if (layout->at_torque >= 0)
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = to_rate[i][j] * mean_s;
+    if (layout->at_tilt >= 0) {
+        mp_real up[3], by[3][3], turn[3][3];
+        int t = layout->at_tilt;
+        for (i = 0; i < 3; i++) up[i] = from->up[0][i] + into->up[1][i];
+        moment_by_tilt(vehicle, about, up, by);
+        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])by, part);
+        mp_cross_matrix(from->rate, turn);
+        for (i = 0; i < 3; i++) {
+            for (j = 0; j < 3; j++) {
+                out->transition[i][t + j] = part[i][j];
+                out->transition[t + i][t + j] -= turn[i][j] * from->duration_s;
+            }
+            out->transition[t + i][i] = from->duration_s;
+            out->drive[t + i] = -from->raw_rate[i] * from->duration_s;
+        }
+    }
+    if (vehicle->torque_noise > R(0)) {
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->process[i][q + j] = to_rate[i][j] * (vehicle->torque_noise * into->duration_s);
+        q += 3;
+    }
+    if (vehicle->slow_torque) {
+        for (i = 0; i < 3; i++) out->process[layout->at_torque + i][q + i] = vehicle->torque_walk;
+        q += 3;
+    }
+    if (vehicle->pulses) {
+        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])from->pulse_root, part);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->process[i][q + j] = part[i][j];
+    }
+}

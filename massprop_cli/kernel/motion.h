@@ -1,0 +1,17 @@
+/* The motion within a cycle, and what the equations are over it. */
+#ifndef MASSPROP_MOTION_H
+#define MASSPROP_MOTION_H
+
+#include "massprop.h"
+
+/* Which states there are. MP_LIMIT where they don't fit. */
+int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout);
+/* (6) the products of rates. */
+void mp_products(const mp_real rate[3], mp_real out[6]);
+/* A cycle about a reference: massprop_cli/model/within.py, and of linearise.py what depends on one cycle. */
+void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out);
+/* From one cycle into the next. */
+void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
+                const mp_reference *about, mp_leap *out);
+
+#endif

@@ -1,0 +1,37 @@
+/* Small dense linear algebra. Matrices are by rows; a packed triangle holds its rows from the diagonal on. */
+#ifndef MASSPROP_SMALL_H
+#define MASSPROP_SMALL_H
+
+#include "massprop.h"
+
+#define R(x) ((mp_real)(x))
+#define AT(size, row) ((row) * (size) - (row) * ((row) - 1) / 2) /* where a row of a packed triangle begins */
+
+int mp_finite(const mp_real *v, int count);
+mp_real mp_max(mp_real a, mp_real b);
+mp_real mp_min(mp_real a, mp_real b);
+mp_real mp_abs(mp_real a);
+mp_real mp_dot(const mp_real a[3], const mp_real b[3]);
+void mp_cross(const mp_real a[3], const mp_real b[3], mp_real out[3]);
+void mp_cross_matrix(const mp_real v[3], mp_real out[3][3]);
+void mp_times(const mp_real a[3][3], const mp_real v[3], mp_real out[3]);
+void mp_product(const mp_real a[3][3], const mp_real b[3][3], mp_real out[3][3]);
+void mp_inverse(const mp_real a[3][3], mp_real out[3][3]);
+void mp_tensor(const mp_real six[6], mp_real out[3][3]);
+void mp_elements(const mp_real a[3][3], mp_real six[6]);
+/* Eigenvalues, ascending, and eigenvectors by columns of a symmetric matrix (Jacobi). */
+void mp_eigen(const mp_real a[3][3], mp_real values[3], mp_real axes[3][3]);
+/* Lower root of a symmetric positive matrix (n, n); 0 where it isn't positive. */
+int mp_cholesky(mp_real *a, int n);
+/* Rows (count, size), overwritten, folded into a packed triangle. */
+void mp_fold(mp_real *triangle, int size, mp_real *rows, int count);
+/* A (rows, columns) times an orthogonal matrix that makes it lower triangular with a positive diagonal, in place. */
+void mp_lower(mp_real *a, int rows, int columns);
+/* T x = b by the first n rows and columns of a packed triangle, in place; by its rows and columns from `first` on. */
+void mp_back(const mp_real *triangle, int size, int first, int n, mp_real *b);
+/* x T = a for one row a (n), in place. */
+void mp_forward(const mp_real *triangle, int size, int n, mp_real *a);
+/* Inverse (10, 10) of the block of a packed triangle that begins at row and column `first`. */
+void mp_inverse10(const mp_real *triangle, int size, int first, mp_real out[10][10]);
+
+#endif

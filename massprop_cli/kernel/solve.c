@@ -1,0 +1,326 @@
+#include "solve.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "lift.h"
+#include "small.h"
+
+#define LOOSE R(3)          /* one sigma of the coefficients of the gyroscopic coupling while they are free */
+#define FAINT R(0.4)        /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
+#define INCONSISTENT R(60)  /* more chi-square than the coupling's free coefficients would leave by chance */
+#define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
+#define STEPS 6
+#define STILL R(0.1)        /* a step of fewer sigmas is the last */
+
+static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
+
+static int nuisances(const mp_layout *layout, int bound) { return layout->beginnings + (bound ? 0 : 18); }
+
+/* Where in phi a coefficient of the gyroscopic coupling stands. */
+static int coupling(const mp_layout *layout, int k) { return (k / 6 + 1) * layout->channels - 6 + k % 6; }
+
+/* One row on beginnings and phi, nothing before column `first`, as a row on nuisances and theta's departure over its scale. */
+static void reduced(const mp_layout *layout, const mp_posed *posed, const mp_real *row, int first, mp_real *out) {
+    int m = layout->beginnings, n = layout->coefficients, own = posed->count - 10, i, k;
+    mp_real left = row[m + n];
+    for (i = 0; i < m; i++) out[i] = i < first ? R(0) : row[i];
+    for (i = own; i < posed->count; i++) out[i] = R(0);
+    if (!posed->bound)
+        for (k = 0; k < 18; k++) {
+            i = coupling(layout, k);
+            out[m + k] = m + i < first ? R(0) : LOOSE * row[m + i];
+        }
+    for (k = first > m ? first - m : 0; k < n; k++) {
+        mp_real by = row[m + k];
+        const mp_real *slope = posed->slopes[k];
+        if (by == R(0)) continue;
+        left -= by * posed->phi[k];
+        for (i = 0; i < 10; i++) out[own + i] += by * slope[i];
+    }
+    out[posed->count] = left;
+}
+
+/* Where a triangle is to be about theta; nothing in it yet. */
+static void about(const mp_vehicle *vehicle, const mp_layout *layout, const mp_real theta[10], const mp_real scale[10], int bound,
+                  mp_posed *out) {
+    int i, k;
+    out->bound = bound;
+    out->count = nuisances(layout, bound) + 10;
+    memcpy(out->theta, theta, sizeof out->theta);
+    memcpy(out->scale, scale, sizeof out->scale);
+    mp_coefficients(vehicle, theta, out->phi, out->slopes);
+    if (!bound)
+        for (k = 0; k < 18; k++) memset(out->slopes[coupling(layout, k)], 0, sizeof out->slopes[0]);
+    for (k = 0; k < layout->coefficients; k++)
+        for (i = 0; i < 10; i++) out->slopes[k][i] *= scale[i];
+}
+
+/* The triangle of all that a run has taken in, with a prior of `scale` about `centre`, or about theta. */
+static void posed_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_real theta[10],
+                     const mp_real scale[10], const mp_real *centre, int bound, mp_real *rows, mp_posed *out) {
+    int size, i;
+    about(vehicle, layout, theta, scale, bound, out);
+    size = out->count + 1;
+    memset(out->triangle, 0, sizeof out->triangle);
+    for (i = layout->beginnings; i < out->count; i++) out->triangle[AT(size, i)] = R(1);
+    if (centre != NULL)
+        for (i = 0; i < 10; i++) {
+            int row = out->count - 10 + i;
+            out->triangle[AT(size, row) + out->count - row] = (centre[i] - theta[i]) / scale[i];
+        }
+    for (i = 0; i < layout->width; i++)
+        reduced(layout, out, run->triangle + AT(layout->width, i) - i, i, rows + i * size);
+    mp_fold(out->triangle, size, rows, layout->width);
+}
+
+/* What stands beside a triangle's last ten unknowns. */
+static void beside(const mp_posed *posed, mp_real out[10]) {
+    int i, first = posed->count - 10, size = posed->count + 1;
+    for (i = 0; i < 10; i++) out[i] = posed->triangle[AT(size, first + i) + posed->count - first - i];
+}
+
+/* (10) one sigma of each of theta by the data alone. */
+static void sigmas_of(const mp_posed *posed, mp_real out[10]) {
+    mp_real inverse[10][10];
+    int i, j;
+    mp_inverse10(posed->triangle, posed->count + 1, posed->count - 10, inverse);
+    for (i = 0; i < 10; i++) {
+        mp_real sum = R(0);
+        for (j = i; j < 10; j++) sum += inverse[i][j] * inverse[i][j];
+        out[i] = posed->scale[i] * MP_SQRT(sum);
+    }
+}
+
+void mp_pose(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_reference *estimate, mp_real *rows,
+             mp_posed *out) {
+    mp_real scale[10];
+    int i;
+    mp_sizes(vehicle, estimate->theta, scale);
+    for (i = 0; i < 10; i++) scale[i] *= vehicle->prior_scale;
+    posed_of(vehicle, layout, run, estimate->theta, scale, NULL, run->bound, rows, out);
+}
+
+void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real *ahead, mp_real normalised[6],
+              mp_real unexplained[6], mp_real spread[6][6]) {
+    int count = posed->count, size = count + 1, wide = 6 + count, i, j;
+    mp_real rows[6 * (MP_UNKNOWNS + 1)];
+    for (i = 0; i < 6; i++) {
+        mp_real *row = rows + i * size, *own = ahead + i * wide;
+        reduced(layout, posed, ordered + i * layout->width, 0, row);
+        for (j = 0; j < 6; j++) own[j] = i == j ? R(1) : R(0);
+        for (j = 0; j < count; j++) own[6 + j] = row[j];
+        mp_forward(posed->triangle, size, count, own + 6);
+        unexplained[i] = row[count];
+        for (j = 0; j < count; j++) unexplained[i] -= own[6 + j] * posed->triangle[AT(size, j) + count - j];
+    }
+    mp_lower(ahead, 6, wide);
+    for (i = 0; i < 6; i++) {
+        mp_real sum = unexplained[i];
+        for (j = 0; j < 6; j++) spread[i][j] = ahead[i * wide + j];
+        for (j = 0; j < i; j++) sum -= spread[i][j] * normalised[j];
+        normalised[i] = sum / spread[i][i];
+    }
+    mp_fold(posed->triangle, size, rows, 6);
+}
+
+/* Where the search began draws what the data don't tell, by these sigmas. */
+static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]) {
+    mp_real cg = pass->vehicle.bearing ? R(0.02) : R(1);
+    int i;
+    mp_sizes(&pass->vehicle, theta, out);
+    for (i = 0; i < 10; i++) out[i] = mp_max(out[i], pass->centre_sizes[i]) * (i < 6 ? R(0.2) : i < 9 ? cg : R(1));
+}
+
+/* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
+static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
+    mp_real pull[10], left[10], joint[100], sensible[10];
+    int i, j;
+    pulled(pass, posed->theta, pull);
+    for (i = 0; i < 10; i++) {
+        left[i] = (step[i] + posed->theta[i] - pass->centre.theta[i]) / pull[i];
+        for (j = 0; j < 10; j++) joint[10 * i + j] = covariance[i][j] / pull[i] / pull[j] + (i == j ? R(1) : R(0));
+    }
+    memcpy(sensible, step, sizeof sensible);
+    if (mp_cholesky(joint, 10)) {
+        for (i = 0; i < 10; i++) {
+            for (j = 0; j < i; j++) left[i] -= joint[10 * i + j] * left[j];
+            left[i] /= joint[11 * i];
+        }
+        for (i = 9; i >= 0; i--) {
+            for (j = i + 1; j < 10; j++) left[i] -= joint[10 * j + i] * left[j];
+            left[i] /= joint[11 * i];
+        }
+        for (i = 0; i < 10; i++) {
+            mp_real sum = R(0);
+            for (j = 0; j < 10; j++) sum += covariance[i][j] * (left[j] / pull[j]);
+            sensible[i] = step[i] - sum;
+        }
+    }
+    mp_nearest(posed->theta, sensible, out);
+}
+
+/* By how much wider the sigmas of I = J^-1 are than its slope makes them. */
+static void curved(const mp_real theta[10], const mp_real sigma[10], mp_real out[10]) {
+    mp_real factor[3];
+    int i;
+    for (i = 0; i < 3; i++) {
+        mp_real relative = sigma[MOMENTS[i]] / mp_max(theta[MOMENTS[i]], MP_TINY);
+        mp_real near = R(1) / (R(1) - R(2) * mp_min(relative, FAINT)), far = mp_min(relative, R(1e6)) / FAINT;
+        factor[i] = MP_SQRT(mp_max(near, near * (far * far)));
+    }
+    for (i = 0; i < 6; i++) out[i] = factor[FIRST[i]] * factor[SECOND[i]];
+    for (i = 6; i < 10; i++) out[i] = R(1);
+}
+
+/* Error of c or kappa, as its product with J is split about the reference: its own move, where another axis' J is faint. */
+static void split(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[10], mp_real out[10]) {
+    mp_real relative[3];
+    int i;
+    for (i = 0; i < 10; i++) out[i] = R(0);
+    for (i = 0; i < 3; i++) relative[i] = mp_min(sigma[MOMENTS[i]] / mp_max(theta[MOMENTS[i]], MP_TINY), R(1));
+    for (i = 0; i < 3; i++)
+        out[6 + i] = (theta[6 + i] - pass->reference.theta[6 + i]) * mp_max(relative[(i + 1) % 3], relative[(i + 2) % 3]);
+}
+
+static void outer10(mp_real a[10][10], mp_real out[10][10]) {
+    int i, j, k;
+    for (i = 0; i < 10; i++)
+        for (j = 0; j <= i; j++) {
+            mp_real sum = R(0);
+            for (k = 0; k < 10; k++) sum += a[i][k] * a[j][k];
+            out[i][j] = out[j][i] = sum;
+        }
+}
+
+int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real covariance[10][10]) {
+    mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], wider[10], apart[10], moved[10][10];
+    int i, j, k;
+    mp_inverse10(posed->triangle, posed->count + 1, posed->count - 10, root);
+    beside(posed, right);
+    for (i = 0; i < 10; i++) {
+        step[i] = R(0);
+        for (j = 0; j < 10; j++) {
+            root[i][j] *= posed->scale[i];
+            step[i] += root[i][j] * right[j];
+        }
+    }
+    outer10(root, covariance);
+    for (i = 0; i < 10; i++) sigma[i] = MP_SQRT(covariance[i][i]);
+    sensed(pass, posed, step, covariance, at);
+    mp_slopes(&pass->vehicle, at, slopes);
+    mp_parameters(&pass->vehicle, at, mean);
+    curved(at, sigma, wider);
+    split(pass, at, sigma, apart);
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) {
+            mean[i] += slopes[i][j] * (posed->theta[j] + step[j] - at[j]);
+            slopes[i][j] *= wider[i];
+        }
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) {
+            moved[i][j] = R(0);
+            for (k = 0; k <= j; k++) moved[i][j] += slopes[i][k] * root[k][j];
+        }
+    outer10(moved, covariance);
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++)
+            for (k = 6; k < 9; k++) covariance[i][j] += slopes[i][k] * apart[k] * (slopes[j][k] * apart[k]);
+    return mp_stale(pass, at, sigma, ASTRAY);
+}
+
+int mp_stale(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[10], mp_real most) {
+    mp_real scales[10];
+    int i, stale = 0;
+    mp_scales(&pass->vehicle, theta, scales);
+    for (i = 0; i < 10; i++) {
+        mp_real apart = theta[i] - pass->reference.theta[i];
+        stale |= sigma[i] < KNOWN * scales[i] && apart * apart > most * sigma[i] * scales[i];
+    }
+    return stale;
+}
+
+int mp_stands(const mp_pass *pass, const mp_posed *posed) {
+    mp_real sigma[10], elapsed = pass->end_s - pass->begun_s;
+    int i;
+    for (i = 0; i < 3; i++) {
+        mp_real apart = pass->estimate.bias[i] - pass->reference.bias[i];
+        if (apart * apart * elapsed > STALE * pass->vehicle.gyro_noise) return 0;
+    }
+    sigmas_of(posed, sigma);
+    return !mp_stale(pass, posed->theta, sigma, STALE);
+}
+
+/* What a search ended with. */
+typedef struct {
+    mp_real theta[10];
+    mp_real beginnings[MP_BEGINNINGS];
+    mp_real phi[MP_COEFFICIENTS];
+    mp_real chi_square;
+} found;
+
+/* Gauss-Newton on the triangle. */
+static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], int bound, found *out) {
+    const mp_layout *layout = &pass->layout;
+    mp_posed *posed = &pass->room.posed;
+    int count = nuisances(layout, bound) + 10, size = count + 1, again, i;
+    mp_real solved[MP_UNKNOWNS], scale[10], step[10], right[10], moved, *last;
+    memcpy(out->theta, from, sizeof out->theta);
+    for (again = 0; again < STEPS; again++) {
+        pulled(pass, out->theta, scale);
+        posed_of(&pass->vehicle, layout, run, out->theta, scale, pass->centre.theta, bound, pass->room.rows, posed);
+        for (i = 0; i < count; i++) solved[i] = posed->triangle[AT(size, i) + count - i];
+        mp_back(posed->triangle, size, 0, count, solved);
+        for (i = 0; i < 10; i++) step[i] = scale[i] * solved[count - 10 + i];
+        mp_stepped(&pass->vehicle, out->theta, step);
+        beside(posed, right);
+        moved = R(0);
+        for (i = 0; i < 10; i++) moved += right[i] * right[i];
+        if (moved < STILL * STILL) break;
+    }
+    for (i = 0; i < layout->beginnings; i++) out->beginnings[i] = solved[i];
+    mp_coefficients(&pass->vehicle, out->theta, out->phi, NULL);
+    if (!bound)
+        for (i = 0; i < 18; i++)
+            out->phi[coupling(layout, i)] = posed->phi[coupling(layout, i)] + LOOSE * solved[layout->beginnings + i];
+    last = posed->triangle + AT(size, count);
+    out->chi_square = *last * *last;
+}
+
+/* Whether the commands alone, without the gyroscopic coupling, tell each axis' response. */
+static int each_axis_is_known(mp_pass *pass, const mp_run *run, const mp_real theta[10]) {
+    mp_real scale[10], sigma[10];
+    int i, known = 1;
+    mp_sizes(&pass->vehicle, theta, scale);
+    for (i = 0; i < 10; i++) scale[i] *= pass->vehicle.prior_scale;
+    posed_of(&pass->vehicle, &pass->layout, run, theta, scale, NULL, run->bound, pass->room.rows, &pass->room.posed);
+    sigmas_of(&pass->room.posed, sigma);
+    for (i = 0; i < 3; i++) known &= sigma[MOMENTS[i]] < KNOWN * theta[MOMENTS[i]];
+    return known;
+}
+
+void mp_improve(mp_pass *pass, mp_run *run) {
+    const mp_layout *layout = &pass->layout;
+    found loose, tied;
+    const found *best = &tied;
+    mp_real bias[3], tied_phi[MP_COEFFICIENTS];
+    int bound = run->bound, free = !run->bound, i, c, m = layout->beginnings, n = layout->coefficients;
+    if (free) {
+        searched(pass, run, pass->estimate.theta, 0, &loose);
+        bound = each_axis_is_known(pass, run, loose.theta);
+    }
+    searched(pass, run, free ? loose.theta : pass->estimate.theta, 1, &tied);
+    if (free && !bound && !(tied.chi_square < loose.chi_square + INCONSISTENT)) best = &loose;
+    memcpy(bias, pass->reference.bias, sizeof bias);
+    if (layout->at_bias >= 0 && run->begun) {
+        mp_coefficients(&pass->vehicle, best->theta, tied_phi, NULL);
+        for (i = 0; i < 3; i++) {
+            const mp_real *mean = run->filter.mean[layout->at_bias + i];
+            bias[i] = mean[0];
+            for (c = 0; c < n; c++) bias[i] += mean[1 + c] * tied_phi[c];
+            for (c = 0; c < m; c++) bias[i] += mean[1 + n + c] * best->beginnings[c];
+        }
+    }
+    mp_body(&pass->vehicle, best->theta, bias, best == &loose ? loose.phi : NULL, &pass->estimate);
+    run->bound = bound;
+}
