@@ -41,7 +41,7 @@ class Pass:
             raise RuntimeError("there is no compiled kernel")
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
         self.memory = ctypes.create_string_buffer(library.mp_host_size())
-        self._checked(library.mp_host_begin(self.memory, _pointer(table(samples, vehicle))))
+        checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
 
     def rows(self, progress: Callable[[float], None] | None) -> Iterator[Rows]:
         """Estimates after each cycle, part by part."""
@@ -55,20 +55,12 @@ class Pass:
         """Estimates after each of the next cycles, as :func:`packed` has them."""
         told = np.empty((len(fed), TOLD))
         count, stride = (ctypes.c_long(n) for n in fed.shape)
-        self._checked(self.library.mp_host_run(self.memory, count, stride, _pointer(fed), _pointer(told)))
-        return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:116], told[:, 116:122], told[:, 122:])
+        checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
+        return rows_of(told)
 
     def reference(self) -> Reference | None:
         """The estimate at the end; None where there is none."""
-        channels = 15 if self.vehicle.on_air_bearing else 12
-        found = np.empty(16 + 3 * channels)
-        if not self.library.mp_host_reference(self.memory, _pointer(found)):
-            return None
-        return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], found[16:].reshape(3, -1))
-
-    def _checked(self, status: int) -> None:
-        if status:
-            raise RuntimeError(f"the compiled kernel ended with status {status}")
+        return reference_of(self.library, self.memory, 15 if self.vehicle.on_air_bearing else 12)
 
 
 def table(samples: Source, vehicle: Vehicle) -> Array:
@@ -116,5 +108,25 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
     return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
 
 
-def _pointer(array: Array) -> ctypes.c_void_p:
+def rows_of(told: Array) -> Rows:
+    """(K, TOLD) numbers of the kernel's rows."""
+    return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:116], told[:, 116:122], told[:, 122:])
+
+
+def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Reference | None:
+    """The present estimate; None where there is none."""
+    found = np.empty(16 + 3 * channels)
+    if not library.mp_host_reference(memory, pointer(found)):
+        return None
+    return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], found[16:].reshape(3, -1))
+
+
+def checked(status: int) -> None:
+    """Raise RuntimeError on any status but 0."""
+    if status:
+        raise RuntimeError(f"the compiled kernel ended with status {status}")
+
+
+def pointer(array: Array) -> ctypes.c_void_p:
+    """Where its numbers stand; the array must outlive the call."""
     return ctypes.c_void_p(array.ctypes.data)

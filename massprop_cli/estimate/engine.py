@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled
+from massprop_cli.estimate import compiled, flown
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.nuisance import Taken
@@ -29,6 +29,7 @@ from massprop_cli.model.observability import excitation, observable
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.stream import Stream
 
 BLOCK, LONGEST = 16, 128
 """Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
@@ -117,10 +118,15 @@ def _kept(ring: list[Run], oldest: int) -> list[Run]:
 
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None) -> History:
     """The same, by the compiled kernel."""
-    told, run = _Told(cycles, vehicle), compiled.Pass(samples, cycles, vehicle)
-    for rows in run.rows(progress):
+    told = _Told(cycles, vehicle)
+    if isinstance(samples, Stream) and flown.holds(samples):
+        parts, reference = flown.replayed(samples, cycles, vehicle, progress)
+    else:
+        aligned = compiled.Pass(samples, cycles, vehicle)
+        parts, reference = aligned.rows(progress), aligned.reference
+    for rows in parts:
         told.add(rows)
-    return _history(samples, phase, told, run.reference())
+    return _history(samples, phase, told, reference())
 
 
 class _Told:
@@ -136,6 +142,8 @@ class _Told:
 
     def add(self, rows: Rows) -> None:
         """The next cycles."""
+        if not len(rows.mean):
+            return
         part = slice(self.count, self.count + len(rows.mean))
         self.normalised[part] = rows.normalised
         self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])

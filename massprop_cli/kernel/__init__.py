@@ -12,8 +12,8 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
-BINS = 16
-"""MP_BINS"""
+BINS, COMMANDS, PENDING = 16, 64, 24
+"""MP_BINS, MP_COMMANDS, MP_PENDING"""
 
 
 class Kernel(NamedTuple):
@@ -37,5 +37,7 @@ def kernel() -> Kernel:
         library = ctypes.CDLL(str(path))
     except OSError as error:
         return Kernel(None, f"NumPy ({path.name} can't be loaded: {error})")
-    library.mp_host_size.restype = ctypes.c_size_t
+    library.mp_host_size.restype = library.mp_host_flight_size.restype = ctypes.c_size_t
+    library.mp_host_pass.restype = ctypes.c_void_p
+    library.mp_host_flown.restype = ctypes.c_long
     return Kernel(library, "C99, double precision")

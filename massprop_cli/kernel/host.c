@@ -2,7 +2,7 @@
 #include <math.h>
 #include <stddef.h>
 
-#include "massprop.h"
+#include "flight.h"
 #include "small.h"
 
 #if defined(_WIN32)
@@ -16,6 +16,11 @@
 SHARED size_t mp_host_size(void);
 SHARED int mp_host_begin(mp_pass *pass, const double *table);
 SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told);
+SHARED size_t mp_host_flight_size(void);
+SHARED mp_pass *mp_host_pass(mp_flight *flight);
+SHARED int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule);
+SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values,
+                          int *status);
 SHARED int mp_host_reference(const mp_pass *pass, double *out);
 
 static const double *copied(mp_real *to, const double *from, int count) {
@@ -31,7 +36,7 @@ static const double *read_int(int *to, const double *from) {
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
-int mp_host_begin(mp_pass *pass, const double *table) {
+static mp_vehicle vehicle_of(const double *table) {
     mp_vehicle vehicle;
     table = read_int(&vehicle.bearing, table);
     table = read_int(&vehicle.gyro_bias, table);
@@ -54,7 +59,59 @@ int mp_host_begin(mp_pass *pass, const double *table) {
     table = copied(vehicle.centre, table, 3);
     table = copied(&vehicle.bearing_mass, table, 1);
     (void)copied(&vehicle.gravity, table, 1);
+    return vehicle;
+}
+
+int mp_host_begin(mp_pass *pass, const double *table) {
+    mp_vehicle vehicle = vehicle_of(table);
     return mp_begin(pass, &vehicle);
+}
+
+static int commands_of(const double *table, mp_commands *out) {
+    int j;
+    table = read_int(&out->jets, table);
+    table = read_int(&out->commands, table);
+    table = read_int(&out->logged, table);
+    if (out->commands > MP_COMMANDS) return MP_LIMIT;
+    table = copied(&out->period_s, table, 1);
+    table = copied(&out->delay_s, table, 1);
+    table = copied(&out->pulse_sigma, table, 1);
+    table = copied(out->body_from_imu[0], table, 9);
+    table = copied(out->attitude_wxyz, table, 4);
+    for (j = 0; j < out->commands; j++) {
+        table = copied(out->wrench[j], table, 6);
+        table = copied(&out->rise_s[j], table, 1);
+        table = copied(&out->fall_s[j], table, 1);
+    }
+    return MP_OK;
+}
+
+static void rule_of(const double *table, mp_rule *out) {
+    int i;
+    table = copied(&out->thrust_sigma, table, 1);
+    table = read_int(&out->count, table);
+    table = read_int(&out->relative, table);
+    table = copied(out->tolerance, table, 3);
+    table = read_int(&out->known, table);
+    for (i = 0; i < out->known; i++) {
+        table = read_int(&out->known_index[i], table);
+        table = copied(&out->known_value[i], table, 1);
+        table = copied(&out->known_sigma[i], table, 1);
+    }
+}
+
+size_t mp_host_flight_size(void) { return sizeof(mp_flight); }
+
+mp_pass *mp_host_pass(mp_flight *flight) { return &flight->pass; }
+
+int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule) {
+    mp_commands table;
+    mp_vehicle of = vehicle_of(vehicle);
+    mp_rule by;
+    int status = commands_of(commands, &table);
+    if (status != MP_OK) return status;
+    rule_of(rule, &by);
+    return mp_flight_begin(flight, &table, &of, &by);
 }
 
 static void cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
@@ -98,6 +155,51 @@ int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, doub
         written(&row, told + k * TOLD);
     }
     return MP_OK;
+}
+
+static void flown_of(const mp_commands *table, const double *row, mp_flown *out) {
+    row = copied(&out->end_s, row, 1);
+    row = copied(&out->duration_s, row, 1);
+    row = copied(out->delta_theta, row, 3);
+    row = copied(out->delta_v, row, 3);
+    row = copied(out->attitude_wxyz, row, 4);
+    row = read_int(&out->deaf[0], row);
+    row = read_int(&out->deaf[1], row);
+    row = read_int(&out->unused, row);
+    (void)copied(out->command, row, table->commands);
+}
+
+/* (30) values, sigmas and verdicts; NaN where nothing is told. */
+static void reported(const mp_values *from, double *out) {
+    int i;
+    for (i = 0; i < 10; i++) {
+        out[i] = from->told[i] ? (double)from->value[i] : (double)NAN;
+        out[10 + i] = from->told[i] ? (double)from->sigma[i] : (double)NAN;
+        out[20 + i] = (double)from->verdict[i];
+    }
+}
+
+/* Cycles as they were flown, and with `last` no more of them; how many were estimated from. */
+long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values, int *status) {
+    long k, done = 0;
+    for (k = 0; k < count + (last != 0); k++) {
+        mp_flown flown;
+        mp_values found;
+        int made;
+        if (k < count) {
+            flown_of(&flight->front.table, rows + k * stride, &flown);
+            *status = mp_flight_step(flight, &flown, &found, &made);
+        } else {
+            *status = mp_flight_last(flight, &found, &made);
+        }
+        if (*status != MP_OK) return done;
+        if (!made) continue;
+        written(&flight->row, told + done * TOLD);
+        reported(&found, values + done * 30);
+        done += 1;
+    }
+    *status = MP_OK;
+    return done;
 }
 
 /* (16 + 3 x channels) inertia, CG, mu, gyro bias, phi of the present estimate; 0 while there is none. */

@@ -8,43 +8,8 @@
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
 #define PASSES 3     /* that rebuild the motion within a cycle */
 #define DEAF R(1e8)  /* by how much louder the noise is of a reading that is not used */
-#define WIDE R(1e3)  /* rad/s, of a rate of which nothing is known */
 
 static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
-
-int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
-    int i, end = 3;
-    layout->channels = vehicle->bearing ? 15 : 12;
-    layout->coefficients = 3 * layout->channels + 4;
-    layout->beginnings = 3 * (1 + vehicle->gyro_bias + vehicle->accel_bias + vehicle->slow_torque);
-    if (layout->channels > MP_CHANNELS || layout->beginnings > MP_BEGINNINGS) return MP_LIMIT;
-    if (vehicle->bins < 2 || vehicle->bins > MP_BINS) return MP_LIMIT;
-    for (i = 0; i < 3; i++) layout->prior[i] = WIDE;
-    layout->at_bias = layout->at_accel = layout->at_torque = layout->at_tilt = -1;
-    if (vehicle->gyro_bias) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->gyro_bias_sigma;
-        layout->at_bias = end;
-        end += 3;
-    }
-    if (vehicle->accel_bias) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->accel_bias_sigma;
-        layout->at_accel = end;
-        end += 3;
-    }
-    if (vehicle->slow_torque) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->slow_torque_sigma;
-        layout->at_torque = end;
-        end += 3;
-    }
-    if (vehicle->tilt) {
-        layout->at_tilt = end;
-        end += 3;
-    }
-    layout->states = end;
-    layout->width = 1 + layout->coefficients + layout->beginnings;
-    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + vehicle->pulses);
-    return MP_OK;
-}
 
 void mp_products(const mp_real rate[3], mp_real out[6]) {
     int k;
@@ -318,8 +283,7 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     }
 }
 
-/* (3, 3) derivative of the moment by an error of attitude, of a vertical that is an integral. */
-static void moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], mp_real out[3][3]) {
+void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], mp_real out[3][3]) {
     mp_real offset[3], mass, across[3][3], turn[3][3];
     int i, j;
     mass = mp_max(R(1) / about->mu - vehicle->bearing_mass, R(0.01) / about->mu);
@@ -341,7 +305,7 @@ static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, con
     mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
     if (layout->at_tilt < 0) return;
     for (i = 0; i < 3; i++) mean[i] = (out->up[0][i] + out->up[1][i]) / cycle->duration_s;
-    moment_by_tilt(vehicle, about, mean, tilting);
+    mp_moment_by_tilt(vehicle, about, mean, tilting);
     mp_product((const mp_real(*)[3])out->by_torque, (const mp_real(*)[3])tilting, out->by_tilt);
     mp_cross_matrix(mean, turn);
     for (i = 0; i < 3; i++)
@@ -402,88 +366,4 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     felt(vehicle, layout, cycle, about, bins, out);
     by_nuisances(vehicle, layout, cycle, about, out);
     noise_of(vehicle, cycle, about, out);
-}
-
-/* Derivative of the gyroscopic term by the rate, under one half of the window, made smaller where it is steep. */
-static void bounded(const mp_reference *about, int channels, const mp_real rate[3], mp_real out[3][3]) {
-    mp_real by[6][3], size = R(0);
-    int i, j, k;
-    memset(by, 0, sizeof by);
-    for (k = 0; k < 6; k++) {
-        by[k][FIRST[k]] += rate[SECOND[k]];
-        by[k][SECOND[k]] += rate[FIRST[k]];
-    }
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) {
-            mp_real sum = R(0);
-            for (k = 0; k < 6; k++) sum += about->phi[i][channels - 6 + k] * by[k][j];
-            out[i][j] = sum;
-            size += sum * sum;
-        }
-    size = MP_SQRT(size);
-    if (size > STEEP)
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out[i][j] *= STEEP / size;
-}
-
-void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
-                const mp_reference *about, mp_leap *out) {
-    mp_real leaving[3][3], entering[3][3], inverse[3][3], to_rate[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
-    int i, j, q = 0;
-    memset(out->transition, 0, sizeof out->transition);
-    memset(out->process, 0, sizeof out->process);
-    memset(out->drive, 0, sizeof out->drive);
-    bounded(about, layout->channels, from->turning[0], leaving);
-    bounded(about, layout->channels, into->turning[1], entering);
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) part[i][j] = (i == j ? R(1) : R(0)) - entering[i][j];
-    mp_inverse((const mp_real(*)[3])part, out->solve);
-    mp_tensor(about->theta, inverse);
-    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])inverse, to_rate);
-    mp_times((const mp_real(*)[3])leaving, from->rate, gone);
-    mp_times((const mp_real(*)[3])entering, into->rate, come);
-    for (i = 0; i < 3; i++) {
-        known[i] = from->known[0][i] + into->known[1][i] - gone[i] - come[i];
-        leaving[i][i] += R(1);
-    }
-    mp_times((const mp_real(*)[3])out->solve, known, out->drive);
-    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])leaving, part);
-    for (i = 0; i < layout->channels; i++) out->step[i] = from->rising[i] + into->falling[i];
-    for (i = 0; i < layout->states; i++) out->transition[i][i] = R(1);
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) out->transition[i][j] = part[i][j];
-    mean_s = (from->duration_s + into->duration_s) / R(2);
-    if (layout->at_torque >= 0)
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = to_rate[i][j] * mean_s;
-    if (layout->at_tilt >= 0) {
-        mp_real up[3], by[3][3], turn[3][3];
-        int t = layout->at_tilt;
-        for (i = 0; i < 3; i++) up[i] = from->up[0][i] + into->up[1][i];
-        moment_by_tilt(vehicle, about, up, by);
-        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])by, part);
-        mp_cross_matrix(from->rate, turn);
-        for (i = 0; i < 3; i++) {
-            for (j = 0; j < 3; j++) {
-                out->transition[i][t + j] = part[i][j];
-                out->transition[t + i][t + j] -= turn[i][j] * from->duration_s;
-            }
-            out->transition[t + i][i] = from->duration_s;
-            out->drive[t + i] = -from->raw_rate[i] * from->duration_s;
-        }
-    }
-    if (vehicle->torque_noise > R(0)) {
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->process[i][q + j] = to_rate[i][j] * (vehicle->torque_noise * into->duration_s);
-        q += 3;
-    }
-    if (vehicle->slow_torque) {
-        for (i = 0; i < 3; i++) out->process[layout->at_torque + i][q + i] = vehicle->torque_walk;
-        q += 3;
-    }
-    if (vehicle->pulses) {
-        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])from->pulse_root, part);
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->process[i][q + j] = part[i][j];
-    }
 }

@@ -10,7 +10,7 @@ import pytest
 
 from massprop_cli import job
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, engine
+from massprop_cli.estimate import compiled, engine, flown
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.kernel import kernel
@@ -114,6 +114,22 @@ def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, 
     assert bytes(run.memory) == before
     run.step(good[2:])
     assert bytes(run.memory) != before
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
+def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
+    """The kernel's own quantities, cycle after cycle handed over alone, against the history that an estimate has."""
+    found = analysed(name)
+    vehicle, history = found.vehicle, found.histories[0]
+    commands = flown.commands_of(True, False, vehicle, found.timing.delay)
+    flight = flown.Flight(commands, compiled.table(found.samples, vehicle), flown.rule_of(vehicle, (0.01, 0.01, 0.01)))
+    fed = flown.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
+    parts = [flight.step(fed[k : k + 1], k + 1 == len(fed)) for k in range(len(fed))]
+    assert np.array_equal(np.concatenate([part.values for part in parts]), history.values, equal_nan=True)
+    assert np.array_equal(np.concatenate([part.sigmas for part in parts]), history.sigmas, equal_nan=True)
+    last = [flown.VERDICTS[int(number)] for number in parts[-1].verdicts[-1]]
+    reported = [estimate.verdict for estimate in found.conclusions[0].estimates.values()]
+    assert last == [verdict if verdict != "unobservable" else "not_excited" for verdict in reported]
 
 
 SOURCES = Path(compiled.__file__).parents[1] / "kernel"

@@ -1,0 +1,152 @@
+"""The causal pass over cycles as they are flown: on the ground from a log, by the very calls that a flight makes.
+
+Alignment and mounting are the kernel's own here, so that what is replayed is what flew, to the last bit. They agree with
+:mod:`massprop_cli.prepare` to rounding.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate import compiled
+from massprop_cli.estimate.compiled import CHUNK, TOLD, pointer
+from massprop_cli.estimate.rows import Rows
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import COMMANDS, PENDING, kernel
+from massprop_cli.model.plant import Reference
+from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.stream import Stream
+
+VALUES = 30
+"""Values, sigmas and verdicts of the ten quantities."""
+VERDICTS = ("untold", "not_excited", "not_converged", "converged")
+"""By the kernel's numbers."""
+NO_TOLERANCE = (0.0, 0.0, 0.0)
+
+
+def beyond(vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> str:
+    """What of the commands' timing the kernel can't hold; empty where it holds all."""
+    if vehicle.imu.clock_drift_ppm != 0:
+        return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
+    if vehicle.thrust.lag_s != 0:
+        return "thrust.lag_s is not 0, and the kernel knows no lag"
+    if len(vehicle.jets) > COMMANDS:
+        return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
+    ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
+    if (delay_cycles * vehicle.cycle.period_s + ramps) / shortest_s + 4 >= PENDING:
+        return f"a delay of {delay_cycles:g} cycles, and the kernel holds {PENDING - 5}"
+    return ""
+
+
+def holds(samples: Source) -> bool:
+    """Whether these are cycles as they were read, whose commands the kernel can align."""
+    if not isinstance(samples, Stream) or (samples.gyro, samples.accelerometer) != (1.0, 1.0) or samples.vehicle.thrust.lag_s == "auto":
+        return False
+    log = samples.log
+    shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
+    return not beyond(samples.vehicle, samples.alignment.delay, shortest)
+
+
+class Reported(NamedTuple):
+    """What K cycles came to."""
+
+    rows: Rows
+    values: Array
+    """(K, 10)"""
+    sigmas: Array
+    """(K, 10)"""
+    verdicts: Array
+    """(K, 10) numbers of :data:`VERDICTS`."""
+
+
+class Flight:
+    """The kernel from a flight's first cycle on."""
+
+    def __init__(self, commands: Array, vehicle: Array, rule: Array) -> None:
+        library = kernel().library
+        if library is None:
+            raise RuntimeError("there is no compiled kernel")
+        self.library = library
+        self.channels = 15 if vehicle[0] else 12
+        self.memory = ctypes.create_string_buffer(library.mp_host_flight_size())
+        compiled.checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
+
+    def step(self, fed: Array, last: bool = False) -> Reported:
+        """The next cycles, as :func:`cycles_of` has them; ``last``: no more of them come."""
+        told, values, status = np.empty((len(fed) + 1, TOLD)), np.empty((len(fed) + 1, VALUES)), ctypes.c_int()
+        count, stride = (ctypes.c_long(n) for n in fed.shape)
+        arguments = (count, stride, pointer(fed), ctypes.c_int(last), pointer(told), pointer(values), ctypes.byref(status))
+        made = self.library.mp_host_flown(self.memory, *arguments)
+        compiled.checked(status.value)
+        own = values[:made]
+        return Reported(compiled.rows_of(told[:made]), own[:, :10], own[:, 10:20], own[:, 20:])
+
+    def reference(self) -> Reference | None:
+        """The estimate at the end; None where there is none."""
+        return compiled.reference_of(self.library, ctypes.c_void_p(self.library.mp_host_pass(self.memory)), self.channels)
+
+
+def replayed(
+    samples: Stream, cycles: slice, vehicle: Vehicle, progress: Callable[[float], None] | None
+) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
+    """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
+    log = samples.log
+    commands = commands_of(log.command_kind == "jets", samples.attitude_logged, vehicle, samples.alignment.delay)
+    flight = Flight(commands, compiled.table(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
+
+    def rows() -> Iterator[Rows]:
+        # the command of the cycle after the last may go on with a pulse
+        end = min(cycles.stop + 1, log.cycles)
+        for begin in range(0, end, CHUNK):
+            if progress is not None:
+                progress(begin / end)
+            part = slice(begin, min(begin + CHUNK, end))
+            yield flight.step(cycles_of(log, part, cycles), part.stop == end).rows
+
+    return rows(), flight.reference
+
+
+def commands_of(jets: bool, attitude_logged: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
+    """What is constant of commands and mounting, in the order of ``mp_host_fly``."""
+    count = len(vehicle.jets) if jets else 6
+    each = np.zeros((count, 8))
+    if jets:
+        each[:, :6] = vehicle.jet_wrench
+        each[:, 6:] = [(jet.rise_s, jet.fall_s) for jet in vehicle.jets]
+    logged = vehicle.on_air_bearing and attitude_logged
+    timing = (vehicle.cycle.period_s, delay_cycles * vehicle.cycle.period_s, vehicle.thrust.pulse_sigma)
+    mounting = (*np.array(vehicle.imu.body_from_imu).ravel(), *vehicle.environment.initial_attitude_wxyz)
+    return np.array([jets, count, logged, *timing, *mounting, *each.ravel()], dtype=float)
+
+
+def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True) -> Array:
+    """What is known, and the rule by which a value has converged, in the order of ``mp_host_fly``."""
+    known = [number for name, k in vehicle.known.items() for number in (QUANTITIES.index(name), k.value, k.sigma)]
+    rule = (vehicle.thrust.scale_sigma, vehicle.convergence.count, relative, *tolerances)
+    return np.array([*rule, len(vehicle.known), *known], dtype=float)
+
+
+def cycles_of(log: Log, part: slice, used: slice) -> Array:
+    """(K, …) cycles of a log as they were flown; those outside ``used`` are aligned, but not estimated from."""
+    records = log.records_per_cycle
+    each = slice(part.start * records, part.stop * records)
+
+    def summed(values: Array) -> Array:
+        found: Array = values[each].reshape(-1, records, *values.shape[1:]).sum(1)
+        return found
+
+    count = part.stop - part.start
+    attitude = np.zeros((count, 4)) if log.attitude_wxyz is None else log.attitude_wxyz[each][records - 1 :: records]
+    ignored = np.zeros((count, 2)) if log.ignored is None else log.ignored[part]
+    cycle = np.arange(part.start, part.stop)
+    unused = (cycle < used.start) | (cycle >= used.stop)
+    lengths = summed(log.interval_s)
+    parts = (log.cycle_end_s[part], lengths, summed(log.delta_theta_imu_rad), summed(log.delta_v_imu_m_s), attitude, ignored, unused)
+    return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part])], 1, dtype=float)

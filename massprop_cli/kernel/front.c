@@ -1,0 +1,272 @@
+#include "front.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "small.h"
+
+#define TOUCHING R(1e-3)   /* pulses closer than this part of a cycle are one */
+#define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
+#define OPEN R(1e30)       /* s; the end of what is held until the next command */
+#define TERMS 16           /* of the series of sine and cosine: exact to rounding up to six radians in a cycle */
+
+int mp_front_begin(mp_front *front, const mp_commands *table, const mp_vehicle *vehicle) {
+    mp_real ramps = R(0);
+    int i;
+    if (table->commands > MP_COMMANDS || (!table->jets && table->commands != 6)) return MP_LIMIT;
+    if (vehicle->bins < 2 || vehicle->bins > MP_BINS || !(table->period_s > R(0))) return MP_LIMIT;
+    for (i = 0; i < table->commands; i++) ramps = mp_max(ramps, table->rise_s[i] + table->fall_s[i]);
+    if (!((table->delay_s + ramps) / table->period_s + R(4) < R(MP_PENDING))) return MP_LIMIT;
+    memset(front, 0, sizeof *front);
+    front->table = *table;
+    front->vehicle = *vehicle;
+    for (i = 0; i < 4; i++) front->attitude[i] = table->attitude_wxyz[i];
+    front->ready = 1;
+    return MP_OK;
+}
+
+/* The commands of a cycle that starts `after` the present one, to be executed after the delay. */
+static int issued(mp_front *front, const mp_flown *flown, mp_real after) {
+    const mp_commands *table = &front->table;
+    mp_real begin = after + table->delay_s;
+    int j, full = 0;
+    for (j = 0; j < table->commands; j++) full |= front->pulses[j] == MP_PENDING;
+    if (full) return MP_LIMIT;
+    for (j = 0; j < table->commands; j++) {
+        mp_pulse *pulses = front->pulse[j], *last;
+        int count = front->pulses[j];
+        if (table->jets && !(flown->command[j] > R(0))) continue;
+        last = count > 0 ? pulses + count - 1 : NULL;
+        if (table->jets && last != NULL && !(begin - last->end > TOUCHING * table->period_s)) {
+            last->end = begin + flown->command[j];
+            continue;
+        }
+        if (!table->jets && last != NULL) last->end = begin;
+        pulses[count].begin = begin;
+        pulses[count].end = table->jets ? begin + flown->command[j] : OPEN;
+        pulses[count].level = table->jets ? R(1) : flown->command[j];
+        front->pulses[j] = count + 1;
+    }
+    return MP_OK;
+}
+
+/* Integral and first moment over a bin (begin, end) of what goes linearly from u0 at t0 to u1 at t1. */
+static void added(mp_real begin, mp_real end, mp_real t0, mp_real t1, mp_real u0, mp_real u1, mp_real *integral, mp_real *moment) {
+    mp_real from = mp_max(begin, t0), to = mp_min(end, t1), slope, v0, v1, length;
+    if (!(to > from)) return;
+    slope = (u1 - u0) / (t1 - t0);
+    v0 = u0 + slope * (from - t0);
+    v1 = u0 + slope * (to - t0);
+    length = to - from;
+    *integral += length * (v0 + v1) / R(2);
+    *moment += length * ((from - begin) * (v0 + v1) / R(2) + length * (v0 + R(2) * v1) / R(6));
+}
+
+/* What each command does in each bin of a cycle. */
+static void executed(mp_front *front, mp_real duration) {
+    const mp_commands *table = &front->table;
+    int count = front->vehicle.bins, b, j, k;
+    for (b = 0; b < count; b++) {
+        mp_real begin = duration * (R(b) / R(count)), end = duration * (R(b + 1) / R(count));
+        for (j = 0; j < table->commands; j++) {
+            mp_real integral = R(0), moment = R(0), rise = table->rise_s[j], fall = table->fall_s[j];
+            for (k = 0; k < front->pulses[j]; k++) {
+                const mp_pulse *pulse = &front->pulse[j][k];
+                mp_real top = mp_min(pulse->begin + rise, pulse->end), reached = pulse->level;
+                if (rise > R(0)) {
+                    reached = pulse->level * ((top - pulse->begin) / rise);
+                    added(begin, end, pulse->begin, top, R(0), reached, &integral, &moment);
+                }
+                added(begin, end, top, pulse->end, reached, reached, &integral, &moment);
+                if (fall > R(0)) added(begin, end, pulse->end, pulse->end + reached * fall, reached, R(0), &integral, &moment);
+            }
+            front->integral[b][j] = integral;
+            front->moment[b][j] = moment;
+        }
+    }
+}
+
+/* The next cycle is the present one: what is over goes. */
+static void passed(mp_front *front, mp_real duration) {
+    int j, k, kept;
+    for (j = 0; j < front->table.commands; j++) {
+        for (k = 0, kept = 0; k < front->pulses[j]; k++) {
+            mp_pulse pulse = front->pulse[j][k];
+            pulse.begin -= duration;
+            if (pulse.end < OPEN) pulse.end -= duration;
+            /* the last is kept a while, since the next command may go on with it */
+            if (pulse.end + front->table.fall_s[j] + (k == front->pulses[j] - 1 ? front->table.period_s : R(0)) < R(0)) continue;
+            front->pulse[j][kept++] = pulse;
+        }
+        front->pulses[j] = kept;
+    }
+}
+
+/* What channels make together; nothing where they cancel but for rounding. */
+static void net(const mp_commands *table, const mp_real *part, mp_real out[6]) {
+    int i, j;
+    for (i = 0; i < 6; i++) {
+        mp_real sum = R(0), size = R(0);
+        if (table->jets) {
+            for (j = 0; j < table->commands; j++) {
+                sum += part[j] * table->wrench[j][i];
+                size += mp_abs(part[j]) * mp_abs(table->wrench[j][i]);
+            }
+        } else {
+            sum = part[i];
+            size = mp_abs(part[i]);
+        }
+        out[i] = mp_abs(sum) < CANCELLED * size ? R(0) : sum;
+    }
+}
+
+static void impulses(mp_front *front, mp_cycle *cycle) {
+    const mp_commands *table = &front->table;
+    mp_real bin_s = cycle->duration_s / R(front->vehicle.bins), skew[MP_COMMANDS], rising[MP_COMMANDS], whole[MP_COMMANDS];
+    int b, j, i, k;
+    for (j = 0; j < table->commands; j++) rising[j] = whole[j] = R(0);
+    for (b = 0; b < front->vehicle.bins; b++) {
+        for (j = 0; j < table->commands; j++) {
+            mp_real integral = front->integral[b][j], moment = front->moment[b][j] / bin_s;
+            rising[j] += moment + R(b) * integral;
+            whole[j] += integral;
+            skew[j] = moment - integral / R(2);
+        }
+        net(table, front->integral[b], cycle->impulse[b]);
+        net(table, skew, cycle->skew[b]);
+    }
+    for (j = 0; j < table->commands; j++) {
+        rising[j] /= R(front->vehicle.bins);
+        skew[j] = whole[j] - rising[j];
+    }
+    net(table, rising, cycle->rising);
+    net(table, skew, cycle->falling);
+    if (!front->vehicle.pulses) return;
+    memset(cycle->pulse_covariance, 0, sizeof cycle->pulse_covariance);
+    for (j = 0; j < table->commands; j++) {
+        mp_real sigma = table->pulse_sigma * whole[j];
+        for (i = 0; i < 6; i++)
+            for (k = 0; k < 6; k++) {
+                mp_real a = table->jets ? table->wrench[j][i] : i == j ? R(1) : R(0);
+                mp_real c = table->jets ? table->wrench[j][k] : k == j ? R(1) : R(0);
+                cycle->pulse_covariance[i][k] += sigma * sigma * a * c;
+            }
+    }
+}
+
+/* World's vertical in body axes. */
+static void vertical(const mp_real q[4], mp_real out[3]) {
+    out[0] = R(2) * (q[1] * q[3] - q[0] * q[2]);
+    out[1] = R(2) * (q[2] * q[3] + q[0] * q[1]);
+    out[2] = R(1) - R(2) * (q[1] * q[1] + q[2] * q[2]);
+}
+
+/* q <- q times the rotation by a vector, of length one. */
+static void rotated(mp_real q[4], const mp_real vector[3]) {
+    mp_real half = mp_dot(vector, vector) / R(4), cosine = R(1), sine = R(1), term = R(1), v[3], out[4], cross[3], size;
+    int i, k;
+    for (k = 1; k <= TERMS; k++) {
+        term *= -half / R((2 * k - 1) * (2 * k));
+        cosine += term;
+        sine += term / R(2 * k + 1);
+    }
+    for (i = 0; i < 3; i++) v[i] = vector[i] * (sine / R(2));
+    mp_cross(q + 1, v, cross);
+    out[0] = q[0] * cosine - mp_dot(q + 1, v);
+    for (i = 0; i < 3; i++) out[1 + i] = q[0] * v[i] + cosine * q[1 + i] + cross[i];
+    size = MP_SQRT(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3]);
+    for (i = 0; i < 4; i++) q[i] = out[i] / size;
+}
+
+/* The vertical at both ends of a cycle. */
+static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
+    mp_real turn[3], coning[3];
+    int i;
+    if (!front->vehicle.bearing) {
+        memset(cycle->up, 0, sizeof cycle->up);
+        return;
+    }
+    for (i = 0; i < 3; i++) turn[i] = cycle->rate[i] * cycle->duration_s;
+    if (front->table.logged && front->cycles == 0) {
+        mp_real back[3];
+        for (i = 0; i < 3; i++) back[i] = -turn[i];
+        for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
+        rotated(front->attitude, back);
+    }
+    vertical(front->attitude, cycle->up[0]);
+    if (front->table.logged) {
+        for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
+    } else {
+        mp_real vector[3];
+        mp_cross(front->turn, turn, coning);
+        for (i = 0; i < 3; i++) vector[i] = turn[i] + coning[i] / R(12);
+        rotated(front->attitude, vector);
+    }
+    vertical(front->attitude, cycle->up[1]);
+    for (i = 0; i < 3; i++) front->turn[i] = turn[i];
+}
+
+/* A cycle whose executed commands are known. */
+static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *usable) {
+    mp_real theta[3], v[3];
+    int i;
+    cycle->end_s = flown->end_s;
+    cycle->duration_s = flown->duration_s;
+    for (i = 0; i < 3; i++) {
+        theta[i] = flown->delta_theta[i] / flown->duration_s;
+        v[i] = flown->delta_v[i] / flown->duration_s;
+    }
+    mp_times((const mp_real(*)[3])front->table.body_from_imu, theta, cycle->rate);
+    mp_times((const mp_real(*)[3])front->table.body_from_imu, v, cycle->force);
+    for (i = 0; i < 3; i++) {
+        cycle->rate_step[i] = front->cycles > 0 ? cycle->rate[i] - front->rate[i] : R(0);
+        front->rate[i] = cycle->rate[i];
+    }
+    for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i];
+    attitudes(front, flown, cycle);
+    executed(front, flown->duration_s);
+    impulses(front, cycle);
+    passed(front, flown->duration_s);
+    *usable = !flown->unused && front->since_s >= front->table.delay_s - R(1e-6) * front->table.period_s;
+    front->since_s += flown->duration_s;
+    front->cycles += 1;
+}
+
+static int is_finite(const mp_front *front, const mp_flown *flown) {
+    int fine = mp_finite(&flown->end_s, 1) && mp_finite(&flown->duration_s, 1);
+    fine = fine && mp_finite(flown->delta_theta, 3) && mp_finite(flown->delta_v, 3);
+    fine = fine && mp_finite(flown->command, front->table.commands);
+    return fine && (!front->table.logged || mp_finite(flown->attitude_wxyz, 4));
+}
+
+int mp_front_step(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable) {
+    int status;
+    *made = 0;
+    if (!front->ready) return MP_ORDER;
+    if (!is_finite(front, flown)) return MP_NOT_FINITE;
+    if (!(flown->duration_s > R(0)) || (front->told && !(flown->end_s > front->end_s))) return MP_TIME;
+    status = issued(front, flown, front->holding ? front->waiting.duration_s : R(0));
+    if (status != MP_OK) return status;
+    front->end_s = flown->end_s;
+    front->told = 1;
+    if (front->table.delay_s >= front->table.period_s) {
+        completed(front, flown, cycle, usable);
+        *made = 1;
+        return MP_OK;
+    }
+    if (front->holding) {
+        completed(front, &front->waiting, cycle, usable);
+        *made = 1;
+    }
+    front->waiting = *flown;
+    front->holding = 1;
+    return MP_OK;
+}
+
+int mp_front_last(mp_front *front, mp_cycle *cycle, int *made, int *usable) {
+    *made = front->holding;
+    if (!front->ready) return MP_ORDER;
+    if (front->holding) completed(front, &front->waiting, cycle, usable);
+    front->holding = 0;
+    return MP_OK;
+}

@@ -1,0 +1,76 @@
+/* From commands and IMU increments to what the estimator takes: when pulses act, body axes, the vertical
+ * (massprop_cli/prepare/actuators.py, align.py and compensate.py). */
+#ifndef MASSPROP_FRONT_H
+#define MASSPROP_FRONT_H
+
+#include "massprop.h"
+
+#ifndef MP_COMMANDS
+#define MP_COMMANDS 64 /* jets, or the six components of a wrench */
+#endif
+#ifndef MP_PENDING
+#define MP_PENDING 24 /* pulses of one jet that are to come or still act */
+#endif
+
+/* What is constant of the commands and of the IMU's mounting. */
+typedef struct {
+    int jets;        /* 0: commands are a wrench about O, held from one to the next */
+    int commands;    /* jets, or 6 */
+    int logged;      /* whether the attitude comes with each cycle; else it is integrated from the gyro */
+    mp_real period_s;
+    mp_real delay_s; /* from the start of the cycle that issued a command to its execution */
+    mp_real pulse_sigma;
+    mp_real body_from_imu[3][3];
+    mp_real attitude_wxyz[4]; /* world from body, at the start of the first cycle */
+    mp_real wrench[MP_COMMANDS][6]; /* torque about O and force of each jet at full thrust */
+    mp_real rise_s[MP_COMMANDS];
+    mp_real fall_s[MP_COMMANDS];
+} mp_commands;
+
+/* One control cycle as it is flown. */
+typedef struct {
+    mp_real end_s;
+    mp_real duration_s;
+    mp_real delta_theta[3];   /* rad, sum of the cycle's increments, IMU axes */
+    mp_real delta_v[3];       /* m/s */
+    mp_real attitude_wxyz[4]; /* at its end, where it is logged */
+    int deaf[2];              /* whose gyro, whose accelerometer is not to be used */
+    int unused;               /* whether it is of no phase: aligned, but not estimated from */
+    mp_real command[MP_COMMANDS]; /* issued in this cycle: on-times [s], or torque [N m] and force [N] */
+} mp_flown;
+
+typedef struct {
+    mp_real begin, end, level; /* s from the start of the present cycle */
+} mp_pulse;
+
+typedef struct {
+    mp_commands table;
+    mp_vehicle vehicle;
+    int ready;
+    int holding; /* whether `waiting` holds a cycle whose executed commands are not all known yet */
+    int told; /* whether there was a cycle, */
+    mp_real end_s; /* and when it ended */
+    long cycles;
+    mp_real since_s; /* from the first cycle's start to the present one's */
+    mp_real rate[3];
+    mp_real turn[3];
+    mp_real attitude[4];
+    int pulses[MP_COMMANDS];
+    mp_pulse pulse[MP_COMMANDS][MP_PENDING];
+    mp_flown waiting;
+    mp_real integral[MP_BINS][MP_COMMANDS];
+    mp_real moment[MP_BINS][MP_COMMANDS];
+} mp_front;
+
+/* Begin with a log's or a flight's first cycle. MP_LIMIT: more than MP_COMMANDS or MP_BINS, a delay too long for MP_PENDING. */
+int mp_front_begin(mp_front *front, const mp_commands *table, const mp_vehicle *vehicle);
+
+/* The next cycle. `made` tells how many cycles were completed by it, 0 or 1: with a delay below one cycle a command of the next cycle
+ * may go on with a pulse of this one, so that a cycle comes one call later. `usable` is 0 where it is of no phase, and where what was
+ * executed had been commanded before the first cycle. */
+int mp_front_step(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *made, int *usable);
+
+/* The cycle that waits for the next one's command, where nothing more comes. */
+int mp_front_last(mp_front *front, mp_cycle *cycle, int *made, int *usable);
+
+#endif

@@ -1,0 +1,74 @@
+#include "verdict.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "small.h"
+
+#define UNTOLD R(0.3)  /* a relative sigma of 1/m above this says nothing about m */
+#define PRIOR R(0.5)   /* prior sigma over the natural size */
+#define HALVED R(0.5)  /* a quantity is informed once its sigma is below this part of the prior's */
+#define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
+#define BEGUN 4        /* but for this part of their number */
+
+/* Conditioned on one quantity measured elsewhere; what can't say anything of it takes it as it is. */
+static void condition(mp_values *out, int index, mp_real value, mp_real sigma) {
+    mp_real column[10], gain[10], own = out->value[index];
+    int i, j;
+    for (i = 0; i < 10; i++) column[i] = out->covariance[i][index];
+    if (!out->told[index]) {
+        for (i = 0; i < 10; i++) out->covariance[index][i] = out->covariance[i][index] = R(0);
+        out->value[index] = value;
+        out->covariance[index][index] = sigma * sigma;
+        out->told[index] = 1;
+        return;
+    }
+    for (i = 0; i < 10; i++) gain[i] = column[i] / (column[index] + sigma * sigma);
+    for (i = 0; i < 10; i++) {
+        out->value[i] += gain[i] * (value - own);
+        for (j = 0; j < 10; j++) out->covariance[i][j] -= gain[i] * column[j];
+    }
+}
+
+static void quantities(const mp_rule *rule, const mp_row *row, mp_values *out) {
+    mp_real mu = row->mean[9], slope[10], part[10], scale = rule->thrust_sigma * rule->thrust_sigma;
+    int i, j, weighed = mu > R(0) && !(MP_SQRT(row->covariance[9][9]) > UNTOLD * mu);
+    for (i = 0; i < 10; i++) {
+        out->told[i] = i < 9 || weighed;
+        out->value[i] = i < 9 ? row->mean[i] : weighed ? R(1) / mu : R(0);
+        slope[i] = i < 9 ? R(1) : weighed ? R(-1) / (mu * mu) : R(0);
+        part[i] = i >= 6 && i < 9 ? R(0) : out->value[i];
+    }
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) {
+            out->covariance[i][j] = row->covariance[i][j] * slope[i] * slope[j];
+            out->covariance[i][j] += scale * part[i] * part[j];
+        }
+    for (i = 0; i < rule->known; i++) condition(out, rule->known_index[i], rule->known_value[i], rule->known_sigma[i]);
+    for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
+}
+
+void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out) {
+    mp_real trace = pass->estimate.inertia[0][0] + pass->estimate.inertia[1][1] + pass->estimate.inertia[2][2];
+    int i;
+    memset(out, 0, sizeof *out);
+    if (!row->told) {
+        memset(steady, 0, sizeof *steady);
+        return;
+    }
+    quantities(rule, row, out);
+    for (i = 0; i < 10; i++) {
+        mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) : R(1) / pass->estimate.mu;
+        mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : R(1));
+        mp_real prior = i == 0 || i == 3 || i == 5 || i == 9 ? mp_min(size, out->value[i]) : size;
+        int informed = out->told[i] && out->sigma[i] < HALVED * (PRIOR * prior);
+        int still = steady->told[i] && out->told[i] && mp_abs(out->value[i] - steady->value[i]) <= tolerance;
+        steady->steady[i] = !(informed && still) ? 0 : steady->steady[i] < rule->count ? steady->steady[i] + 1 : rule->count;
+        steady->told[i] = out->told[i];
+        steady->value[i] = out->value[i];
+        if (!out->told[i]) continue;
+        out->verdict[i] = !informed ? MP_NOT_EXCITED : MP_NOT_CONVERGED;
+        if (steady->steady[i] == rule->count) out->verdict[i] = MP_CONVERGED;
+        if (informed && out->sigma[i] < SURE * tolerance && steady->steady[i] * BEGUN >= rule->count) out->verdict[i] = MP_CONVERGED;
+    }
+}

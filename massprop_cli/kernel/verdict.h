@@ -1,0 +1,45 @@
+/* The ten quantities that are reported, and whether each stands still (massprop_cli/estimate/quantities.py, conclude/verdict.py). */
+#ifndef MASSPROP_VERDICT_H
+#define MASSPROP_VERDICT_H
+
+#include "massprop.h"
+
+/* What is known from elsewhere, and the rule. */
+typedef struct {
+    mp_real thrust_sigma;  /* common relative uncertainty of all thrust */
+    int known;             /* how many quantities are known */
+    int known_index[10];
+    mp_real known_value[10];
+    mp_real known_sigma[10];
+    int count;             /* consecutive updates within tolerance */
+    int relative;          /* whether tolerances are parts of natural sizes */
+    mp_real tolerance[3];  /* inertia, CG, mass */
+} mp_rule;
+
+enum mp_verdict {
+    MP_UNTOLD = 0,        /* nothing can be said */
+    MP_NOT_EXCITED = 1,   /* the motion has hardly informed it */
+    MP_NOT_CONVERGED = 2, /* informed, but it has moved more than the tolerance */
+    MP_CONVERGED = 3
+};
+
+/* ixx ixy ixz iyy iyz izz [kg m^2], cg_x cg_y cg_z [m], mass [kg]. */
+typedef struct {
+    int told[10];
+    mp_real value[10];
+    mp_real sigma[10];
+    mp_real covariance[10][10]; /* of what is told */
+    int verdict[10];
+} mp_values;
+
+/* How long each has stood still. */
+typedef struct {
+    int told[10];
+    mp_real value[10];
+    int steady[10];
+} mp_steady;
+
+/* The quantities of a row. Verdicts rest on the sizes known by then; on the ground they rest on those known at the end. */
+void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out);
+
+#endif
