@@ -19,6 +19,7 @@ from massprop_cli.cli.columns import columns
 from massprop_cli.cli.combine import combine
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
+from massprop_cli.cli.export_flight import export_flight
 from massprop_cli.cli.init import init
 from massprop_cli.cli.plan import plan
 from massprop_cli.cli.report import report
@@ -39,6 +40,7 @@ app = typer.Typer(
 )
 for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, combine, schema):
     app.command()(_command)
+app.command("export-flight")(export_flight)
 
 
 def _version(value: bool) -> None:

@@ -16,7 +16,7 @@ from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import drift, prior
-from massprop_cli.prepare.compensate import Samples, Source
+from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 CHUNK = 512
 """Cycles handed over at a time."""
@@ -28,8 +28,20 @@ KINDS = ("free", "air_bearing")
 
 def holds(vehicle: Vehicle, consider: Consider) -> bool:
     """Whether the compiled kernel is there and knows all that this vehicle asks for."""
-    known = vehicle.environment.kind in KINDS and vehicle.estimator.bins_per_cycle <= BINS and not drift(vehicle).any()
-    return known and not consider.variants and not consider.thrust and kernel().library is not None
+    return kernel().library is not None and not consider.variants and not consider.thrust and not unknown(vehicle)
+
+
+def unknown(vehicle: Vehicle) -> str:
+    """What of a vehicle the kernel doesn't know; empty where it knows all."""
+    if vehicle.environment.kind not in KINDS:
+        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {' and '.join(map(repr, KINDS))}"
+    if vehicle.estimator.method != "default":
+        return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
+    if vehicle.estimator.bins_per_cycle > BINS:
+        return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, and the kernel holds {BINS}"
+    if drift(vehicle).any():
+        return "[drift] is stated, and the kernel knows none"
+    return ""
 
 
 class Pass:
@@ -63,7 +75,7 @@ class Pass:
         return reference_of(self.library, self.memory, 15 if self.vehicle.on_air_bearing else 12)
 
 
-def table(samples: Source, vehicle: Vehicle) -> Array:
+def table(samples: Mounted, vehicle: Vehicle) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     imu, environment, thrust = vehicle.imu, vehicle.environment, vehicle.thrust
     layout, sigma = Layout.of(samples, vehicle), prior(samples, vehicle)

@@ -30,7 +30,7 @@ from massprop_cli.model.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.model.lift import MU as LIFT_MU
 from massprop_cli.model.plant import BearingBody, Motion, Reference, plant_of
 from massprop_cli.model.within import STEEP, Windows, Within, level, motion_within, swing, windows
-from massprop_cli.prepare.compensate import Samples, Source
+from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 PARAMETERS = slice(0, 10)
 INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
@@ -48,7 +48,7 @@ class Layout:
     size: int
 
     @staticmethod
-    def of(samples: Source, vehicle: Vehicle) -> Layout:
+    def of(samples: Mounted, vehicle: Vehicle) -> Layout:
         """The states that this vehicle and log ask for."""
         wanted = (
             vehicle.imu.gyro_bias_sigma_rad_s > 0,

@@ -18,7 +18,7 @@ from massprop_cli.model.linearise import MU, RATE, Layout, Lifted, lifted
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.sensitivity import Consider, fed
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.compensate import Mounted, Source
 
 STEADY = 1e3
 """A slowly varying torque may begin at this many of its changes per cycle, or at what the jets can do."""
@@ -90,7 +90,7 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     return System(transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise)
 
 
-def prior(samples: Source, vehicle: Vehicle) -> Array:
+def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     """(n,) one sigma of each state in the first cycle about zero; wide for the rate, which that cycle measures."""
     layout = Layout.of(samples, vehicle)
     jets = np.linalg.norm(vehicle.jet_wrench[:, :3], axis=1) if vehicle.jets else np.zeros(1)

@@ -16,6 +16,14 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
 
 
+class Mounted(Protocol):
+    """Where the attitude comes from."""
+
+    @property
+    def attitude_logged(self) -> bool:
+        """Whether the log itself holds the attitude."""
+
+
 class Source(Protocol):
     """The control cycles of a log, of which any part can be had."""
 

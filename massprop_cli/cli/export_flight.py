@@ -1,0 +1,36 @@
+"""``massprop export-flight``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli.cli.guard import folder_of_its_own, guarded
+from massprop_cli.cli.terminal import say
+
+
+@guarded
+def export_flight(
+    vehicle: Annotated[Path, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the sources.", envvar="MASSPROP_OUT", show_default=False)],
+    log: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="A log: its noise levels, and a test vector from it.", show_default=False)
+    ] = None,
+    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
+) -> None:
+    """Write the causal estimator as C99 for a flight computer: sources, this vehicle's tables, a test vector, a Makefile, a README.
+
+    `make test` in the folder flies the vector and compares every bit with what this massprop says. Exit 3 where the kernel can't hold
+    the vehicle.
+    """
+    folder_of_its_own(out)
+    from massprop_cli.export import folder, resolve
+
+    source = resolve.vehicle_of(vehicle, assign or [])
+    resolved = resolve.stated(source) if log is None else resolve.told(source, log)
+    names = folder.write(resolved, out)
+    if not quiet:
+        say(f"{len(names)} files written to {out}; make test there{'' if log is not None else ' builds them (no log, so no vector)'}")

@@ -1,0 +1,82 @@
+"""The folder that flies: the kernel's sources, the vehicle's tables, a test vector, a Makefile and a README."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from massprop_cli import __version__
+from massprop_cli import kernel as kernel_room
+from massprop_cli.base import files
+from massprop_cli.base.errors import InputError
+from massprop_cli.export import tables, vector
+from massprop_cli.export.resolve import Resolved
+from massprop_cli.kernel import kernel
+
+SOURCES = Path(kernel_room.__file__).parent
+TEMPLATES = Path(__file__).parent
+HOST = "host.c"
+"""What serves the ground alone."""
+
+
+def write(resolved: Resolved, folder: Path) -> list[str]:
+    """Write all of it, whole; the files' names."""
+    texts = contents(resolved)
+    try:
+        with files.held(folder), files.staged(folder) as stage:
+            for name, text in texts.items():
+                stage.save(name, lambda path, text=text: files.save_text(path, text))  # type: ignore[misc]
+            stage.place()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
+    return list(texts)
+
+
+def contents(resolved: Resolved) -> dict[str, str]:
+    """Each file's text."""
+    sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name != HOST)
+    found = {path.name: path.read_text(encoding="utf-8") for path in sources}
+    found |= {name: (TEMPLATES / name).read_text(encoding="utf-8") for name in ("replay.c", "size.c")}
+    found |= {"table.h": tables.header(resolved), "table.c": tables.source(resolved)}
+    if resolved.log is not None:
+        if kernel().library is None:
+            raise InputError(
+                f"{resolved.log.path}: a test vector wants the compiled kernel, and here runs {kernel().name}; "
+                "install a C compiler and massprop again, or leave the log out",
+                option="log",
+            )
+        found |= {"vector.txt": vector.given(resolved, resolved.log), "expected.txt": vector.expected(resolved, resolved.log)}
+    names = " ".join(path.name for path in sources if path.suffix == ".c")
+    return found | {"README.md": _readme(resolved), "Makefile": _makefile(resolved, names)}
+
+
+def _makefile(resolved: Resolved, sources: str) -> str:
+    programs = ("replay", "sanitized")
+    flown = "".join(
+        f"\tif [ -x {program} ]; then $(RUN) ./{program} < vector.txt > replayed.txt && cmp replayed.txt expected.txt; fi\n"
+        for program in programs
+    )
+    test = flown if resolved.log is not None else "\t@echo built; there is no test vector, since no log was given\n"
+    text = (TEMPLATES / "Makefile.in").read_text(encoding="utf-8")
+    return text.replace("@LIMITS@", tables.limits(resolved)).replace("@KERNEL@", sources).replace("@TEST@\n", test + "\n")
+
+
+def _readme(resolved: Resolved) -> str:
+    vehicle = resolved.vehicle
+    delay_s, period_s = resolved.commands[4], vehicle.cycle.period_s
+    late = delay_s < period_s
+    said = {
+        "NAME": " ".join(vehicle.name.split()),
+        "VERSION": __version__,
+        "PERIOD": f"{period_s:g}",
+        "BEARING": "On the bearing inertia and CG are those of what turns, and the mass has the bearing's in it. "
+        if vehicle.on_air_bearing
+        else "",
+        "COMMAND": f": {len(vehicle.jets)} on-times in s" if resolved.commands[0] else ": torque about O [N m] and force [N]",
+        "DELAY": "A cycle's values come with the next call, since the next command may go on with a pulse."
+        if late
+        else f"Commands are executed {delay_s:g} s after the start of their cycle.",
+    }
+    text = (TEMPLATES / "README.in").read_text(encoding="utf-8")
+    for name, value in said.items():
+        text = text.replace(f"@{name}@", value)
+    return text

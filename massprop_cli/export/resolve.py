@@ -1,0 +1,105 @@
+"""What a flight starts with: a vehicle in which nothing is left to be found, phase by phase."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE
+from massprop_cli.estimate import compiled, flown
+from massprop_cli.inputs import tablefile, telemetry, vehiclefile
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+
+
+class Attitude(NamedTuple):
+    """Where it comes from."""
+
+    attitude_logged: bool
+
+
+class Leg(NamedTuple):
+    """One phase."""
+
+    name: str
+    vehicle: Array
+    """As :func:`massprop_cli.estimate.compiled.table` has it."""
+    rule: Array
+    """As :func:`massprop_cli.estimate.flown.rule_of` has it."""
+    cycles: slice
+    """Of the log; empty without one."""
+
+
+class Resolved(NamedTuple):
+    """All that is constant of a flight."""
+
+    vehicle: Vehicle
+    commands: Array
+    """As :func:`massprop_cli.estimate.flown.commands_of` has it."""
+    legs: tuple[Leg, ...]
+    log: Log | None
+
+
+def stated(source: VehicleSource, attitude_logged: bool = False) -> Resolved:
+    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell."""
+    vehicle = source.vehicle
+    open_keys = {
+        "cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles == "auto",
+        "thrust.lag_s": vehicle.thrust.lag_s == "auto",
+        "imu.gyro_noise_rad_s": not vehicle.imu.gyro_noise_rad_s,
+        "imu.accel_noise_m_s2": not vehicle.imu.accel_noise_m_s2,
+    }
+    missing = [key for key, is_open in open_keys.items() if is_open]
+    if missing:
+        raise InputError(f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; or give a log")
+    delay = 0.0 if vehicle.cycle.command_delay_cycles == "auto" else vehicle.cycle.command_delay_cycles
+    _check(source, vehicle, delay, vehicle.cycle.period_s)
+    legs = tuple(
+        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
+        for name, own in [(phase.name, vehicle.in_phase(phase)) for phase in vehicle.phases] or [("all", vehicle)]
+    )
+    return Resolved(vehicle, flown.commands_of(bool(vehicle.jets), attitude_logged, vehicle, delay), legs, None)
+
+
+def told(source: VehicleSource, log_path: Path) -> Resolved:
+    """With what a log tells of noise levels, disturbances and timing, and the log itself as it was flown."""
+    table = tablefile.read_table(log_path)
+    with np.errstate(all="ignore"):
+        found = flow.examine(telemetry.read(table, source.vehicle), source)
+    log, vehicle = found.samples.log, found.vehicle
+    shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
+    _check(source, vehicle, found.timing.delay, shortest)
+    commands = flown.commands_of(log.command_kind == "jets", found.samples.attitude_logged, vehicle, found.timing.delay)
+    legs = []
+    for history in found.histories:
+        own = vehicle.in_phase(history.phase)
+        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles))
+    return Resolved(vehicle, commands, tuple(legs), log)
+
+
+def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
+    """A vehicle file's."""
+    return vehiclefile.load(path, assignments)
+
+
+def _check(source: VehicleSource, vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> None:
+    problem = compiled.unknown(vehicle) or flown.beyond(vehicle, delay_cycles, shortest_s)
+    if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
+        problem = (
+            problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
+        )
+    if problem:
+        raise InputError(f"{source.source}: {problem}")
+
+
+def _rule(vehicle: Vehicle) -> Array:
+    settings = vehicle.convergence
+    given = (settings.inertia_tolerance, settings.cg_tolerance, settings.mass_tolerance)
+    first, second, third = (RELATIVE_TOLERANCE if tolerance is None else tolerance for tolerance in given)
+    return flown.rule_of(vehicle, (first, second, third), settings.relative is not False)

@@ -1,0 +1,130 @@
+"""A vehicle's constants as C: tables of hexadecimal numbers, which every compiler reads to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.export.resolve import Leg, Resolved
+
+VEHICLE = (
+    *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
+    *(("imu", 3), ("gyro_noise", 1), ("accel_noise", 3), ("gyro_bias_sigma", 1), ("accel_bias_sigma", 1), ("slow_torque_sigma", 1)),
+    *(("torque_noise", 1), ("torque_walk", 1), ("prior_scale", 1), ("reach", 1), ("known_mass", 1), ("centre", 3)),
+    *(("bearing_mass", 1), ("gravity", 1)),
+)
+"""Members of mp_vehicle in the order of its table, and how many numbers each has; 0: one whole number."""
+COMMANDS = (
+    *(("jets", 0), ("commands", 0), ("logged", 0), ("period_s", 1), ("delay_s", 1), ("pulse_sigma", 1)),
+    *(("body_from_imu", 9), ("attitude_wxyz", 4)),
+)
+"""The same of mp_commands, before its channels."""
+
+
+def limits(resolved: Resolved) -> str:
+    """Flags of the compiler: as much room as this vehicle wants."""
+    legs = [dict(_members(leg.vehicle, VEHICLE)) for leg in resolved.legs]
+    beginnings = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque"))) for leg in legs)
+    found = {
+        "BINS": max(int(leg["bins"][0]) for leg in legs),
+        "CHANNELS": 15 if legs[0]["bearing"][0] else 12,
+        "BEGINNINGS": beginnings,
+        "COMMANDS": int(resolved.commands[1]),
+    }
+    return " ".join(f"-DMP_{name}={value}" for name, value in found.items())
+
+
+def header(resolved: Resolved) -> str:
+    """table.h."""
+    return f"""/* {_comment(resolved.vehicle.name)}: made by massprop export-flight. */
+#ifndef MASSPROP_TABLE_H
+#define MASSPROP_TABLE_H
+
+#include "flight.h"
+
+#define MP_PHASES {len(resolved.legs)}
+
+extern const mp_commands mp_commands_table;
+extern const mp_vehicle mp_vehicle_table[MP_PHASES];
+extern const mp_rule mp_rule_table[MP_PHASES];
+
+#endif
+"""
+
+
+def source(resolved: Resolved) -> str:
+    """table.c."""
+    vehicles = ",\n".join(f"    {{ /* phase {_comment(leg.name)} */\n{_body(leg.vehicle, VEHICLE)}    }}" for leg in resolved.legs)
+    rules = ",\n".join(f"    {{\n{_rule(leg)}    }}" for leg in resolved.legs)
+    return f"""#include "table.h"
+
+#define R(x) ((mp_real)(x))
+
+const mp_commands mp_commands_table = {{
+{_commands(resolved.commands)}}};
+
+const mp_vehicle mp_vehicle_table[MP_PHASES] = {{
+{vehicles}
+}};
+
+const mp_rule mp_rule_table[MP_PHASES] = {{
+{rules}
+}};
+"""
+
+
+def _members(table: Array, names: Sequence[tuple[str, int]]) -> Iterator[tuple[str, Array]]:
+    at = 0
+    for name, count in names:
+        yield name, table[at : at + max(count, 1)]
+        at += max(count, 1)
+
+
+def _body(table: Array, names: Sequence[tuple[str, int]]) -> str:
+    text = ""
+    whole = {name for name, count in names if count == 0}
+    for name, numbers in _members(table, names):
+        if name in whole:
+            said = str(int(numbers[0]))
+        elif name == "body_from_imu":
+            said = "{" + ", ".join(_list(row) for row in numbers.reshape(3, 3)) + "}"
+        else:
+            said = _list(numbers) if len(numbers) > 1 else _number(numbers[0])
+        text += f"        .{name} = {said},\n"
+    return text
+
+
+def _commands(table: Array) -> str:
+    each = table[sum(max(count, 1) for _, count in COMMANDS) :].reshape(-1, 8)
+    wrench = ",\n".join(f"            {_list(row[:6])}" for row in each)
+    return (
+        _body(table, COMMANDS)
+        + f"        .wrench = {{\n{wrench}\n        }},\n        .rise_s = {_list(each[:, 6])},\n        .fall_s = {_list(each[:, 7])},\n"
+    )
+
+
+def _rule(leg: Leg) -> str:
+    rule = leg.rule
+    known = rule[7:].reshape(-1, 3)
+    text = f"        .thrust_sigma = {_number(rule[0])},\n        .count = {int(rule[1])},\n        .relative = {int(rule[2])},\n"
+    text += f"        .tolerance = {_list(rule[3:6])},\n        .known = {len(known)},\n"
+    if len(known):
+        index = ", ".join(str(int(i)) for i in known[:, 0])
+        text += f"        .known_index = {{{index}}},\n        .known_value = {_list(known[:, 1])},\n"
+        text += f"        .known_sigma = {_list(known[:, 2])},\n"
+    return text
+
+
+def _list(numbers: Array) -> str:
+    return "{" + ", ".join(map(_number, np.atleast_1d(numbers))) + "}"
+
+
+def _number(value: float) -> str:
+    return f"R({float(value).hex()})"
+
+
+def _comment(text: str) -> str:
+    """What can stand in a comment of C."""
+    return "".join(letter if letter.isprintable() and letter.isascii() and letter not in "*/\\" else "_" for letter in text)
