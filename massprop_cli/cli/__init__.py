@@ -21,6 +21,7 @@ from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.export_flight import export_flight
 from massprop_cli.cli.init import init
+from massprop_cli.cli.live import live
 from massprop_cli.cli.plan import plan
 from massprop_cli.cli.report import report
 from massprop_cli.cli.schema import schema
@@ -38,7 +39,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, combine, schema):
+for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, combine, live, schema):
     app.command()(_command)
 app.command("export-flight")(export_flight)
 

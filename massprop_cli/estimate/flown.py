@@ -78,6 +78,10 @@ class Flight:
         self.memory = ctypes.create_string_buffer(library.mp_host_flight_size())
         compiled.checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
 
+    def phase(self, vehicle: Array, rule: Array) -> None:
+        """Estimates anew with the next cycle; commands in flight and the attitude go on."""
+        compiled.checked(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
+
     def step(self, fed: Array, last: bool = False) -> Reported:
         """The next cycles, as :func:`cycles_of` has them; ``last``: no more of them come."""
         told, values, status = np.empty((len(fed) + 1, TOLD)), np.empty((len(fed) + 1, VALUES)), ctypes.c_int()
@@ -87,6 +91,10 @@ class Flight:
         compiled.checked(status.value)
         own = values[:made]
         return Reported(compiled.rows_of(told[:made]), own[:, :10], own[:, 10:20], own[:, 20:])
+
+    def last(self) -> Reported:
+        """The cycle that waits for the next one's commands, where nothing more comes."""
+        return self.step(np.empty((0, 1)), last=True)
 
     def reference(self) -> Reference | None:
         """The estimate at the end; None where there is none."""

@@ -46,8 +46,8 @@ class Resolved(NamedTuple):
     log: Log | None
 
 
-def stated(source: VehicleSource, attitude_logged: bool = False) -> Resolved:
-    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell."""
+def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | None = None) -> Resolved:
+    """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell. ``jets`` None: where it has any."""
     vehicle = source.vehicle
     open_keys = {
         "cycle.command_delay_cycles": vehicle.cycle.command_delay_cycles == "auto",
@@ -64,7 +64,8 @@ def stated(source: VehicleSource, attitude_logged: bool = False) -> Resolved:
         Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
         for name, own in [(phase.name, vehicle.in_phase(phase)) for phase in vehicle.phases] or [("all", vehicle)]
     )
-    return Resolved(vehicle, flown.commands_of(bool(vehicle.jets), attitude_logged, vehicle, delay), legs, None)
+    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, delay)
+    return Resolved(vehicle, commands, legs, None)
 
 
 def told(source: VehicleSource, log_path: Path) -> Resolved:

@@ -1,6 +1,7 @@
 /* The kernel over arrays, for the ground: numbers in double precision by rows, whatever the kernel's own precision. */
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "flight.h"
 #include "small.h"
@@ -19,6 +20,7 @@ SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *row
 SHARED size_t mp_host_flight_size(void);
 SHARED mp_pass *mp_host_pass(mp_flight *flight);
 SHARED int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule);
+SHARED int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule);
 SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values,
                           int *status);
 SHARED int mp_host_reference(const mp_pass *pass, double *out);
@@ -155,6 +157,13 @@ int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, doub
         written(&row, told + k * TOLD);
     }
     return MP_OK;
+}
+
+/* Another phase: commands in flight and the attitude go on. */
+int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule) {
+    rule_of(rule, &flight->rule);
+    memset(&flight->steady, 0, sizeof flight->steady);
+    return mp_host_begin(&flight->pass, vehicle);
 }
 
 static void flown_of(const mp_commands *table, const double *row, mp_flown *out) {

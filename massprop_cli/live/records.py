@@ -1,0 +1,169 @@
+"""Lines of telemetry to records: CSV with a header line, or a JSON object on each line. The first line says which."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH, jet
+from massprop_cli.inputs.telemetry import ABSURD
+from massprop_cli.inputs.vehicle import Vehicle
+
+LONGEST = 1 << 20
+"""Letters of a line."""
+
+
+class RecordError(ValueError):
+    """A line that is no record; the message says why."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which of a stream's own columns hold what, under the contract's names."""
+
+    rates: bool
+    """Whether the gyro's columns are rates, not increments."""
+    accelerations: bool
+    attitude: bool
+    commands: tuple[str, ...]
+    jets: bool
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Columns in which every record has a number."""
+        theta, velocity = GYRO if self.rates else DELTA_THETA, ACCEL if self.accelerations else DELTA_V
+        return (TIME, *theta, *velocity, *(QUATERNION if self.attitude else ()))
+
+
+@dataclass(frozen=True)
+class Record:
+    """One line, checked by itself."""
+
+    numbers: dict[str, float]
+    """Under the contract's names; NaN where a command's cell is empty."""
+    row: str
+    """As it is kept, a line of CSV."""
+
+    @property
+    def time_s(self) -> float:
+        """The end of its interval."""
+        return self.numbers[TIME]
+
+
+class Reader:
+    """Of one stream."""
+
+    def __init__(self, vehicle: Vehicle, first: str) -> None:
+        """``first`` is the stream's first line. :class:`InputError` where it lacks a column that is needed."""
+        self.vehicle, self.is_json = vehicle, first.lstrip().startswith("{")
+        self.names = list(_object(first)) if self.is_json else [name.strip() for name in _fields(first)]
+        self.own = {name: column.from_ for name, column in vehicle.columns.items()}
+        self.columns = self._columns()
+
+    @property
+    def header(self) -> str:
+        """As it is kept."""
+        return _line(self.names)
+
+    def read(self, line: str) -> Record:
+        """One line; :class:`RecordError` where it is none."""
+        if len(line) > LONGEST:
+            raise RecordError(f"a line of {len(line)} letters")
+        cells = self._cells(line)
+        numbers = {name: self._number(name, cells) for name in (*self.columns.required, *self.columns.commands)}
+        for name in self.columns.required:
+            if not math.isfinite(numbers[name]):
+                raise RecordError(f"column {self._own(name)}: {cells.get(self._own(name)) or 'an empty cell'} is not a finite number")
+        for name in (*DELTA_THETA, *DELTA_V, *GYRO, *ACCEL):
+            if abs(numbers.get(name, 0.0)) > ABSURD:
+                raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is no motion of a vehicle")
+        for name in self.columns.commands if self.columns.jets else ():
+            if numbers[name] < 0 or numbers[name] > self.vehicle.cycle.period_s * (1 + 1e-6):
+                raise RecordError(
+                    f"column {self._own(name)}: {numbers[name]:g} s is no on-time of a cycle of {self.vehicle.cycle.period_s:g} s"
+                )
+        return Record(numbers, _line([cells[name] for name in self.names]))
+
+    def _own(self, name: str) -> str:
+        return self.own.get(name, name)
+
+    def _has(self, names: Sequence[str]) -> bool:
+        return any(self._own(name) in self.names for name in names)
+
+    def _columns(self) -> Columns:
+        jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
+        if wrench and self._has(jets):
+            raise InputError("standard input: has both jet_* and cmd_* columns; keep the one kind that was executed")
+        found = Columns(
+            rates=not self._has(DELTA_THETA) and self._has(GYRO),
+            accelerations=not self._has(DELTA_V) and self._has(ACCEL),
+            attitude=self._has(QUATERNION),
+            commands=WRENCH if wrench else tuple(jets),
+            jets=not wrench,
+        )
+        missing = [self._own(name) for name in (*found.required, *found.commands) if self._own(name) not in self.names]
+        if missing or not found.commands:
+            raise InputError(
+                f"standard input: the first line lacks {', '.join(missing) or 'commands'}; begin with the names of all columns (CSV), or "
+                "with a JSON object that has them all, or map them under [columns] of the vehicle file"
+            )
+        return found
+
+    def _cells(self, line: str) -> dict[str, str]:
+        if self.is_json:
+            found = _object(line)
+            strange = [name for name in found if name not in self.names]
+            if strange:
+                raise RecordError(f"names {strange[0]!r}, which the first record lacks")
+            return {name: _text(found.get(name)) for name in self.names}
+        fields = _fields(line)
+        if len(fields) != len(self.names):
+            raise RecordError(f"has {len(fields)} fields, and the header {len(self.names)}")
+        return dict(zip(self.names, fields, strict=True))
+
+    def _number(self, name: str, cells: dict[str, str]) -> float:
+        text = cells[self._own(name)].strip()
+        try:
+            value = float(text) if text else math.nan
+        except ValueError:
+            raise RecordError(f"column {self._own(name)}: {text!r} is no number") from None
+        if math.isinf(value):
+            raise RecordError(f"column {self._own(name)}: {text} is not a finite number")
+        scale = self.vehicle.columns[name].scale if name in self.vehicle.columns else 1.0
+        return value * scale
+
+
+def _object(line: str) -> dict[str, object]:
+    try:
+        found = json.loads(line)
+    except (ValueError, RecursionError):
+        raise RecordError("is not JSON") from None
+    if not isinstance(found, dict):
+        raise RecordError("is no JSON object")
+    return found
+
+
+def _fields(line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except (csv.Error, StopIteration):
+        raise RecordError("is no line of CSV") from None
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool | list | dict):
+        raise RecordError(f"{json.dumps(value)[:40]} is neither number nor text")
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _line(cells: Iterable[str]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()

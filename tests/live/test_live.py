@@ -1,0 +1,165 @@
+"""Records as they arrive: the estimate of each cycle is the replay's, and the recording's result is that of any log."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.kernel import kernel
+from massprop_cli.live import run
+from tests.analysed import SAMPLES, analysed
+from tests.commandline import massprop
+
+pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
+
+
+def recorded(name: str) -> list[str]:
+    """A sample log as lines of CSV."""
+    text = io.BytesIO()
+    pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet"), text)
+    return text.getvalue().decode().splitlines(keepends=True)
+
+
+def as_objects(lines: list[str]) -> list[str]:
+    names = [name.strip('"\n') for name in lines[0].split(",")]
+    rows = (line.strip().split(",") for line in lines[1:])
+    return [json.dumps({name: float(cell) if cell else None for name, cell in zip(names, row, strict=True)}) + "\n" for row in rows]
+
+
+def followed(name: str, lines: list[str], *assignments: str) -> tuple[list[dict[str, object]], str, list[str]]:
+    """What is said, what is kept and what is warned of."""
+    record, warned = io.StringIO(), list[str]()
+    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
+    said = [json.loads(line) for line in run.follow(lines, source, record, warned.append)]
+    return said, record.getvalue(), warned
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "docking", "high-rate", "air-bearing"])
+def test_each_cycle_says_what_the_replay_says(name: str) -> None:
+    said, _, warned = followed(name, recorded(name))
+    found = analysed(name)
+    assert not warned
+    assert len(said) == sum(len(history.time_s) for history in found.histories)
+    for history in found.histories:
+        own = [line for line in said if line["phase"] == history.phase.name]
+        assert [line["time_s"] for line in own] == pytest.approx(history.time_s)
+        for k in (40, len(own) // 2, len(own) - 1):
+            estimates = own[k]["estimates"]
+            assert isinstance(estimates, dict)
+            for i, quantity in enumerate(QUANTITIES):
+                value, sigma = history.values[k, i], history.sigmas[k, i]
+                one = estimates[quantity]
+                assert (one["value"] is None) == bool(np.isnan(value))
+                if one["value"] is not None:
+                    assert abs(one["value"] - value) < 1e-6 * sigma
+                    assert one["sigma"] == pytest.approx(sigma, rel=1e-6)
+
+
+def test_objects_say_what_lines_of_csv_say() -> None:
+    lines = recorded("high-rate")[: 1 + 20 * 60]
+    assert followed("high-rate", as_objects(lines))[0] == followed("high-rate", lines)[0]
+
+
+def test_the_recording_is_estimated_as_any_log(tmp_path: Path) -> None:
+    """Answers come before more is sent; the result is the one of the recording."""
+    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
+    lines = recorded("free-flyer")
+    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.writelines(lines[:101])
+    process.stdin.flush()
+    early = [json.loads(process.stdout.readline()) for _ in range(98)]  # two cycles of delay
+    assert early[-1]["time_s"] == pytest.approx(5.0)
+    late, said = process.communicate("".join(lines[101:]), timeout=60)
+    assert process.returncode == 0, said
+    assert len(late.splitlines()) == 1198 - 98
+    again = massprop(tmp_path, "estimate", "live/record.csv", "--vehicle", vehicle, "--out", "again", "-q")
+    assert again.returncode == 0
+    assert (tmp_path / "live" / "result.json").read_bytes() == (tmp_path / "again" / "result.json").read_bytes()
+    last = json.loads(late.splitlines()[-1])["estimates"]
+    result = json.loads((tmp_path / "live" / "result.json").read_text())["phases"][0]["estimates"]
+    assert {name: (e["value"], e["sigma"]) for name, e in last.items()} == {name: (e["value"], e["sigma"]) for name, e in result.items()}
+
+
+BAD = {
+    "no record": "hello\n",
+    "too few fields": "1.0,2.0\n",
+    "no number": None,
+    "time that stands still": None,
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_record_is_told_and_left_out(kind: str) -> None:
+    lines = recorded("free-flyer")[:301]
+    if kind == "no number":
+        bad = lines[100].replace(lines[100].split(",")[1], "nan", 1)
+    elif kind == "time that stands still":
+        bad = lines[99]
+    else:
+        bad = BAD[kind] or ""
+    said, kept, warned = followed("free-flyer", [*lines[:100], bad, *lines[100:]])
+    assert len(warned) == 1
+    assert warned[0].startswith("standard input, line 101: left out: ")
+    assert kept.count("\n") == 301
+    assert said == followed("free-flyer", lines)[0]
+
+
+def test_a_lost_record_ends_what_cannot_do_without() -> None:
+    """Of twenty records a cycle one is missing; of one a cycle the rest goes on."""
+    lines = recorded("high-rate")[:1001]
+    with pytest.raises(InputError, match="a cycle of 20 records would lack one"):
+        followed("high-rate", [*lines[:500], *lines[501:]])
+    lines = recorded("free-flyer")[:301]
+    said, kept, _ = followed("free-flyer", [*lines[:100], *lines[101:]])
+    assert (len(said), kept.count("\n")) == (300 - 2 - 1, 300)
+    with pytest.raises(InputError, match="without a record"):
+        followed("free-flyer", [*lines[:100], *lines[103:]])
+
+
+@pytest.mark.parametrize(
+    ("lines", "assignments", "said"),
+    [
+        ([], (), "nothing came"),
+        (["time_s,gyro_x_rad_s\n"], (), "the first line lacks"),
+        (["[1, 2]\n"], (), "the first line lacks"),
+        (["{broken\n"], (), "is not JSON"),
+        (None, ("imu.gyro_noise_rad_s=0",), "imu.gyro_noise_rad_s must be stated"),
+        (None, ("cycle.period_s=0.01",), "does not divide the control cycle"),
+    ],
+)
+def test_what_cannot_begin_is_refused(lines: list[str] | None, assignments: tuple[str, ...], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        followed("free-flyer", recorded("free-flyer")[:10] if lines is None else lines, *assignments)
+
+
+def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / "record.csv").write_text("precious")
+    with pytest.raises(InputError, match="not written over"):
+        run.kept(tmp_path)
+    assert (tmp_path / "record.csv").read_text() == "precious"
+
+
+def test_a_refusal_is_one_line_and_exit_3(tmp_path: Path) -> None:
+    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
+    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live"]
+    lines = recorded("free-flyer")[:301]
+    text = "".join([*lines[:100], *lines[110:]])
+    ended = subprocess.run(command, cwd=tmp_path, input=text, capture_output=True, text=True, check=False)
+    assert ended.returncode == 3
+    assert len(ended.stderr.splitlines()) == 1
+    assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 100
+    assert not (tmp_path / "live" / "result.json").exists()
