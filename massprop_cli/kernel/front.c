@@ -109,6 +109,7 @@ static void net(const mp_commands *table, const mp_real *part, mp_real out[6]) {
         mp_real sum = R(0), size = R(0);
         if (table->jets) {
             for (j = 0; j < table->commands; j++) {
+                if (part[j] == R(0)) continue;
                 sum += part[j] * table->wrench[j][i];
                 size += mp_abs(part[j]) * mp_abs(table->wrench[j][i]);
             }

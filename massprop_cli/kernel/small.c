@@ -74,7 +74,10 @@ void mp_elements(const mp_real a[3][3], mp_real six[6]) {
 static void turned(mp_real a[3][3], mp_real axes[3][3], int p, int q) {
     mp_real off = a[p][q], ratio, t, c, s;
     int i;
-    if (off == R(0)) return;
+    if (mp_abs(off) <= MP_EPSILON * R(0.01) * (mp_abs(a[p][p]) + mp_abs(a[q][q]))) {
+        a[p][q] = a[q][p] = R(0);
+        return;
+    }
     ratio = (a[q][q] - a[p][p]) / (off + off);
     if (!mp_finite(&ratio, 1)) {
         a[p][q] = a[q][p] = R(0);
@@ -145,12 +148,50 @@ int mp_cholesky(mp_real *a, int n) {
     return 1;
 }
 
-void mp_fold(mp_real *triangle, int size, mp_real *rows, int count) {
+/* One column's reflection of six rows, which is nearly all that a cycle folds, in one sweep. */
+static void reflect6(mp_real *restrict own, mp_real *restrict rows, int size, int from, const mp_real part[6], mp_real tau) {
+    mp_real *restrict r0 = rows, *restrict r1 = rows + size, *restrict r2 = rows + 2 * size;
+    mp_real *restrict r3 = rows + 3 * size, *restrict r4 = rows + 4 * size, *restrict r5 = rows + 5 * size;
+    const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
+    int c;
+    for (c = from; c < size; c++) {
+        mp_real sum = (own[c] + p0 * r0[c] + p1 * r1[c] + p2 * r2[c] + p3 * r3[c] + p4 * r4[c] + p5 * r5[c]) * tau;
+        own[c] -= sum;
+        r0[c] -= p0 * sum;
+        r1[c] -= p1 * sum;
+        r2[c] -= p2 * sum;
+        r3[c] -= p3 * sum;
+        r4[c] -= p4 * sum;
+        r5[c] -= p5 * sum;
+    }
+}
+
+/* The same of any number of rows. */
+static void reflect(mp_real *own, mp_real *rows, int size, int count, int column, mp_real over, mp_real tau) {
     mp_real sum[MP_WIDTH];
-    int j, i, c;
+    int i, c;
+    for (c = column + 1; c < size; c++) sum[c] = own[c];
+    for (i = 0; i < count; i++) {
+        const mp_real *row = rows + i * size;
+        mp_real part = row[column] * over;
+        if (part == R(0)) continue;
+        for (c = column + 1; c < size; c++) sum[c] += part * row[c];
+    }
+    for (c = column + 1; c < size; c++) sum[c] *= tau;
+    for (c = column + 1; c < size; c++) own[c] -= sum[c];
+    for (i = 0; i < count; i++) {
+        mp_real *row = rows + i * size;
+        mp_real part = row[column] * over;
+        if (part == R(0)) continue;
+        for (c = column + 1; c < size; c++) row[c] -= part * sum[c];
+    }
+}
+
+void mp_fold(mp_real *triangle, int size, mp_real *rows, int count) {
+    int j, i;
     for (j = 0; j < size; j++) {
         mp_real *own = triangle + AT(size, j) - j;
-        mp_real power = R(0), alpha, beta, over, tau;
+        mp_real power = R(0), alpha, beta, over, tau, part[6];
         for (i = 0; i < count; i++) power += rows[i * size + j] * rows[i * size + j];
         if (power == R(0)) continue;
         alpha = own[j];
@@ -159,20 +200,11 @@ void mp_fold(mp_real *triangle, int size, mp_real *rows, int count) {
         over = R(1) / (alpha - beta);
         tau = (beta - alpha) / beta;
         own[j] = beta;
-        for (c = j + 1; c < size; c++) sum[c] = own[c];
-        for (i = 0; i < count; i++) {
-            const mp_real *row = rows + i * size;
-            mp_real part = row[j] * over;
-            if (part == R(0)) continue;
-            for (c = j + 1; c < size; c++) sum[c] += part * row[c];
-        }
-        for (c = j + 1; c < size; c++) sum[c] *= tau;
-        for (c = j + 1; c < size; c++) own[c] -= sum[c];
-        for (i = 0; i < count; i++) {
-            mp_real *row = rows + i * size;
-            mp_real part = row[j] * over;
-            if (part == R(0)) continue;
-            for (c = j + 1; c < size; c++) row[c] -= part * sum[c];
+        if (count == 6) {
+            for (i = 0; i < 6; i++) part[i] = rows[i * size + j] * over;
+            reflect6(own, rows, size, j + 1, part, tau);
+        } else {
+            reflect(own, rows, size, count, j, over, tau);
         }
     }
 }
