@@ -1,5 +1,6 @@
-/* Flies vector.txt of an exported folder, then the same body turning freely for as many cycles as are asked for, and times every cycle.
- * On each line: cycles so far, mean and worst time of one since the last line [ns], and how many numbers were not finite. */
+/* soak CYCLES NOISE [stated] [PART]: flies vector.txt of an exported folder (its first PART cycles), then the same body turning freely for as
+ * many cycles as are asked for, with that noise [rad/s, m/s^2], which the vehicle states too if so said; times every cycle, less what asking
+ * for the time takes. On each line: cycles so far, mean and worst time of one since the last line [ns], how many numbers were wrong. */
 #define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>
@@ -10,7 +11,7 @@
 #include "table.h"
 
 static mp_flight flight;
-static double rate[3], total_ns, worst_ns;
+static double rate[3], total_ns, worst_ns, asking_ns;
 static long cycles, counted, wrong;
 static unsigned long long drawn = 1;
 
@@ -35,7 +36,7 @@ static void fly(const mp_flown *flown) {
     int made, i;
     double begun = now_ns(), taken;
     if (mp_flight_step(&flight, flown, &values, &made) != MP_OK) wrong += 1;
-    taken = now_ns() - begun;
+    taken = now_ns() - begun - asking_ns;
     total_ns += taken;
     counted += 1;
     cycles += 1;
@@ -101,13 +102,20 @@ static void turn(mp_flown *flown, double size) {
 
 int main(int count, char **said) {
     long wanted = count > 1 ? atol(said[1]) : 100000, next = 1000, k, length;
-    double size = count > 2 ? atof(said[2]) : 1e-10;
+    double size = count > 2 ? atof(said[2]) : 1e-10, begun;
     mp_flown flown;
     int phase, i, j;
     mp_vehicle quiet = mp_vehicle_table[0];
     if (scanf("%d %ld", &phase, &length) != 2) return 2;
-    if (count > 3) quiet.gyro_noise = quiet.accel_noise[0] = quiet.accel_noise[1] = quiet.accel_noise[2] = (mp_real)size;
+    if (count > 4) length = atol(said[4]);
+    begun = now_ns();
+    for (k = 0; k < 1000; k++) (void)now_ns();
+    asking_ns = (now_ns() - begun) / 1000;
+    if (count > 3 && strcmp(said[3], "stated") == 0) quiet.gyro_noise = quiet.accel_noise[0] = quiet.accel_noise[1] = quiet.accel_noise[2] = (mp_real)size;
     if (mp_flight_begin(&flight, &mp_commands_table, &quiet, &mp_rule_table[0]) != MP_OK) return 3;
+    memset(&flown, 0, sizeof flown);
+    flown.duration_s = mp_commands_table.period_s;
+    for (i = 0; i < 3; i++) rate[i] = 0.3 - 0.1 * i;
     for (k = 0; k < length && cycles < wanted; k++) {
         double numbers[15 + MP_COMMANDS];
         for (i = 0; i < 15 + mp_commands_table.commands; i++)

@@ -19,7 +19,7 @@ from massprop_cli.estimate.compiled import CHUNK, TOLD, pointer
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import COMMANDS, PENDING, kernel
+from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
@@ -69,8 +69,8 @@ class Reported(NamedTuple):
 class Flight:
     """The kernel from a flight's first cycle on."""
 
-    def __init__(self, commands: Array, vehicle: Array, rule: Array) -> None:
-        library = kernel().library
+    def __init__(self, commands: Array, vehicle: Array, rule: Array, by: Kernel | None = None) -> None:
+        library = (by or kernel()).library
         if library is None:
             raise RuntimeError("there is no compiled kernel")
         self.library = library

@@ -34,10 +34,15 @@ def kernel() -> Kernel:
     if not path.exists():
         return Kernel(None, "NumPy (no compiled kernel was installed)")
     try:
-        library = ctypes.CDLL(str(path))
+        return Kernel(opened(path), "C99, double precision")
     except OSError as error:
         return Kernel(None, f"NumPy ({path.name} can't be loaded: {error})")
+
+
+def opened(path: Path) -> ctypes.CDLL:
+    """A library that was built of the kernel's sources; OSError where it can't be loaded. Its calls let other threads run."""
+    library = ctypes.CDLL(str(path))
     library.mp_host_size.restype = library.mp_host_flight_size.restype = ctypes.c_size_t
     library.mp_host_pass.restype = ctypes.c_void_p
     library.mp_host_flown.restype = ctypes.c_long
-    return Kernel(library, "C99, double precision")
+    return library
