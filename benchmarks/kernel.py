@@ -37,25 +37,26 @@ M4F = ["-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=ha
 
 INTRODUCTION = """# The compiled kernel
 
-The causal estimator stands twice: in NumPy (massprop_cli/estimate) and in C99 (massprop_cli/kernel), which takes the same decisions at the same
-cycles. Where a C compiler was there when massprop was installed, `estimate`, `batch` and Python run on C; else on NumPy, and run.json says which
-(`kernel`). `MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, but for
-crazyflie/yaw: the beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in either.
+The causal estimator stands twice: in NumPy (massprop_cli/estimate) and in C99 (massprop_cli/kernel), which takes the same decisions at
+the same cycles. Where a C compiler was there when massprop was installed, `estimate`, `batch` and Python run on C; else on NumPy, and
+run.json says which (`kernel`). `MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs,
+but for crazyflie/yaw: the beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in
+either.
 
-NumPy alone runs what the kernel doesn't hold: environments other than `free` and `air_bearing`, [drift], more than 16 bins a cycle, delay
-or lag with a sigma (also one that was found in the log), and off-line fits. Of a log with a thrust lag, a drifting clock, more than 64 jets or a delay
-beyond 19 cycles only the alignment is NumPy's.
+NumPy alone runs what the kernel doesn't hold: environments other than `free` and `air_bearing`, [drift], more than 16 bins a cycle,
+delay or lag with a sigma (also one that was found in the log), and off-line fits. Of a log with a thrust lag, a drifting clock, more
+than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
 
-`massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the last bit: it does
-on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user). `massprop live` makes the same calls
-while records arrive on standard input:
+`massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the
+last bit: it does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user). `massprop live`
+makes the same calls while records arrive on standard input:
 
     tail -f telemetry.csv | massprop live --vehicle vehicle.toml --out flight | controller
 
-Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...}, ...}}`, SI, null
-where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then. Noise levels and delay must be
-stated in the vehicle file. In the end the recording (record.csv) is estimated like any log; in that result the disturbances are sized too, so that it
-may say more than the last line did.
+Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
+...}}`, SI, null where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then.
+Noise levels and delay must be stated in the vehicle file. In the end the recording (record.csv) is estimated like any log; in that
+result the disturbances are sized too, so that it may say more than the last line did.
 """
 
 
