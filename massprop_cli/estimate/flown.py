@@ -15,11 +15,12 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled
-from massprop_cli.estimate.compiled import CHUNK, TOLD, pointer
+from massprop_cli.estimate.compiled import CHUNK, TOLD
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel
+from massprop_cli.model.handed import checked, pointer
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
@@ -76,11 +77,11 @@ class Flight:
         self.library = library
         self.channels = 15 if vehicle[0] else 12
         self.memory = ctypes.create_string_buffer(library.mp_host_flight_size())
-        compiled.checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
+        checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
 
     def phase(self, vehicle: Array, rule: Array) -> None:
         """Estimates anew with the next cycle; commands in flight and the attitude go on."""
-        compiled.checked(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
+        checked(self.library.mp_host_phase(self.memory, pointer(vehicle), pointer(rule)))
 
     def step(self, fed: Array, last: bool = False) -> Reported:
         """The next cycles, as :func:`cycles_of` has them; ``last``: no more of them come."""
@@ -88,7 +89,7 @@ class Flight:
         count, stride = (ctypes.c_long(n) for n in fed.shape)
         arguments = (count, stride, pointer(fed), ctypes.c_int(last), pointer(told), pointer(values), ctypes.byref(status))
         made = self.library.mp_host_flown(self.memory, *arguments)
-        compiled.checked(status.value)
+        checked(status.value)
         own = values[:made]
         return Reported(compiled.rows_of(told[:made]), own[:, :10], own[:, 10:20], own[:, 20:])
 

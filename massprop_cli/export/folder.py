@@ -14,7 +14,7 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = "host.c"
+HOST = ("host.c", "host.h", "blocks.c")
 """What serves the ground alone."""
 
 
@@ -33,7 +33,7 @@ def write(resolved: Resolved, folder: Path) -> list[str]:
 
 def contents(resolved: Resolved) -> dict[str, str]:
     """Each file's text."""
-    sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name != HOST)
+    sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name not in HOST)
     found = {path.name: path.read_text(encoding="utf-8") for path in sources}
     found |= {name: (TEMPLATES / name).read_text(encoding="utf-8") for name in ("replay.c", "size.c")}
     found |= {"table.h": tables.header(resolved), "table.c": tables.source(resolved)}

@@ -16,6 +16,7 @@ from massprop_cli.inputs import tablefile, telemetry, vehiclefile
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model import handed
 
 
 class Attitude(NamedTuple):
@@ -90,7 +91,7 @@ def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
 
 
 def _check(source: VehicleSource, vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> None:
-    problem = compiled.unknown(vehicle) or flown.beyond(vehicle, delay_cycles, shortest_s)
+    problem = handed.unknown(vehicle) or flown.beyond(vehicle, delay_cycles, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"

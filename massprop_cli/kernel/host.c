@@ -1,16 +1,11 @@
-/* The kernel over arrays, for the ground: numbers in double precision by rows, whatever the kernel's own precision. */
+#include "host.h"
+
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
 #include "flight.h"
 #include "small.h"
-
-#if defined(_WIN32)
-#define SHARED __declspec(dllexport)
-#else
-#define SHARED __attribute__((visibility("default")))
-#endif
 
 #define TOLD 128 /* numbers of a row: mean 10, covariance 100, innovation 6, its sigma 6, normalised 6 */
 
@@ -25,7 +20,7 @@ SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const doub
                           int *status);
 SHARED int mp_host_reference(const mp_pass *pass, double *out);
 
-static const double *copied(mp_real *to, const double *from, int count) {
+const double *mp_copied(mp_real *to, const double *from, int count) {
     int i;
     for (i = 0; i < count; i++) to[i] = (mp_real)from[i];
     return from + count;
@@ -38,7 +33,7 @@ static const double *read_int(int *to, const double *from) {
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
-static mp_vehicle vehicle_of(const double *table) {
+mp_vehicle mp_vehicle_of(const double *table) {
     mp_vehicle vehicle;
     table = read_int(&vehicle.bearing, table);
     table = read_int(&vehicle.gyro_bias, table);
@@ -47,25 +42,25 @@ static mp_vehicle vehicle_of(const double *table) {
     table = read_int(&vehicle.tilt, table);
     table = read_int(&vehicle.bins, table);
     table = read_int(&vehicle.pulses, table);
-    table = copied(vehicle.imu, table, 3);
-    table = copied(&vehicle.gyro_noise, table, 1);
-    table = copied(vehicle.accel_noise, table, 3);
-    table = copied(&vehicle.gyro_bias_sigma, table, 1);
-    table = copied(&vehicle.accel_bias_sigma, table, 1);
-    table = copied(&vehicle.slow_torque_sigma, table, 1);
-    table = copied(&vehicle.torque_noise, table, 1);
-    table = copied(&vehicle.torque_walk, table, 1);
-    table = copied(&vehicle.prior_scale, table, 1);
-    table = copied(&vehicle.reach, table, 1);
-    table = copied(&vehicle.known_mass, table, 1);
-    table = copied(vehicle.centre, table, 3);
-    table = copied(&vehicle.bearing_mass, table, 1);
-    (void)copied(&vehicle.gravity, table, 1);
+    table = mp_copied(vehicle.imu, table, 3);
+    table = mp_copied(&vehicle.gyro_noise, table, 1);
+    table = mp_copied(vehicle.accel_noise, table, 3);
+    table = mp_copied(&vehicle.gyro_bias_sigma, table, 1);
+    table = mp_copied(&vehicle.accel_bias_sigma, table, 1);
+    table = mp_copied(&vehicle.slow_torque_sigma, table, 1);
+    table = mp_copied(&vehicle.torque_noise, table, 1);
+    table = mp_copied(&vehicle.torque_walk, table, 1);
+    table = mp_copied(&vehicle.prior_scale, table, 1);
+    table = mp_copied(&vehicle.reach, table, 1);
+    table = mp_copied(&vehicle.known_mass, table, 1);
+    table = mp_copied(vehicle.centre, table, 3);
+    table = mp_copied(&vehicle.bearing_mass, table, 1);
+    (void)mp_copied(&vehicle.gravity, table, 1);
     return vehicle;
 }
 
 int mp_host_begin(mp_pass *pass, const double *table) {
-    mp_vehicle vehicle = vehicle_of(table);
+    mp_vehicle vehicle = mp_vehicle_of(table);
     return mp_begin(pass, &vehicle);
 }
 
@@ -75,30 +70,30 @@ static int commands_of(const double *table, mp_commands *out) {
     table = read_int(&out->commands, table);
     table = read_int(&out->logged, table);
     if (out->commands > MP_COMMANDS) return MP_LIMIT;
-    table = copied(&out->period_s, table, 1);
-    table = copied(&out->delay_s, table, 1);
-    table = copied(&out->pulse_sigma, table, 1);
-    table = copied(out->body_from_imu[0], table, 9);
-    table = copied(out->attitude_wxyz, table, 4);
+    table = mp_copied(&out->period_s, table, 1);
+    table = mp_copied(&out->delay_s, table, 1);
+    table = mp_copied(&out->pulse_sigma, table, 1);
+    table = mp_copied(out->body_from_imu[0], table, 9);
+    table = mp_copied(out->attitude_wxyz, table, 4);
     for (j = 0; j < out->commands; j++) {
-        table = copied(out->wrench[j], table, 6);
-        table = copied(&out->rise_s[j], table, 1);
-        table = copied(&out->fall_s[j], table, 1);
+        table = mp_copied(out->wrench[j], table, 6);
+        table = mp_copied(&out->rise_s[j], table, 1);
+        table = mp_copied(&out->fall_s[j], table, 1);
     }
     return MP_OK;
 }
 
 static void rule_of(const double *table, mp_rule *out) {
     int i;
-    table = copied(&out->thrust_sigma, table, 1);
+    table = mp_copied(&out->thrust_sigma, table, 1);
     table = read_int(&out->count, table);
     table = read_int(&out->relative, table);
-    table = copied(out->tolerance, table, 3);
+    table = mp_copied(out->tolerance, table, 3);
     table = read_int(&out->known, table);
     for (i = 0; i < out->known; i++) {
         table = read_int(&out->known_index[i], table);
-        table = copied(&out->known_value[i], table, 1);
-        table = copied(&out->known_sigma[i], table, 1);
+        table = mp_copied(&out->known_value[i], table, 1);
+        table = mp_copied(&out->known_sigma[i], table, 1);
     }
 }
 
@@ -108,7 +103,7 @@ mp_pass *mp_host_pass(mp_flight *flight) { return &flight->pass; }
 
 int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule) {
     mp_commands table;
-    mp_vehicle of = vehicle_of(vehicle);
+    mp_vehicle of = mp_vehicle_of(vehicle);
     mp_rule by;
     int status = commands_of(commands, &table);
     if (status != MP_OK) return status;
@@ -116,21 +111,21 @@ int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle
     return mp_flight_begin(flight, &table, &of, &by);
 }
 
-static void cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
-    row = copied(&out->end_s, row, 1);
-    row = copied(&out->duration_s, row, 1);
-    row = copied(out->rate, row, 3);
-    row = copied(out->rate_step, row, 3);
-    row = copied(out->force, row, 3);
-    row = copied(out->up[0], row, 3);
-    row = copied(out->up[1], row, 3);
-    row = copied(out->rising, row, 6);
-    row = copied(out->falling, row, 6);
+void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
+    row = mp_copied(&out->end_s, row, 1);
+    row = mp_copied(&out->duration_s, row, 1);
+    row = mp_copied(out->rate, row, 3);
+    row = mp_copied(out->rate_step, row, 3);
+    row = mp_copied(out->force, row, 3);
+    row = mp_copied(out->up[0], row, 3);
+    row = mp_copied(out->up[1], row, 3);
+    row = mp_copied(out->rising, row, 6);
+    row = mp_copied(out->falling, row, 6);
     row = read_int(&out->deaf[0], row);
     row = read_int(&out->deaf[1], row);
-    row = copied(out->impulse[0], row, 6 * vehicle->bins);
-    row = copied(out->skew[0], row, 6 * vehicle->bins);
-    if (vehicle->pulses) (void)copied(out->pulse_covariance[0], row, 36);
+    row = mp_copied(out->impulse[0], row, 6 * vehicle->bins);
+    row = mp_copied(out->skew[0], row, 6 * vehicle->bins);
+    if (vehicle->pulses) (void)mp_copied(out->pulse_covariance[0], row, 36);
 }
 
 /* What isn't said is NaN. */
@@ -151,7 +146,7 @@ int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, doub
         mp_cycle cycle;
         mp_row row;
         int status;
-        cycle_of(&pass->vehicle, rows + k * stride, &cycle);
+        mp_cycle_of(&pass->vehicle, rows + k * stride, &cycle);
         status = mp_step(pass, &cycle, &row);
         if (status != MP_OK) return status;
         written(&row, told + k * TOLD);
@@ -167,15 +162,15 @@ int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule) 
 }
 
 static void flown_of(const mp_commands *table, const double *row, mp_flown *out) {
-    row = copied(&out->end_s, row, 1);
-    row = copied(&out->duration_s, row, 1);
-    row = copied(out->delta_theta, row, 3);
-    row = copied(out->delta_v, row, 3);
-    row = copied(out->attitude_wxyz, row, 4);
+    row = mp_copied(&out->end_s, row, 1);
+    row = mp_copied(&out->duration_s, row, 1);
+    row = mp_copied(out->delta_theta, row, 3);
+    row = mp_copied(out->delta_v, row, 3);
+    row = mp_copied(out->attitude_wxyz, row, 4);
     row = read_int(&out->deaf[0], row);
     row = read_int(&out->deaf[1], row);
     row = read_int(&out->unused, row);
-    (void)copied(out->command, row, table->commands);
+    (void)mp_copied(out->command, row, table->commands);
 }
 
 /* (30) values, sigmas and verdicts; NaN where nothing is told. */

@@ -68,7 +68,7 @@ static void bounded(const mp_reference *about, int channels, const mp_real rate[
 
 void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
                 const mp_reference *about, mp_leap *out) {
-    mp_real leaving[3][3], entering[3][3], inverse[3][3], to_rate[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
+    mp_real leaving[3][3], entering[3][3], inverse[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
     int i, j, q = 0;
     memset(out->transition, 0, sizeof out->transition);
     memset(out->process, 0, sizeof out->process);
@@ -79,7 +79,7 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         for (j = 0; j < 3; j++) part[i][j] = (i == j ? R(1) : R(0)) - entering[i][j];
     mp_inverse((const mp_real(*)[3])part, out->solve);
     mp_tensor(about->theta, inverse);
-    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])inverse, to_rate);
+    mp_product((const mp_real(*)[3])out->solve, (const mp_real(*)[3])inverse, out->to_rate);
     mp_times((const mp_real(*)[3])leaving, from->rate, gone);
     mp_times((const mp_real(*)[3])entering, into->rate, come);
     for (i = 0; i < 3; i++) {
@@ -95,13 +95,13 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
     mean_s = (from->duration_s + into->duration_s) / R(2);
     if (layout->at_torque >= 0)
         for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = to_rate[i][j] * mean_s;
+            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = out->to_rate[i][j] * mean_s;
     if (layout->at_tilt >= 0) {
         mp_real up[3], by[3][3], turn[3][3];
         int t = layout->at_tilt;
         for (i = 0; i < 3; i++) up[i] = from->up[0][i] + into->up[1][i];
         mp_moment_by_tilt(vehicle, about, up, by);
-        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])by, part);
+        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, part);
         mp_cross_matrix(from->rate, turn);
         for (i = 0; i < 3; i++) {
             for (j = 0; j < 3; j++) {
@@ -114,7 +114,7 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
     }
     if (vehicle->torque_noise > R(0)) {
         for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->process[i][q + j] = to_rate[i][j] * (vehicle->torque_noise * into->duration_s);
+            for (j = 0; j < 3; j++) out->process[i][q + j] = out->to_rate[i][j] * (vehicle->torque_noise * into->duration_s);
         q += 3;
     }
     if (vehicle->slow_torque) {
@@ -122,7 +122,7 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         q += 3;
     }
     if (vehicle->pulses) {
-        mp_product((const mp_real(*)[3])to_rate, (const mp_real(*)[3])from->pulse_root, part);
+        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])from->pulse_root, part);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) out->process[i][q + j] = part[i][j];
     }

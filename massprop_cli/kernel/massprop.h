@@ -187,6 +187,7 @@ typedef struct {
     mp_real transition[MP_STATES][MP_STATES];
     mp_real process[MP_STATES][MP_PROCESS]; /* root of the process noise */
     mp_real solve[3][3];
+    mp_real to_rate[3][3];     /* impulse of a moment to its growth of the mean rate */
     mp_real step[MP_CHANNELS]; /* what phi multiplies, and solve what that makes */
     mp_real drive[MP_STATES];  /* the states' own */
 } mp_leap;

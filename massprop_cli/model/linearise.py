@@ -26,10 +26,12 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel
+from massprop_cli.model import handed
 from massprop_cli.model.lift import MOMENT, J, Lift, products, products_by_rate
 from massprop_cli.model.lift import MU as LIFT_MU
 from massprop_cli.model.plant import BearingBody, Motion, Reference, plant_of
-from massprop_cli.model.within import STEEP, Windows, Within, level, motion_within, swing, windows
+from massprop_cli.model.within import STEEP, Windows, Within, level, motion_within, response_of, swing, windows
 from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 PARAMETERS = slice(0, 10)
@@ -62,6 +64,11 @@ class Layout:
             end += 3 * want
         gyro_bias, accel_bias, torque, tilt = slices
         return Layout(gyro_bias, accel_bias, torque, tilt, end)
+
+    @staticmethod
+    def of_all(own: Array) -> Array:
+        """What is of the rate and the nuisances, with zeros for the parameters, so that the layout's slices are of it."""
+        return np.concatenate([np.zeros(RATE.start), own])
 
 
 @dataclass(frozen=True)
@@ -108,9 +115,12 @@ def lifted(
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
     (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
+    Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
+    if compiled(vehicle):
+        return _compiled(here, layout, lift, reference, vehicle, onto)
     within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
     theta, response, motion = within.theta, within.response, within.motion
     duration = here.executed.duration_s
@@ -169,6 +179,26 @@ def lifted(
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
     np.negative(felt, out=measured[:, 3:, 1:])
     return Lifted(transition, observation, to_rate, steps, drive, measured)
+
+
+def compiled(vehicle: Vehicle) -> bool:
+    """Whether the compiled kernel is there and knows this vehicle."""
+    return kernel().library is not None and not handed.unknown(vehicle)
+
+
+def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
+    """The same by the compiled kernel."""
+    theta = lift.theta(reference)
+    response = response_of(reference, lift, theta)
+    about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], reference.gyro_bias, response.ravel())
+    numbers, size = vehicle_numbers(layout, vehicle), lift.size if onto is None else onto.shape[1]
+    return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
+
+
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, slow_torque_sigma: float = 0.0) -> Array:
+    """All that is constant, as the kernel has it; ``slow_torque_sigma`` of where such a torque begins."""
+    blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
+    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], slow_torque_sigma)
 
 
 def _bounded(derivative: Array) -> Array:

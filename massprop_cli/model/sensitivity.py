@@ -17,7 +17,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import Lifted, lifted
+from massprop_cli.model.linearise import Lifted, compiled, lifted
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source
@@ -115,9 +115,9 @@ def _expected(
     lift = Lift(plant_of(vehicle))
     phi, _ = lift.coefficients(lift.theta(reference))
     same = id(side.samples), id(vehicle.environment)
-    if same not in moved:
+    if same not in moved and not compiled(vehicle):
         moved[same] = motion_within(side.samples.part(cycles), reference, lift)
-    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same])
+    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same))
     then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
     return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)
 

@@ -14,6 +14,7 @@ from massprop_cli.estimate import compiled, engine, flown
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.kernel import kernel
+from massprop_cli.model import handed
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 from tests.analysed import SAMPLES, analysed
@@ -105,7 +106,7 @@ def test_every_nuisance_agrees(log: str, settings: tuple[str, ...], monkeypatch:
 def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, status: str) -> None:
     found = analysed("high-rate")
     run = compiled.Pass(found.samples, found.histories[0].cycles, found.vehicle)
-    good = compiled.packed(found.samples.part(slice(100, 103)), found.vehicle)
+    good = handed.packed(found.samples.part(slice(100, 103)), found.vehicle)
     run.step(good[:2])
     before, bad = bytes(run.memory), good[2:].copy()
     bad[0, column] = value

@@ -1,0 +1,18 @@
+/* The kernel over arrays, for the ground: numbers in double precision by rows, whatever the kernel's own precision. No part of what flies. */
+#ifndef MASSPROP_HOST_H
+#define MASSPROP_HOST_H
+
+#include "massprop.h"
+
+#if defined(_WIN32)
+#define SHARED __declspec(dllexport)
+#else
+#define SHARED __attribute__((visibility("default")))
+#endif
+
+/* So many numbers copied; where the next ones are. */
+const double *mp_copied(mp_real *to, const double *from, int count);
+mp_vehicle mp_vehicle_of(const double *table);
+void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out);
+
+#endif

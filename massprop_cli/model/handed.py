@@ -1,0 +1,92 @@
+"""What is handed to the compiled kernel (:mod:`massprop_cli.kernel`), number by number, and what it doesn't know."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import BINS, kernel
+from massprop_cli.prepare.compensate import Samples
+
+KINDS = ("free", "air_bearing")
+"""Environments that the kernel knows."""
+
+
+def unknown(vehicle: Vehicle) -> str:
+    """What of a vehicle the kernel doesn't know; empty where it knows all."""
+    if vehicle.environment.kind not in KINDS:
+        return f"environment.kind is {vehicle.environment.kind!r}, and the kernel knows {' and '.join(map(repr, KINDS))}"
+    if vehicle.estimator.method != "default":
+        return f"estimator.method is {vehicle.estimator.method!r}, and the kernel is the default one"
+    if vehicle.estimator.bins_per_cycle > BINS:
+        return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, and the kernel holds {BINS}"
+    if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
+        return "[drift] is stated, and the kernel knows none"
+    return ""
+
+
+def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], slow_torque_sigma: float) -> Array:
+    """All that is constant, in the order of ``mp_vehicle_of``.
+
+    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.
+    """
+    imu, environment, thrust = vehicle.imu, vehicle.environment, vehicle.thrust
+    known = vehicle.known.get("mass")
+    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
+    farthest = max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
+    numbers = (
+        *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, thrust.pulse_sigma > 0),
+        *(*imu.position_m, imu.gyro_noise_rad_s or 0.0, *(scale * (imu.accel_noise_m_s2 or 0.0))),
+        *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2, slow_torque_sigma),
+        *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.estimator.prior_scale),
+        *(farthest, known.value if known else 0.0),
+        *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
+    )
+    return np.array(numbers, dtype=float)
+
+
+def packed(samples: Samples, vehicle: Vehicle) -> Array:
+    """(K, …) each cycle's numbers, in the order of ``mp_cycle_of``."""
+    executed, count = samples.executed, len(samples)
+    pulses = [] if vehicle.thrust.pulse_sigma == 0 or executed.pulse_covariance is None else [executed.pulse_covariance]
+    parts = (
+        *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s),
+        *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),
+        *(executed.ignored, executed.impulse_bins, executed.skew_bins, *pulses),
+    )
+    return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
+
+
+def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
+    """The arrays of :class:`massprop_cli.model.linearise.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
+
+    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
+    """
+    library = kernel().library
+    if library is None:
+        raise RuntimeError("there is no compiled kernel")
+    count, n = len(cycles), states
+    transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
+    steps, drive, measured = np.empty((count - 1, 3)), np.empty((count - 1, n, 1 + combined)), np.empty((count, 6, 1 + combined))
+    found = (transition, observation, to_rate, steps, drive, measured)
+    out = (ctypes.c_void_p * 6)(*(part.ctypes.data for part in found))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    whole = None if onto is None else np.ascontiguousarray(onto)
+    by = None if whole is None else pointer(whole)
+    checked(library.mp_host_lifted(pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out))
+    return found
+
+
+def checked(status: int) -> None:
+    """Raise RuntimeError on any status but 0."""
+    if status:
+        raise RuntimeError(f"the compiled kernel ended with status {status}")
+
+
+def pointer(array: Array) -> ctypes.c_void_p:
+    """Where its numbers stand; the array must outlive the call."""
+    return ctypes.c_void_p(array.ctypes.data)
