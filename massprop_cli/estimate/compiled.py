@@ -37,7 +37,8 @@ class Pass:
         if library is None:
             raise RuntimeError("there is no compiled kernel")
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
-        self.memory = ctypes.create_string_buffer(library.mp_host_size())
+        self._room = np.empty(library.mp_host_size(), np.uint8)
+        self.memory = handed.pointer(self._room)
         handed.checked(library.mp_host_begin(self.memory, handed.pointer(table(samples, vehicle))))
 
     def rows(self, progress: Callable[[float], None] | None) -> Iterator[Rows]:
@@ -54,6 +55,10 @@ class Pass:
         count, stride = (ctypes.c_long(n) for n in fed.shape)
         handed.checked(self.library.mp_host_run(self.memory, count, stride, handed.pointer(fed), handed.pointer(told)))
         return rows_of(told)
+
+    def kept(self) -> bytes:
+        """All that is kept from cycle to cycle."""
+        return self._room.tobytes()
 
     def reference(self) -> Reference | None:
         """The estimate at the end; None where there is none."""

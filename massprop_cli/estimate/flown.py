@@ -76,7 +76,8 @@ class Flight:
             raise RuntimeError("there is no compiled kernel")
         self.library = library
         self.channels = 15 if vehicle[0] else 12
-        self.memory = ctypes.create_string_buffer(library.mp_host_flight_size())
+        self._room = np.empty(library.mp_host_flight_size(), np.uint8)
+        self.memory = pointer(self._room)
         checked(library.mp_host_fly(self.memory, pointer(commands), pointer(vehicle), pointer(rule)))
 
     def phase(self, vehicle: Array, rule: Array) -> None:

@@ -222,9 +222,9 @@ typedef struct {
     mp_posed posed; /* about the estimate at the block's beginning */
     mp_run run;
     int first, runs; /* of the ring */
-    mp_run ring[MP_CHECKPOINTS];
+    mp_motion last;  /* the latest cycle about the reference */
+    mp_run ring[MP_CHECKPOINTS]; /* from here on nothing is read before it is written */
     mp_cycle held[MP_HELD];
-    mp_motion last; /* the latest cycle about the reference */
     mp_room room;
 } mp_pass;
 

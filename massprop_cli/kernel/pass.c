@@ -1,4 +1,5 @@
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 #include "filter.h"
@@ -18,7 +19,7 @@ int mp_begin(mp_pass *pass, const mp_vehicle *vehicle) {
     mp_layout layout;
     int status = mp_laid_out(vehicle, &layout);
     if (status != MP_OK) return status;
-    memset(pass, 0, sizeof *pass);
+    memset(pass, 0, offsetof(mp_pass, ring));
     pass->vehicle = *vehicle;
     pass->layout = layout;
     pass->due = ATTEMPT;
