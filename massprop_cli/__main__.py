@@ -1,7 +1,10 @@
 """``massprop`` and ``python -m massprop_cli``."""
 
+import gc
 import signal
 
+# what is imported stays: to look through it for rubbish again and again would take a sixth of a short run's time
+gc.set_threshold(100_000, 50, 50)
 # an interrupt ends the process, without a traceback out of the middle of an import
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 

@@ -35,7 +35,7 @@ def show(found: Result, console: Console) -> None:
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
     heading = assumptions.sigma_heading(found, body)
     table = _table(title, body.estimates, heading)
-    if _width(table, console) > console.width:
+    if _measured(table, console).maximum > console.width:
         # an explanation in a heading is no reason to run over the edge
         table = _table(title, body.estimates, heading.replace(" (", "\n("))
     fitted(table, console)
@@ -49,16 +49,17 @@ def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Co
 
 def fitted(table: Table, console: Console) -> None:
     """Print a table; without its lines where the terminal is too narrow for them, and beyond its edge before a number is cut short."""
-    terminal = console.width
-    if _width(table, console) > terminal:
+    terminal, wants = console.width, _measured(table, console)
+    if wants.maximum > terminal:
         table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
-    console.width = max(terminal, Measurement.get(console, console.options.update(width=_ENDLESS), table).minimum)
+        wants = _measured(table, console)
+    console.width = max(terminal, wants.minimum)
     console.print(table)
     console.width = terminal
 
 
-def _width(table: Table, console: Console) -> int:
-    return Measurement.get(console, console.options.update(width=_ENDLESS), table).maximum
+def _measured(table: Table, console: Console) -> Measurement:
+    return Measurement.get(console, console.options.update(width=_ENDLESS), table)
 
 
 def _mended(one: Mended, console: Console) -> None:

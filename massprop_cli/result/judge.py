@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.expect import Expectations, Wanted
 from massprop_cli.result.schema import DockedObject, EstimateItem, ExpectationFile, Expected, ImpliedScale, PhaseItem, Result
+
+if TYPE_CHECKING:
+    from massprop_cli.inputs.expect import Expectations, Wanted
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told; a contradicted one meets no expectation."""
