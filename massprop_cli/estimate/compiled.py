@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.initial import reach
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
@@ -69,7 +70,7 @@ def table(samples: Mounted, vehicle: Vehicle) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     layout = Layout.of(samples, vehicle)
     own = layout.of_all(prior(samples, vehicle))[layout.torque]
-    return vehicle_numbers(layout, vehicle, float(own[0]) if own.size else 0.0)
+    return vehicle_numbers(layout, vehicle, float(own[0]) if own.size else 0.0, reach(vehicle))
 
 
 def rows_of(told: Array) -> Rows:

@@ -29,21 +29,21 @@ def unknown(vehicle: Vehicle) -> str:
     return ""
 
 
-def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], slow_torque_sigma: float) -> Array:
+def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], slow_torque_sigma: float, reach_m: float) -> Array:
     """All that is constant, in the order of ``mp_vehicle_of``.
 
-    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.
+    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are; ``slow_torque_sigma`` of where such a torque begins;
+    ``reach_m`` of the farthest jet.
     """
     imu, environment, thrust = vehicle.imu, vehicle.environment, vehicle.thrust
     known = vehicle.known.get("mass")
     scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
-    farthest = max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
     numbers = (
         *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, thrust.pulse_sigma > 0),
         *(*imu.position_m, imu.gyro_noise_rad_s or 0.0, *(scale * (imu.accel_noise_m_s2 or 0.0))),
         *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2, slow_torque_sigma),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.estimator.prior_scale),
-        *(farthest, known.value if known else 0.0),
+        *(reach_m, known.value if known else 0.0),
         *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
     )
     return np.array(numbers, dtype=float)

@@ -195,10 +195,10 @@ def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, v
     return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
 
 
-def vehicle_numbers(layout: Layout, vehicle: Vehicle, slow_torque_sigma: float = 0.0) -> Array:
-    """All that is constant, as the kernel has it; ``slow_torque_sigma`` of where such a torque begins."""
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, slow_torque_sigma: float = 0.0, reach_m: float = 0.0) -> Array:
+    """All that is constant, as the kernel has it; what a flight begins with may be left out of a linearisation."""
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], slow_torque_sigma)
+    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], slow_torque_sigma, reach_m)
 
 
 def _bounded(derivative: Array) -> Array:
