@@ -10,15 +10,19 @@ where filterpy is installed. Code, RAM and stack for Cortex-M4F want gcc-arm-non
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import re
 import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
 from commit import commit
 
 from massprop_cli import QUANTITIES, __version__
@@ -28,6 +32,7 @@ from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel, opened
 from massprop_cli.kernel.compile import FLAGS
+from massprop_cli.live import run
 
 SAMPLES = Path(__file__).parents[1] / "sample_logs"
 SOAK = Path(__file__).with_name("kernel_soak.c")
@@ -117,6 +122,30 @@ def health(where: Path, longest: int) -> None:
     print()
 
 
+def answers() -> None:
+    """CPU time from a record's line to the line that answers it, or to being ready for the next."""
+    print(
+        "## Live\n\nCPU time in which a record is answered by `massprop live`, its line of CSV read and kept, its cycle's line of JSON made.\n"
+    )
+    print("| log | records | a cycle's | median, us | 99.9 %, us | worst, us |\n|---|--:|--:|--:|--:|--:|")
+    for name in ("free-flyer", "high-rate"):
+        log, text = SAMPLES / name / "log.parquet", io.BytesIO()
+        pyarrow.csv.write_csv(pyarrow.parquet.read_table(log), text)
+        lines, marks = text.getvalue().decode().splitlines(keepends=True), list[float]()
+
+        def fed(lines: list[str] = lines, marks: list[float] = marks) -> Iterator[str]:
+            for line in lines:
+                marks.append(time.process_time())
+                yield line
+            marks.append(time.process_time())
+
+        said = sum(1 for _ in run.follow(fed(), vehiclefile.load(log.with_name("vehicle.toml")), io.StringIO(), print))
+        took = 1e6 * np.diff(marks)[1:]
+        records = round((len(lines) - 1) / said)
+        print(f"| {name} | {len(took):,} | {records} | " + " | ".join(f"{np.quantile(took, q):,.0f}" for q in (0.5, 0.999, 1)) + " |")
+    print()
+
+
 def sizes(where: Path) -> None:
     """Of code, state and stack on a Cortex-M4F."""
     print("## Cortex-M4F, single precision, -Os\n")
@@ -193,6 +222,7 @@ def main() -> None:
         folder.write(resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log), where)
         costs(where, longest)
         health(where, longest)
+        answers()
         precision(where)
         sizes(where)
 

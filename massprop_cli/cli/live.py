@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,6 +31,8 @@ def live(
     from massprop_cli.inputs import vehiclefile
     from massprop_cli.live import run
 
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")  # what is not text makes a bad record, not an end
     source = vehiclefile.load(vehicle, assign or [])
     record = run.kept(out)
     with record.open("x", encoding="utf-8", newline="\n") as keeping:

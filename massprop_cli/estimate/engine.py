@@ -9,6 +9,7 @@ starting value is needed, and the cost of a cycle does not grow with the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from massprop_cli.estimate.regression import Regression, Run
 from massprop_cli.estimate.rows import Response, Rows
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.model.handed import StatusError
 from massprop_cli.model.linearise import MU, natural_sizes
 from massprop_cli.model.observability import excitation, observable
 from massprop_cli.model.plant import Reference
@@ -65,7 +67,9 @@ def replay(
     holds all that the vehicle asks for it runs instead of what stands here, which it follows decision by decision.
     """
     if compiled.holds(vehicle, consider):
-        return _compiled(samples, cycles, phase, vehicle, progress)
+        # what is too large to be squared is no cycle to the kernel; here it becomes nothing that can be said
+        with suppress(StatusError):
+            return _compiled(samples, cycles, phase, vehicle, progress)
     regression = Regression(samples, cycles, vehicle, consider)
     run = regression.begin(fallback(vehicle))
     started, due, spare = False, cycles.start + FIRST, LEARNING

@@ -19,6 +19,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.live.cycles import Cycle, Gatherer
 from massprop_cli.live.records import Reader, RecordError
+from massprop_cli.model.handed import StatusError
 
 UNUSED = 14
 """Where a cycle's numbers say that it is of no phase."""
@@ -113,7 +114,10 @@ def _one(
     record.write(found.row)
     for cycle in cycles:
         record.flush()
-        yield from live.add(cycle)
+        try:
+            yield from live.add(cycle)
+        except StatusError as error:
+            raise InputError(f"standard input, line {number}: the cycle that ends with it can't be used ({error})") from None
 
 
 def _said(value: float) -> float | None:

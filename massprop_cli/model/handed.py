@@ -81,10 +81,14 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
     return found
 
 
+class StatusError(RuntimeError):
+    """The kernel doesn't take a cycle: ``enum mp_status`` of massprop_cli/kernel/massprop.h."""
+
+
 def checked(status: int) -> None:
-    """Raise RuntimeError on any status but 0."""
+    """:class:`StatusError` on any status but 0."""
     if status:
-        raise RuntimeError(f"the compiled kernel ended with status {status}")
+        raise StatusError(f"the compiled kernel ended with status {status}")
 
 
 def pointer(array: Array) -> ctypes.c_void_p:
