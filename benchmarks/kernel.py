@@ -124,9 +124,7 @@ def health(where: Path, longest: int) -> None:
 
 def answers() -> None:
     """CPU time from a record's line to the line that answers it, or to being ready for the next."""
-    print(
-        "## Live\n\nCPU time in which a record is answered by `massprop live`, its line of CSV read and kept, its cycle's line of JSON made.\n"
-    )
+    print("## Live\n\nCPU time in which a record is read, kept and, where it ends a cycle, answered (`massprop live`).\n")
     print("| log | records | a cycle's | median, us | 99.9 %, us | worst, us |\n|---|--:|--:|--:|--:|--:|")
     for name in ("free-flyer", "high-rate"):
         log, text = SAMPLES / name / "log.parquet", io.BytesIO()
