@@ -45,7 +45,11 @@ static void fly(const mp_flown *flown) {
         if (values.told[i] && !(values.value[i] - values.value[i] == 0 && values.sigma[i] > 0)) wrong += 1;
 }
 
+/* What is kept of all cycles must stay finite. */
 static void told(void) {
+    int i;
+    for (i = 0; i < MP_PACKED(MP_WIDTH); i++) wrong += !(flight.pass.run.triangle[i] - flight.pass.run.triangle[i] == 0);
+    for (i = 0; i < flight.pass.layout.width; i++) wrong += !(flight.pass.run.filter.mean[0][i] - flight.pass.run.filter.mean[0][i] == 0);
     printf("%ld %.0f %.0f %ld\n", cycles, total_ns / (double)counted, worst_ns, wrong);
     total_ns = worst_ns = 0;
     counted = 0;
