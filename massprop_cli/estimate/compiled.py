@@ -27,7 +27,7 @@ TOLD = 128
 
 def holds(vehicle: Vehicle, consider: Consider) -> bool:
     """Whether the compiled kernel is there and knows all that this vehicle asks for."""
-    return kernel().library is not None and not consider.variants and not consider.thrust and not handed.unknown(vehicle)
+    return kernel().library is not None and not consider.variants and not consider.scales and not handed.unknown(vehicle)
 
 
 class Pass:

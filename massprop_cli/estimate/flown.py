@@ -36,6 +36,8 @@ def beyond(vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> str:
     """What of the commands' timing the kernel can't hold; empty where it holds all."""
     if vehicle.imu.clock_drift_ppm != 0:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
+    if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
+        return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
     if vehicle.thrust.lag_s != 0:
         return "thrust.lag_s is not 0, and the kernel knows no lag"
     if len(vehicle.jets) > COMMANDS:
@@ -48,7 +50,7 @@ def beyond(vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> str:
 
 def holds(samples: Source) -> bool:
     """Whether these are cycles as they were read, whose commands the kernel can align."""
-    if not isinstance(samples, Stream) or (samples.gyro, samples.accelerometer) != (1.0, 1.0) or samples.vehicle.thrust.lag_s == "auto":
+    if not isinstance(samples, Stream) or samples.gyro != 1.0 or samples.vehicle.thrust.lag_s == "auto":
         return False
     log = samples.log
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
