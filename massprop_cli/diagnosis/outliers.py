@@ -45,6 +45,8 @@ RUN = 2
 """Outliers in a row at most: more are motion."""
 LAGS = (0, 1, 2)
 """Cycles by which commands may come later than stated."""
+LEAST = 3
+"""Cycles of known commands in which one can stand out."""
 SPARE = 3
 """Cycles that there must be for each regressor."""
 STRETCH = 1024
@@ -245,12 +247,14 @@ def _taken_out(
     first: int,
 ) -> Array:
     """(K,) sigmas of what had to be taken out of ``measured`` (K, 3), and of what is left."""
+    if len(measured) < first + LEAST:
+        return np.zeros(len(measured))
     mended, total, outlying = measured.copy(), np.zeros_like(measured), np.zeros(measured.shape, dtype=bool)
     least = max(1.2 * noise, RESOLUTION * float(np.sqrt((measured**2).mean())))
     known = np.arange(len(measured)) >= first
     for _ in range(ROUNDS):
-        found, alone = size(left(mended, known & ~outlying.any(1)))
-        found = np.where(known[:, None], found, 0.0)
+        # what a regression makes of rows that it didn't see is nothing to hold the first ones against
+        found, alone = (_padded(part, first) for part in size(left(mended, known & ~outlying.any(1))[first:]))
         scale = np.maximum(_scales(found, busy), least)
         taken = np.where(outlying, found, 0.0)
         if (np.abs(taken) < scale).all():  # what was taken out before is all that it was
@@ -265,6 +269,12 @@ def _taken_out(
         mended, total = mended - taken, total + taken
     sigmas: Array = np.where(outlying, np.abs(total), np.minimum(np.abs(found), SIGMAS * scale)) / scale
     return np.asarray(sigmas.max(1))
+
+
+def _padded(part: Array, first: int) -> Array:
+    """The same with as many rows of nothing in front."""
+    found: Array = np.concatenate([np.zeros((first, *part.shape[1:]), dtype=part.dtype), part])
+    return found
 
 
 def _scales(found: Array, busy: BoolArray) -> Array:
