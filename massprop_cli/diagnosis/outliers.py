@@ -254,7 +254,8 @@ def _taken_out(
     known = np.arange(len(measured)) >= first
     for _ in range(ROUNDS):
         # what a regression makes of rows that it didn't see is nothing to hold the first ones against
-        found, alone = (_padded(part, first) for part in size(left(mended, known & ~outlying.any(1))[first:]))
+        found, alone = size(left(mended, known & ~outlying.any(1))[first:])
+        found, alone = np.pad(found, ((first, 0), (0, 0))), np.pad(alone, ((first, 0), (0, 0)))
         scale = np.maximum(_scales(found, busy), least)
         taken = np.where(outlying, found, 0.0)
         if (np.abs(taken) < scale).all():  # what was taken out before is all that it was
@@ -269,12 +270,6 @@ def _taken_out(
         mended, total = mended - taken, total + taken
     sigmas: Array = np.where(outlying, np.abs(total), np.minimum(np.abs(found), SIGMAS * scale)) / scale
     return np.asarray(sigmas.max(1))
-
-
-def _padded(part: Array, first: int) -> Array:
-    """The same with as many rows of nothing in front."""
-    found: Array = np.concatenate([np.zeros((first, *part.shape[1:]), dtype=part.dtype), part])
-    return found
 
 
 def _scales(found: Array, busy: BoolArray) -> Array:
