@@ -46,6 +46,7 @@ def overlaid(under: Settings, over: Settings) -> Settings:
         expect=under.expect if over.expect is None else over.expect,
         require=over.require or under.require,
         report=under.report or over.report,
+        check=over.check,
     )
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
+from massprop_cli.check.finding import Expected
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 
@@ -21,6 +25,21 @@ def vehicle(found: Result) -> outcome.Vehicle:
         environment=stated.environment,
         bearing_mass_kg=stated.bearing_mass_kg,
     )
+
+
+def stated(source: VehicleSource) -> outcome.Vehicle:
+    """The same of a vehicle file, where there is no result."""
+    of = source.vehicle
+    bearing = of.environment.bearing_mass_kg if of.on_air_bearing else 0.0
+    return outcome.Vehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
+
+
+def expected(found: Sequence[Expected]) -> list[Body]:
+    """What a check expects of each phase: sigmas and verdicts, and no values."""
+    phases: dict[str, dict[str, Value]] = {}
+    for one in found:
+        phases.setdefault(one.phase, {})[one.quantity] = Value(value=None, sigma=one.sigma, verdict=one.verdict, met=one.reached)
+    return [Body(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
 
 
 def bodies(found: Result, used: Vehicle) -> list[Body]:

@@ -12,6 +12,8 @@ from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
 
 FILE = "outcome.json"
+CHECKED = "check.json"
+"""Beside it, instead of a result, where a campaign runs the check alone."""
 UNKEPT = ""
 """Fingerprint of an outcome that is tried again whatever happens: what failed was not the log."""
 

@@ -13,7 +13,7 @@ from importlib import resources
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.campaign.outcome import STATES, Body, Outcome, Value, contradicted, state
+from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
 from massprop_cli.report import digits, html, view, vocabulary
@@ -147,7 +147,7 @@ def _entry(number: int, row: Row) -> Entry:
 
 
 def _link(name: str, found: Outcome | None) -> str:
-    file = next((file for file in ("report.html", "result.json") if found and file in found.files), None)
+    file = next((file for file in ("report.html", "result.json", CHECKED) if found and file in found.files), None)
     return f"{RESULTS}/{quote(name)}/{file}" if file else ""
 
 
@@ -158,6 +158,8 @@ def title(body: Body | Pool) -> str:
 
 def _cell(item: Value) -> Cell:
     value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    if item.value is None and item.sigma is not None:  # of a check
+        sigma = digits.figures(item.sigma)
     key = "" if item.value is None else repr(item.value)
     return Cell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
 
