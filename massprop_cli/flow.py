@@ -17,10 +17,10 @@ from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import Doubt, by_doubts, doubts
 from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
-from massprop_cli.diagnosis import delay, outliers
+from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
-from massprop_cli.estimate.history import History, phases_of
+from massprop_cli.diagnosis.ready import ready
+from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
@@ -117,18 +117,8 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    detected = found_timing(log, source, say)
-    used_timing = stated_timing(source.vehicle) if detected is None else detected.at
-    stated = with_timing(source.vehicle, used_timing, detected)
-    samples = Stream.of(log, stated, used_timing)
-    phases = phases_of(log, stated, samples)
-    read, told = log, list[Notice]()
-    if stated.estimator.method == "default":
-        stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log = outliers.without(log, stated)
-    if log is not read:
-        samples = Stream.of(log, stated, used_timing)
-    consider = uncertain_timing(log, stated, used_timing)
+    read = log
+    log, stated, samples, phases, used_timing, detected, consider, told = ready(log, source, say)
     diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
         answer = by_thesis(samples, phases, stated)
