@@ -25,7 +25,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from massprop_cli.campaign import baseline as baselines
-from massprop_cli.campaign import discover, location, run, summary, urlplace
+from massprop_cli.campaign import discover, joining, location, run, summary, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
@@ -186,6 +186,7 @@ def run_campaign(
             fail_fast=fail_fast,
             baseline=None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate()),
             told=told,
+            joinings=[] if check else joining.joinings([str(path) for path in named], planned),
         )
     return Campaign(str(out), found)
 

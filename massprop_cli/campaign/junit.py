@@ -20,7 +20,7 @@ def text(place: Place, found: Summary) -> str:
 
 
 def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
-    for row in found.logs:
+    for row in (*found.logs, *found.combined):
         if row.outcome is None:
             yield junit.Outcome(row.name, error="not tried, after --fail-fast", kind="not tried")
         elif "result.json" in row.outcome.files:

@@ -55,6 +55,13 @@ def bodies(found: Result, used: Vehicle) -> list[Body]:
     return kept
 
 
+def joint_bodies(found: Result) -> list[Body]:
+    """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
+    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None)) for phase in found.phases]
+    docked = found.docked_object
+    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None))])
+
+
 def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, Value]:
     return {
         name: Value(

@@ -9,6 +9,7 @@ import base64
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from urllib.parse import quote
 
@@ -94,6 +95,7 @@ def page(found: Summary) -> Iterator[str]:
             counts=counts(found),
             quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES],
             pools=[_pool(pool) for pool in found.pooled],
+            combined=[(entry, told_of(row)) for entry, row in zip(map(partial(_entry, 0), found.combined), found.combined, strict=True)],
             verdicts=verdicts,
             view_title=title,
             doubts=doubts,
@@ -111,6 +113,12 @@ def counts(found: Summary) -> str:
     codes = ", ".join(f"{code} {count}" for code, count in found.warnings.items())
     said += [f"{found.warned} with warnings ({codes})"] if found.warned else []
     return "; ".join(said)
+
+
+def told_of(row: Row) -> str:
+    """What came of a result of several logs, in words."""
+    doubts = f" ({', '.join(dict.fromkeys(row.outcome.warnings))})" if row.outcome and row.outcome.warnings else ""
+    return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
 
 def _entries(found: Summary) -> Iterator[Entry]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from massprop_cli.flow import Analysis
     from massprop_cli.inputs.expect import Expectations
     from massprop_cli.inputs.formats.mapfile import MapSource
+    from massprop_cli.inputs.tablefile import Table
     from massprop_cli.inputs.vehiclefile import VehicleSource
     from massprop_cli.job import Judged
 
@@ -165,13 +166,12 @@ def versions(report: bool = False) -> dict[str, str]:
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
-    from massprop_cli.inputs import tablefile
     from massprop_cli.job import Demands, of_table
     from massprop_cli.result import schema
 
     settings, expected = job.settings, _expected(job, inputs)
-    table = tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
-    source = _vehicle(job, inputs, table.embedded_vehicle)
+    table = table_of(job, inputs)
+    source = vehicle_of(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
     files = {"result.json": schema.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
@@ -184,10 +184,9 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
     """The check alone: check.json, and what it expects of each quantity without its value."""
     from massprop_cli.campaign import kept
     from massprop_cli.check import finding, flow
-    from massprop_cli.inputs import tablefile
 
-    table = tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
-    source = _vehicle(job, inputs, table.embedded_vehicle)
+    table = table_of(job, inputs)
+    source = vehicle_of(job, inputs, table.embedded_vehicle)
     expected = _expected(job, inputs)
     wants = job.settings.require + (() if expected is None else expected.required)
     found = flow.of_table(table, source, wants, job.settings.assignments)
@@ -216,6 +215,13 @@ def _expected(job: Job, inputs: Inputs) -> Expectations | None:
     return expect.parse(location.text(inputs.expect, place, "expect file"), location.path(place))
 
 
+def table_of(job: Job, inputs: Inputs) -> Table:
+    """The log's table, called as the campaign shows it."""
+    from massprop_cli.inputs import tablefile
+
+    return tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
+
+
 def _map(job: Job, inputs: Inputs) -> MapSource | None:
     if inputs.map is None:
         return None
@@ -225,7 +231,7 @@ def _map(job: Job, inputs: Inputs) -> MapSource | None:
     return mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
 
 
-def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
+def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     """By the contract's order: the named one, the log's own, the one beside it."""
     from massprop_cli.inputs import vehiclefile
 

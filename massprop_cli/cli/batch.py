@@ -112,7 +112,7 @@ def batch(
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
     from massprop_cli.campaign import baseline as baselines
-    from massprop_cli.campaign import discover, run, summary
+    from massprop_cli.campaign import discover, joining, run, summary
     from massprop_cli.campaign import junit as suites
     from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
@@ -131,6 +131,7 @@ def batch(
     )
     name, planned = discover.plan(paths, over)
     _check(planned)
+    wanted = [] if check else joining.joinings(paths, planned)
     earlier = baselines.read(baseline) if baseline is not None else None
     allowed = tolerancefile.load(tolerance, max_sigma)
     if earlier is not None:
@@ -142,7 +143,9 @@ def batch(
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
-                found = run.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
+                found = run.campaign(
+                    name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told, joinings=wanted
+                )
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
         if junit is not None:
