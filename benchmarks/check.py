@@ -164,6 +164,7 @@ def main() -> None:
     """Faults, clean logs, time."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="may be repeated")
+    parser.add_argument("--fault", action="append", choices=list(FAULTS), help="may be repeated")
     parser.add_argument("--seed", type=int, default=1001, help="of the faults, and the first of the clean logs")
     parser.add_argument("--clean", type=int, default=25, help="clean logs of each vehicle")
     arguments = parser.parse_args()
@@ -172,7 +173,7 @@ def main() -> None:
     print(HEAD.format(version=__version__, commit=commit(), seed=arguments.seed))
     runs = {}
     for vehicle in vehicles:
-        for fault in FAULTS:
+        for fault in arguments.fault or FAULTS:
             one = faulty(fault, vehicle, arguments.seed)
             if one is not None:
                 runs[fault, vehicle] = one
