@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import argparse
 import resource
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,8 +55,6 @@ class Said:
     check: tuple[Finding, ...]
     own: frozenset[str]
     """Codes of what the check finds by itself, without an estimate."""
-    ratio: float
-    """CPU time of all that a check does over that of the estimate within it."""
     found: Analysis | None
 
     @property
@@ -69,19 +65,16 @@ class Said:
 
 def said(case: Case, name: str) -> Said:
     """Both of one log."""
-    begin = time.process_time()
     looked = [*sampling(case.log.time_s, str), *sensors(case.log, case.vehicle, str)]
     looked += [*commands(case.log, case.vehicle, str), *attitude(case.log, case.vehicle)]
-    alone = time.process_time() - begin
     own = frozenset(one.code for one in looked)
     try:
         with np.errstate(all="ignore"):
             found = flow.examine(case.log, VehicleSource(case.vehicle, name, ""))
     except InputError:
-        return Said(frozenset(), tuple(looked), own, 1.0, None)
-    whole = time.process_time() - begin
+        return Said(frozenset(), tuple(looked), own, None)
     named = frozenset(notice.code for notice in found.notices) & CAUSES
-    return Said(named, (*looked, *noticed(found, set(own))), own, whole / (whole - alone), found)
+    return Said(named, (*looked, *noticed(found, set(own))), own, found)
 
 
 def faulty(fault: str, vehicle: str, seed: int) -> Said | None:
@@ -179,9 +172,6 @@ def main() -> None:
                 runs[fault, vehicle] = one
         print(f"{vehicle} done", file=sys.stderr, flush=True)
     print("\n".join(fault_table(runs)), "\n")
-    ratios = [one.ratio for one in runs.values() if one.found is not None]
-    print(f"Beside the estimate within it a check takes {100 * (statistics.median(ratios) - 1):.1f} % (median), ", end="")
-    print(f"{100 * (max(ratios) - 1):.1f} % (most) more.\n", flush=True)
     print("\n".join(clean_table(vehicles, range(arguments.seed, arguments.seed + arguments.clean))), "\n", flush=True)
     print(TIMES)
     print("\n".join(times()))
