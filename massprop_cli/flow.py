@@ -20,7 +20,8 @@ from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
 from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.ready import ready
-from massprop_cli.estimate.history import History
+from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.estimate.history import History, phases_of
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
