@@ -18,8 +18,9 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, FIXED, GYRO, QUATERNION, WRENCH, jet
 from massprop_cli.inputs.formats import agreement
+from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Made, Table
-from massprop_cli.inputs.vehicle import LEAST, Column, Vehicle
+from massprop_cli.inputs.vehicle import Column, Vehicle
 
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6

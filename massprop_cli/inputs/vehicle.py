@@ -10,40 +10,17 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
 
-LEAST, MOST = 1e-30, 1e30
 FASTEST_PPM = 1e5
-Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
-
-
-def _within_range(value: float) -> float:
-    """Squares of numbers, and their products with others, stay numbers."""
-    if value != 0 and not LEAST < abs(value) < MOST:
-        raise ValueError(f"must be 0, or from {LEAST:g} to {MOST:g} in size")
-    return value
-
-
-Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
-NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
-Vector = tuple[Real, Real, Real]
-Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
-Place = tuple[Metres, Metres, Metres]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
-ZERO: Vector = (0.0, 0.0, 0.0)
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PRODUCTS = ("ixy", "ixz", "iyz")
-
-
-class Section(BaseModel):
-    """A table of the vehicle file: immutable, unknown keys refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
 class Cycle(Section):

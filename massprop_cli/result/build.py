@@ -15,7 +15,8 @@ from massprop_cli.conclude.physical import nearest_consistent, physical_note
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis, MendedAnswer
-from massprop_cli.inputs.vehicle import ZERO, Known, Nominal, Quantity, Vehicle
+from massprop_cli.inputs.section import ZERO
+from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
 from massprop_cli.prepare.align import cycle_edges
 from massprop_cli.result.schema import (
     Assumption,

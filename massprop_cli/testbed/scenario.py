@@ -19,7 +19,8 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
+from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
+from massprop_cli.inputs.vehicle import PRODUCTS, Phase, Vehicle
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
 MOST_NUMBERS = 400_000_000

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from massprop_cli.inputs.vehicle import ZERO, NonNegative, Positive, Section, Vector
+from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
 
 TURNS = ("roll", "pitch", "yaw")
 AXES = (*TURNS, "x", "y", "z")

@@ -11,7 +11,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, field_validator, mod
 
 from massprop_cli.base import configfile
 from massprop_cli.inputs.formats.recording import maps_beside
-from massprop_cli.inputs.vehicle import Positive, Real, Section
+from massprop_cli.inputs.section import Positive, Real, Section
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
