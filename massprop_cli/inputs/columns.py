@@ -17,3 +17,21 @@ FIXED = (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVEN
 def jet(name: str) -> str:
     """The column of a jet's on-time."""
     return f"jet_{name}_s"
+
+
+def wheel_speed(name: str) -> str:
+    """The column of a wheel's speed."""
+    return f"wheel_{name}_rad_s"
+
+
+def wheel_torque(name: str) -> str:
+    """The column of the torque on a wheel."""
+    return f"wheel_{name}_n_m"
+
+
+def wheel_of(column: str) -> str | None:
+    """The wheel that a column is called after; None where it is no wheel's."""
+    for end in ("_rad_s", "_n_m"):
+        if column.startswith("wheel_") and column.endswith(end):
+            return column.removeprefix("wheel_").removesuffix(end)
+    return None

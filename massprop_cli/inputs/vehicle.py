@@ -17,6 +17,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
+from massprop_cli.inputs.wheel import Wheel
 
 FASTEST_PPM = 1e5
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
@@ -271,6 +272,7 @@ class Vehicle(Section):
     environment: Environment = Environment()
     thrust: Thrust = Thrust()
     jets: tuple[Jet, ...] = Field((), max_length=256)
+    wheels: tuple[Wheel, ...] = Field((), max_length=64)
     nominal: Nominal = Nominal()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)
@@ -282,8 +284,8 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Vehicle:
-        for kind, names in (("jet", [j.name for j in self.jets]), ("phase", [p.name for p in self.phases])):
-            twice = configfile.repeated(names)
+        for kind, named in (("jet", self.jets), ("wheel", self.wheels), ("phase", self.phases)):
+            twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
         if self.known and len(self.phases) > 1:
@@ -302,7 +304,10 @@ class Vehicle(Section):
     @field_validator("columns")
     @classmethod
     def _maps_known_columns(cls, mapping: dict[str, Column], info: ValidationInfo) -> dict[str, Column]:
-        known = (*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())))
+        wheels = [
+            name for wheel in info.data.get("wheels", ()) for name in (columns.wheel_speed(wheel.name), columns.wheel_torque(wheel.name))
+        ]
+        known = (*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())), *wheels)
         for name in mapping:
             if name not in known:
                 hint = configfile.nearest(name, known, "the nearest is")
@@ -326,6 +331,12 @@ class Vehicle(Section):
         position = np.array([jet.position_m for jet in self.jets]).reshape(-1, 3)
         force = np.array([jet.force_n for jet in self.jets]).reshape(-1, 3)
         return np.hstack([np.cross(position, force), force])
+
+    @cached_property
+    def wheel_wrench(self) -> Array:
+        """(wheels, 6) torque and force on the body of 1 N m on each wheel."""
+        axis = np.array([wheel.direction for wheel in self.wheels]).reshape(-1, 3)
+        return np.hstack([-axis, np.zeros_like(axis)])
 
 
 def schema() -> dict[str, Any]:

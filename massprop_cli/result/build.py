@@ -17,7 +17,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis, MendedAnswer
 from massprop_cli.inputs.section import ZERO
 from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
-from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.result.schema import (
     Assumption,
     Conventions,
@@ -90,7 +90,8 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
-        thrust_scale_sigma=used.thrust.scale_sigma,
+        thrust_scale_sigma=0.0 if used.wheels else used.thrust.scale_sigma,
+        wheels=[wheel.name for wheel in used.wheels],
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
@@ -47,7 +47,15 @@ class VehicleInfo(Item):
     bearing_position_m: Triple
     commands: Literal["jets", "wrench"]
     jets: list[str]
-    thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
+    thrust_scale_sigma: float = Field(
+        description="common relative uncertainty of all forces and torques; 0 beside wheels, which tell it as far as the covariance says"
+    )
+    wheels: list[str] = Field([], description="reaction wheels; absent where there are none")
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        return {key: value for key, value in found.items() if key != "wheels" or value}
 
 
 class LogInfo(Item):
