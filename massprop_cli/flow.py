@@ -134,7 +134,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         answer = by_thesis(samples, phases, stated)
     else:
         plain = as_stated(samples, phases, stated, consider)
-        if check and plain.dubious and not _saturated(log) and not stated.wheels:  # whose causes it doesn't know
+        if check and plain.dubious and not _saturated(log) and not (stated.spinning or stated.rotors):  # whose causes it doesn't know
             say("looking for the cause", 1.0)
             from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
 

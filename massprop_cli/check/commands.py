@@ -53,13 +53,14 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
     """Jets, or components of the wrench, that were not commanded once."""
-    names = (
-        [jet.name for jet in vehicle.jets]
-        if log.command_kind == "jets"
-        else [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"]
-    )
+    by_kind = {
+        "jets": [jet.name for jet in vehicle.jets],
+        "wrench": [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"],
+        "rotors": [rotor.name for rotor in vehicle.rotors],
+    }
+    names = by_kind[log.command_kind]
     idle = [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
-    return [*idle, *(wheel.name for wheel, said in zip(vehicle.wheels, log.wheels, strict=True) if not spun(said))]
+    return [*idle, *(wheel.name for wheel, said in zip(vehicle.spinning, log.wheels, strict=True) if not spun(said))]
 
 
 def spun(wheel: WheelLog) -> bool:

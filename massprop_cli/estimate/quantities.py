@@ -35,8 +35,8 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     jacobian = np.ones((len(mean), 10))
     jacobian[:, 9] = -1 / mu**2
     full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
-    if vehicle.wheels:  # these told the scale, and its uncertainty is in the covariance
-        values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.wheels)
+    if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
+        values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
     else:
         proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
         full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]

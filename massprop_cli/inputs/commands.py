@@ -1,4 +1,4 @@
-"""The columns of a log that say what its actuators were told to do: jets or a wrench, and wheels."""
+"""The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and wheels."""
 
 from __future__ import annotations
 
@@ -10,15 +10,19 @@ import numpy as np
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import WRENCH, jet, wheel_of, wheel_speed, wheel_torque
+from massprop_cli.inputs.columns import SUPPLY, WRENCH, jet, rotor_command, rotor_of, rotor_speed, wheel_of, wheel_speed, wheel_torque
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel, WheelLog
 
+CommandKind = Literal["jets", "wrench", "rotors"]
 
-def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[Literal["jets", "wrench"], Array]:
-    """What was commanded, by on-times of jets or as torque about O and force; nothing, (K, 0), of a vehicle that has wheels alone."""
+
+def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
+    """What was commanded: on-times of jets, torque about O and force, or what rotors are told; nothing, (K, 0), of wheels alone."""
     path, logged = source.table.path, source.logged
+    if vehicle.rotors:
+        return "rotors", _rotors(source, vehicle, records, n)
     jets = [name.removeprefix("jet_").removesuffix("_s") for name in logged if name.startswith("jet_") and name.endswith("_s")]
     known = [each.name for each in vehicle.jets]
     for name in jets:
@@ -74,19 +78,57 @@ def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")
 
 
-def wheels(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[WheelLog, ...]:
-    """What the log's n rows say of each wheel."""
-    known = [wheel.name for wheel in vehicle.wheels]
-    for column in source.logged:
-        name = wheel_of(column)
-        if name is not None and name not in known:
-            hint = nearest(name, known, "the nearest wheel is") or "; it has no [[wheels]] at all"
+def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
+    """(K, R) what each is told, as its thrust_n takes it."""
+    others = [name for name in source.logged if name in WRENCH or name.startswith("jet_")]
+    if others or vehicle.jets:
+        what = f"column {others[0]!r}" if others else "[[jets]]"
+        raise InputError(f"{source.table.path}: the vehicle file has [[rotors]], and there is {what} too; keep the one kind that pushed")
+    known = [rotor.name for rotor in vehicle.rotors]
+    _refuse_strangers(source, "rotor", rotor_of, known)
+    found = []
+    for rotor in vehicle.rotors:
+        column, other = rotor_command(rotor.name), rotor_speed(rotor.name)
+        if rotor.column == "speed":
+            column, other = other, column
+        if not source.has(column) and source.has(other):
+            kind = "command" if rotor.column == "speed" else "speed"
             raise InputError(
-                f"{source.table.path}: column {column!r} names a wheel that the vehicle file lacks{hint}. Add it to the vehicle file"
+                f"{source.table.path}: rotor {rotor.name!r} has column {source.name(other)!r} and no {column!r}; "
+                f'state column = "{kind}" under its [[rotors]], and thrust_n by that'
             )
-    return tuple(
-        _of_speed(source, wheel, n) if wheel.column == "speed" else _of_torque(source, wheel, records, n) for wheel in vehicle.wheels
-    )
+        x = _mean(source, column, records, n) if rotor.column == "speed" else _per_cycle(source, column, records, n)
+        if rotor.nominal_v is not None:
+            x = x * _mean(source, SUPPLY, records, n) / rotor.nominal_v
+        found.append(x)
+    return np.stack(found, 1)
+
+
+def _mean(source: LogTable, column: str, records: int, n: int) -> Array:
+    """(K,) over each cycle, of a number in every record."""
+    found: Array = source.required(column)[:n].reshape(-1, records).mean(1)
+    return found
+
+
+def _refuse_strangers(source: LogTable, kind: str, of: Callable[[str], str | None], known: Sequence[str]) -> None:
+    """:class:`InputError` where a column is called after a wheel or rotor that the vehicle file doesn't have."""
+    for column in source.logged:
+        name = of(column)
+        if name is not None and name not in known:
+            hint = nearest(name, known, f"the nearest {kind} is") or f"; it has no [[{kind}s]] at all"
+            raise InputError(
+                f"{source.table.path}: column {column!r} names a {kind} that the vehicle file lacks{hint}. Add it to the vehicle file"
+            )
+
+
+def wheels(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[WheelLog, ...]:
+    """What the log's n rows say of each wheel, and of each rotor that states its spin inertia."""
+    _refuse_strangers(source, "wheel", wheel_of, [wheel.name for wheel in vehicle.wheels])
+    if not vehicle.rotors:
+        _refuse_strangers(source, "rotor", rotor_of, [])
+    own = [_of_speed(source, wheel, n) if wheel.column == "speed" else _of_torque(source, wheel, records, n) for wheel in vehicle.wheels]
+    turning = [rotor_speed(rotor.name) for rotor in vehicle.rotors if rotor.wheel is not None]
+    return (*own, *(WheelLog(frozen(source.required(column)[:n]), None, None) for column in turning))
 
 
 def _of_speed(source: LogTable, wheel: Wheel, n: int) -> WheelLog:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import WheelLog
 
+CommandKind = commands.CommandKind
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
@@ -54,9 +54,9 @@ class Log:
     """(n, 3) angle increments, IMU axes."""
     delta_v_imu_m_s: Array
     """(n, 3) velocity increments (specific force), IMU axes."""
-    command_kind: Literal["jets", "wrench"]
+    command_kind: CommandKind
     command: Array
-    """(K, jets) on-times in s, or (K, 6) mean torque about O [N m] and force [N], body axes."""
+    """(K, jets) on-times in s, (K, 6) mean torque about O [N m] and force [N], body axes, or (K, rotors) what they are told."""
     attitude_wxyz: Array | None
     """(n, 4) logged attitude at ``time_s``, world ← body."""
     notices: tuple[Notice, ...]
@@ -69,7 +69,7 @@ class Log:
     ignored: BoolArray | None = None
     """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
     wheels: tuple[WheelLog, ...] = ()
-    """Of each wheel of the vehicle file."""
+    """Of each of the vehicle's :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 

@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
 from massprop_cli.inputs.wheel import Wheel
 
@@ -272,6 +273,7 @@ class Vehicle(Section):
     environment: Environment = Environment()
     thrust: Thrust = Thrust()
     jets: tuple[Jet, ...] = Field((), max_length=256)
+    rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
     nominal: Nominal = Nominal()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
@@ -284,7 +286,7 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Vehicle:
-        for kind, named in (("jet", self.jets), ("wheel", self.wheels), ("phase", self.phases)):
+        for kind, named in (("jet", self.jets), ("rotor", self.rotors), ("wheel", self.wheels), ("phase", self.phases)):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
@@ -304,10 +306,12 @@ class Vehicle(Section):
     @field_validator("columns")
     @classmethod
     def _maps_known_columns(cls, mapping: dict[str, Column], info: ValidationInfo) -> dict[str, Column]:
-        wheels = [
-            name for wheel in info.data.get("wheels", ()) for name in (columns.wheel_speed(wheel.name), columns.wheel_torque(wheel.name))
-        ]
-        known = (*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())), *wheels)
+        of = {
+            "jets": (columns.jet,),
+            "rotors": (columns.rotor_command, columns.rotor_speed),
+            "wheels": (columns.wheel_speed, columns.wheel_torque),
+        }
+        known = [*columns.FIXED, *(column(one.name) for kind, some in of.items() for one in info.data.get(kind, ()) for column in some)]
         for name in mapping:
             if name not in known:
                 hint = configfile.nearest(name, known, "the nearest is")
@@ -333,9 +337,19 @@ class Vehicle(Section):
         return np.hstack([np.cross(position, force), force])
 
     @cached_property
+    def rotor_wrench(self) -> Array:
+        """(rotors, 6) torque about O and force of one newton of each rotor's thrust, body axes."""
+        return np.array([rotor.wrench for rotor in self.rotors]).reshape(-1, 6)
+
+    @cached_property
+    def spinning(self) -> tuple[Wheel, ...]:
+        """All whose momentum counts: the wheels, and rotors that state their spin inertia."""
+        return (*self.wheels, *(rotor.wheel for rotor in self.rotors if rotor.wheel is not None))
+
+    @cached_property
     def wheel_wrench(self) -> Array:
-        """(wheels, 6) torque and force on the body of 1 N m on each wheel."""
-        axis = np.array([wheel.direction for wheel in self.wheels]).reshape(-1, 3)
+        """(W, 6) torque and force on the body of 1 N m on each of :attr:`spinning`."""
+        axis = np.array([wheel.direction for wheel in self.spinning]).reshape(-1, 3)
         return np.hstack([-axis, np.zeros_like(axis)])
 
 

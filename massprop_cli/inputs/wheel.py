@@ -42,6 +42,7 @@ class Wheel(Section):
     start_rad_s: Real | None = Field(
         None, description="speed when the first torque of the log acts; absent: the first cell of wheel_NAME_rad_s. For a torque column"
     )
+    start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of that speed; goes into every sigma")
     coulomb_friction_n_m: NonNegative = Field(0.0, description="against the speed, whatever that is. For a torque column")
     viscous_friction_n_m_s: NonNegative = Field(0.0, description="against the speed, over it. For a torque column")
 

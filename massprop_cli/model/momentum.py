@@ -25,10 +25,10 @@ def held(stored: Stored, bin_s: Array) -> Windows:
 
 
 def scale_sigmas(vehicle: Vehicle) -> Array:
-    """(n,) one sigma of each relative scale that a log may tell beside wheels: of all thrust, of each wheel's inertia and torque."""
-    if not vehicle.wheels:
+    """(n,) one sigma of what a log may tell beside wheels: scales of all thrust, of each wheel's inertia and torque; its start."""
+    if not vehicle.spinning:
         return np.zeros(0)
-    found = np.array([vehicle.thrust.scale_sigma, *(sigma for wheel in vehicle.wheels for sigma in _sigmas(wheel))])
+    found = np.array([vehicle.thrust.scale_sigma, *(sigma for wheel in vehicle.spinning for sigma in _sigmas(wheel))])
     return found[found > 0]
 
 
@@ -39,17 +39,17 @@ def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, referenc
     if vehicle.thrust.scale_sigma > 0:
         own = channels.wrench[: channels.thrusting] @ plant.jet_moment(reference).T
         found.append(_impulse(channels.rising[:, : channels.thrusting] @ own, channels.whole[:, : channels.thrusting] @ own))
-    for i, wheel in enumerate(vehicle.wheels):
-        inertia, torque = _sigmas(wheel)
+    for i, wheel in enumerate(vehicle.spinning):
+        first, torque = _sigmas(wheel)
         # speed and inertia make all its momentum and torque; a torque column makes both, but for the momentum that it began with
         begun = np.full_like(executed.stored.mean[..., i], executed.stored.begun[i])
         grown = executed.stored.mean[..., i] - (begun if wheel.column == "torque" else 0.0), executed.stored.skew[..., i]
         exchanged = _impulse(
             *(part[:, channels.thrusting + i, None] * -executed.stored.axis[i] for part in (channels.rising, channels.whole))
         )
-        if inertia > 0 and wheel.column == "torque":
-            found.append(_precessed(executed, motion, i, begun, np.zeros_like(begun)))
-        elif inertia > 0:
+        if first > 0 and wheel.column == "torque":
+            found.append(_precessed(executed, motion, i, np.full_like(begun, wheel.spin_inertia_kg_m2), np.zeros_like(begun)))
+        elif first > 0:
             found.append(_sum(_precessed(executed, motion, i, *grown), exchanged))
         if torque > 0:
             found.append(_sum(_precessed(executed, motion, i, *grown), exchanged))
@@ -57,8 +57,11 @@ def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, referenc
 
 
 def _sigmas(wheel: Wheel) -> tuple[float, float]:
-    """Relative, of its inertia and of its torque column."""
-    return wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2, wheel.torque_scale_sigma if wheel.column == "torque" else 0.0
+    """Of its inertia, relative; where torque is logged, of its momentum at first over its inertia, rad/s, and of that torque, relative."""
+    relative = wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2
+    if wheel.column == "speed":
+        return relative, 0.0
+    return float(np.hypot(wheel.start_sigma_rad_s, relative * (wheel.start_rad_s or 0.0))), wheel.torque_scale_sigma
 
 
 def _impulse(rising: Array, whole: Array) -> Windows:

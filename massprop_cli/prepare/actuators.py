@@ -1,6 +1,6 @@
 """What commanded actuators do: each command channel in time, as a piecewise linear signal, and its wrench at full.
 
-Jets and commanded wrenches are two kinds, of which a log has one. Another one says in :func:`executed` which signal
+Jets, commanded wrenches and rotors are three kinds, of which a log has one. Another one says in :func:`executed` which signal
 (:mod:`massprop_cli.prepare.signal`) a command makes, and in :func:`channel_wrench` which torque and force that is at full. Wheels, which
 may be beside either, are the last channels: :mod:`massprop_cli.prepare.wheels` says what they do.
 """
@@ -13,6 +13,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.prepare import rotors
+from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
 
 TOUCHING = 1e-3
@@ -21,7 +23,7 @@ TOUCHING = 1e-3
 
 def capability(log: Log, vehicle: Vehicle) -> Array:
     """(r, 6) wrenches that this vehicle can command."""
-    if log.command_kind == "jets":
+    if log.command_kind != "wrench":
         return channel_wrench(log, vehicle)
     return np.vstack([np.eye(6)[(log.command != 0).any(0)], vehicle.wheel_wrench])
 
@@ -32,13 +34,15 @@ def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
-    """(C, 6) torque about O and force of each command channel at full: jets, or the components of a wrench; then of 1 N m on each wheel."""
-    return np.vstack([vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6), vehicle.wheel_wrench])
+    """(C, 6) torque about O and force of each command channel: jets at full, a wrench's components, rotors' newtons; wheels' N m."""
+    own = {"jets": vehicle.jet_wrench, "wrench": np.eye(6), "rotors": vehicle.rotor_wrench}[log.command_kind]
+    return np.vstack([own, vehicle.wheel_wrench])
 
 
 def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
     """What people call the command channels."""
-    names = [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
+    by_kind = {"jets": [jet.name for jet in vehicle.jets], "wrench": list(WRENCH), "rotors": [rotor.name for rotor in vehicle.rotors]}
+    names = by_kind[log.command_kind]
     return [*names, *(wheel.name for wheel in vehicle.wheels)]
 
 
@@ -72,14 +76,24 @@ def held(start_s: Array, value: Array) -> Signal:
 
 
 def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array) -> tuple[Array, Array]:
-    """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction or of each wrench component.
+    """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction, wrench component, or rotor's thrust in N.
 
     By the commands of the cycles ``issued``, which are executed from ``begin_s`` on.
     """
-    command = log.command[issued].T
+    command, lag_s = log.command[issued].T, vehicle.thrust.stated_lag_s
+    if log.command_kind == "rotors":
+        at_once = by_commands_clock(log, vehicle, cycle_edges(log, issued)[0])
+        begun = (begin_s if rotor.column == "command" else at_once for rotor in vehicle.rotors)
+        told = zip(begun, command, vehicle.rotors, strict=True)
+        return rotors.window_integrals([rotors.Held(begin, x, *rotor.lags(lag_s), rotor.thrust_n) for begin, x, rotor in told], edges_s)
     if log.command_kind == "jets":
         touching = TOUCHING * vehicle.cycle.period_s
         signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(command, vehicle.jets, strict=True)]
     else:
         signals = [held(begin_s, value) for value in command]
-    return window_integrals(signals, edges_s, vehicle.thrust.stated_lag_s)
+    return window_integrals(signals, edges_s, lag_s)
+
+
+def longest_lag_s(vehicle: Vehicle) -> float:
+    """Of any actuator."""
+    return max([vehicle.thrust.stated_lag_s, *(lag for rotor in vehicle.rotors for lag in rotor.lags(vehicle.thrust.stated_lag_s))])

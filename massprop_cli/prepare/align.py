@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.actuators import capability, channel_wrench, executed
+from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
 from massprop_cli.prepare.wheels import Stored, first_known_s, turned
 
@@ -163,12 +163,12 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
+    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle)
     usable_s = max(first + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+            f"{longest_lag_s(vehicle):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     return usable_s
 
@@ -176,7 +176,7 @@ def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
 def _memory_s(vehicle: Vehicle, delay_s: float) -> float:
     """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * vehicle.thrust.stated_lag_s
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle)
 
 
 def _net(part: Array, wrench: Array) -> Array:

@@ -54,14 +54,14 @@ def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int
 
     Integral and first moment per bin, (bins, W), of the torque on each wheel, N m; and the momentum that they hold.
     """
-    whole = [_grown(log, vehicle, wheel, said, delay_s) for wheel, said in zip(vehicle.wheels, log.wheels, strict=True)]
+    whole = [_grown(log, vehicle, wheel, said, delay_s) for wheel, said in zip(vehicle.spinning, log.wheels, strict=True)]
     grown, begun = [_near(one, edges_s) for one in whole], np.array([one.momentum[0] for one in whole])
     torque, torque_moment = window_integrals([_torque(one) for one in grown], edges_s)
     held, held_moment = window_integrals([_momentum(one, edges_s[0]) for one in grown], edges_s)
     length = np.diff(edges_s)[:, None]
     shape = (-1, bins, len(grown))
     skew = held_moment / length - held / 2
-    axis = np.array([wheel.direction for wheel in vehicle.wheels])
+    axis = np.array([wheel.direction for wheel in vehicle.spinning])
     return torque, torque_moment, Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
 
 
@@ -82,15 +82,20 @@ def _grown(log: Log, vehicle: Vehicle, wheel: Wheel, said: WheelLog, delay_s: fl
     start, length = cycle_edges(log, slice(0, log.cycles))
     at = start + delay_s if wheel.torque_is == "commanded" else by_commands_clock(log, vehicle, start)
     time_s = np.append(at, at[-1] + length[-1])
-    return _Grown(time_s, _driven(wheel, said, np.diff(time_s), _turning(log, vehicle, wheel, at)))
+    about = _about(log, vehicle, wheel)
+    before = int(np.searchsorted(start + length, at[0] + 1e-6 * length[0]))
+    # at the moment of the first torque, by the cycles before it: those after it have answered already
+    first = 1.5 * about[before - 1] - 0.5 * about[before - 2] if before > 1 else about[0]
+    turning = np.append(first, np.interp(at[1:], start, about))
+    return _Grown(time_s, _driven(wheel, said, np.diff(time_s), turning))
 
 
-def _turning(log: Log, vehicle: Vehicle, wheel: Wheel, at_s: Array) -> Array:
-    """(K,) the body's own rate about the wheel's axis, from ``at_s`` on for a cycle."""
-    start, length = cycle_edges(log, slice(0, log.cycles))
+def _about(log: Log, vehicle: Vehicle, wheel: Wheel) -> Array:
+    """(K,) the body's own mean rate about the wheel's axis."""
+    _, length = cycle_edges(log, slice(0, log.cycles))
     rate = log.delta_theta_imu_rad.reshape(-1, log.records_per_cycle, 3).sum(1) / length[:, None]
     about: Array = times(np.array(vehicle.imu.body_from_imu), rate) @ wheel.direction
-    return np.asarray(np.interp(at_s, start, about))
+    return about
 
 
 def _driven(wheel: Wheel, said: WheelLog, length_s: Array, turning: Array) -> Array:

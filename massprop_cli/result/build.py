@@ -90,8 +90,9 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
-        thrust_scale_sigma=0.0 if used.wheels else used.thrust.scale_sigma,
-        wheels=[wheel.name for wheel in used.wheels],
+        rotors=[rotor.name for rotor in used.rotors],
+        thrust_scale_sigma=0.0 if used.spinning else used.thrust.scale_sigma,
+        wheels=[wheel.name for wheel in used.spinning],
     )
 
 

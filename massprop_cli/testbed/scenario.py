@@ -280,6 +280,8 @@ class Scenario(Timed):
 
     def _check_wheels(self) -> None:
         wheels = self.vehicle.wheels
+        if self.vehicle.rotors:
+            raise ValueError("rotors can't be simulated; drop [[vehicle.rotors]]")
         if any(self.turned_by_wheels(s) for s in self.plan) and self.actuators.max_wheel_torque_n_m is None:
             raise ValueError("the plan turns by wheels: give actuators.max_wheel_torque_n_m")
         if not wheels:

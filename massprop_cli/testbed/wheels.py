@@ -60,8 +60,10 @@ class Wheels:
         about = rate.T @ self.axis.T
         edges = np.empty((*torque.shape[:2], len(self.edges_s)))
         edges[..., 0] = self._held
+        # a wheel's start speed is the one at which its first command finds it
+        started = self.edges_s[:-1] > (self.delay - cycle - 1e-6) * self.period_s
         for b in range(len(width) if self.wheels else 0):
-            torque[..., b] -= self._friction(edges[..., b] / self.inertia - about)
+            torque[..., b] -= self._friction(edges[..., b] / self.inertia - about) * started[b]
             edges[..., b + 1] = edges[..., b] + torque[..., b] * width[b]
         self._held, self._edges = edges[..., -1], edges
         along = np.stack([torque, (edges[..., :-1] + edges[..., 1:]) / 2])
