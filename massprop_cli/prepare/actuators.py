@@ -28,11 +28,6 @@ def capability(log: Log, vehicle: Vehicle) -> Array:
     return np.vstack([np.eye(6)[(log.command != 0).any(0)], vehicle.wheel_wrench])
 
 
-def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
-    """Of each command channel: jets, or the components of a wrench."""
-    return [jet.name for jet in vehicle.jets] if log.command_kind == "jets" else list(WRENCH)
-
-
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
     """(C, 6) torque about O and force of each command channel: jets at full, a wrench's components, rotors' newtons; wheels' N m."""
     own = {"jets": vehicle.jet_wrench, "wrench": np.eye(6), "rotors": vehicle.rotor_wrench}[log.command_kind]
@@ -40,10 +35,10 @@ def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
 
 
 def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
-    """What people call the command channels."""
+    """Of each command channel."""
     by_kind = {"jets": [jet.name for jet in vehicle.jets], "wrench": list(WRENCH), "rotors": [rotor.name for rotor in vehicle.rotors]}
     names = by_kind[log.command_kind]
-    return [*names, *(wheel.name for wheel in vehicle.wheels)]
+    return [*names, *(wheel.name for wheel in vehicle.spinning)]
 
 
 def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
