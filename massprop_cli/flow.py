@@ -125,7 +125,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         answer = by_thesis(samples, phases, stated)
     else:
         plain = as_stated(samples, phases, stated, consider)
-        if check and plain.dubious and not _saturated(log):
+        if check and plain.dubious and not _saturated(log) and _diagnosable(stated):
             say("looking for the cause", 1.0)
             from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
 
@@ -140,7 +140,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled)
         doubted = doubts(examination, channel_names(log, used))
-    if doubted and diagnosis is None and not _saturated(log):
+    if doubted and diagnosis is None and not _saturated(log) and _diagnosable(stated):
         say("looking for the cause", 1.0)
         from massprop_cli.diagnosis.diagnose import diagnose
 
@@ -178,6 +178,11 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         unknown=unknown,
         doubts=tuple(doubted),
     )
+
+
+def _diagnosable(stated: Vehicle) -> bool:
+    """Whether causes have been thought of: not yet those of wheels and rotors."""
+    return not (stated.spinning or stated.rotors)
 
 
 def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:

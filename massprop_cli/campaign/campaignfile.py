@@ -13,7 +13,7 @@ from massprop_cli.base import configfile
 from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
 from massprop_cli.inputs.require import Stated
-from massprop_cli.inputs.vehicle import NonNegative, Section
+from massprop_cli.inputs.section import NonNegative, Section
 
 Text = Annotated[str, StringConstraints(min_length=1)]
 

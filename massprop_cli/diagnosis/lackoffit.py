@@ -24,7 +24,7 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import products
-from massprop_cli.model.linearise import MU, PARAMETERS, RATE, linearise, parameters
+from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import BLOCK, Source, blocks
@@ -103,6 +103,8 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
     felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    if len(reference.scale):
+        felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     turning, pushing = _weights(here.executed, reference, vehicle)
     ignored = here.executed.ignored
     rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))

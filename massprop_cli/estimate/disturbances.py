@@ -18,7 +18,7 @@ from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import PARAMETERS, RATE, linearise, parameters, stepped
+from massprop_cli.model.linearise import PARAMETERS, RATE, Layout, linearise, parameters, stepped
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered
 
@@ -114,7 +114,7 @@ def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
         used = ~samples.part(stretch).executed.ignored[:, 1]
-        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:], used)[1])
+        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.measured[:, 3:], used)[1])
     return np.concatenate(found)
 
 
@@ -279,10 +279,16 @@ def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehic
         growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)
-            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps, used[1:] & used[:-1])
-            near = stepped(near, parameters(near) + step) or near
+            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used[1:] & used[:-1])
+            near = stepped(near, parameters(near) + step[PARAMETERS]) or near
         found.append(left)
     return np.concatenate(found)
+
+
+def _told(samples: Source, vehicle: Vehicle) -> list[int]:
+    """Which states explain motion for good: mass properties, and scales beside wheels."""
+    scale = Layout.of(samples, vehicle).scale
+    return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
 
 
 def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:

@@ -28,6 +28,8 @@ class Reference:
     """1/m, 1/kg."""
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) rad/s, body axes; taken off the measured rate."""
+    scale: Array = field(default_factory=lambda: np.zeros(0))
+    """Relative errors of scales (:mod:`massprop_cli.model.momentum`), as far as they have been found; empty: none."""
     response: Array | None = None
     """(3, C) the matrix Φ of :mod:`massprop_cli.model.lift` where the log tells it better than the inertia; None: what these make it."""
 

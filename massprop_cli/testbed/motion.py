@@ -1,6 +1,6 @@
 """Rigid-body motion of all members through one control cycle, free or on an air bearing.
 
-Both environments have the form ``A ω̇ = M w − ω × A₀ ω + p (…)``, with the commands' wrench w(t) known exactly:
+Both environments have the form ``A ω̇ = M w − ω × (A₀ ω + h) + p (…)``, the commands' wrench w(t) and the wheels' momentum h known exactly:
 
 * free (6 degrees of freedom): ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, p = 0;
 * spherical bearing at b on a base that slides on a horizontal plane (5 degrees of freedom), s = c − b, u the vertical, ``p = s × u``,
@@ -79,6 +79,10 @@ class Wrench:
     """(6, S, B) torque about O [N m] and force [N], mean of each bin."""
     gathered: Array
     """(6, S, B) mean over each bin of the impulse since the bin's start, N m s and N s."""
+    momentum: Array | float = 0.0
+    """(3, S, B) that wheels hold, mean of each bin, N m s."""
+    momentum_slope: Array | float = 0.0
+    """(3, S, B) its growth, N m; the opposite of it is in ``mean``."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ class Dynamics:
     ) -> _State:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
         mean = start + gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
-        momentum, torque = apply(inertia, mean), apply(inertia, state.dot)
+        momentum, torque = apply(inertia, mean) + wrench.momentum, apply(inertia, state.dot) + wrench.momentum_slope
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
         rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque))
         rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque))
