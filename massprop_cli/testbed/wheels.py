@@ -84,7 +84,8 @@ class Wheels:
         source = int(np.floor(cycle - self.delay))
         late = (self.delay + source - cycle + 1) * self.period_s  # from when on the next one acts
         later = np.clip((self.edges_s[1:] - late) / np.diff(self.edges_s), 0.0, 1.0)
-        first, second = (self.issued[:, k] if k >= 0 else np.zeros_like(self.issued[:, 0]) for k in (source, source + 1))
+        held = range(self.issued.shape[1])
+        first, second = (self.issued[:, k] if k in held else np.zeros_like(self.issued[:, 0]) for k in (source, source + 1))
         return np.asarray(first[..., None] * (1 - later) + second[..., None] * later)
 
     def _friction(self, speed: Array) -> Array:
