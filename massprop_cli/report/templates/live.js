@@ -83,7 +83,7 @@
     return `${seen.time ? `${x.toFixed(2)} s` : +x.toPrecision(4)}: ${parts.join("; ")} ${seen.unit}`;
   }
 
-  function mount(panel) {
+  function mount(panel, event) {
     const svg = panel.querySelector("svg"), seen = !panel.live && svg && read(svg);
     if (!seen) return;
     const view = svg.viewBox.baseVal, size = svg.getBoundingClientRect(), per = size.width / view.width;
@@ -96,6 +96,8 @@
     const y = [seen.scale.y(seen.box.bottom), seen.scale.y(seen.box.top)], x = [seen.scale.x(seen.box.left), seen.scale.x(seen.box.right)];
     const whole = chart => chart.scales.x.min == null || (chart.scales.x.min <= x[0] && chart.scales.x.max >= x[1]);
     const all = ({ data: [moments] }, low, high) => !(high > low) || (low <= moments[0] && high >= moments[moments.length - 1]);
+    const values = seen.series.flatMap(one => one.data[1]).filter(value => value != null);
+    const most = [values.reduce((a, b) => Math.min(a, b)), values.reduce((a, b) => Math.max(a, b))];
     const bands = [];
     seen.series.forEach((one, i) => { if (one.fill && bands.every(band => !band.series.includes(i + 1))) bands.push({ series: [i + 2, i + 1], fill: one.fill }); });
     const chart = new uPlot({
@@ -103,7 +105,7 @@
       cursor: { drag: { x: true, y: false }, points: { size: 5 } }, bands,
       scales: {
         x: { time: false, range: (chart, low, high) => (all(chart, low, high) ? x : [Math.max(low, x[0]), Math.min(high, x[1])]) },
-        y: { range: (chart, low, high) => (whole(chart) || low == null ? y : uPlot.rangeNum(low, high, 0.05, false)) },
+        y: { range: (_, low, high) => (low == null || (low <= most[0] && high >= most[1]) ? y : uPlot.rangeNum(low, high, 0.05, false)) },
       },
       axes: [
         { ...axis, size: (view.height - seen.box.bottom) * per },
@@ -113,7 +115,13 @@
         stroke: one.stroke, width: one.width * per, points: { show: false },
         dash: one.dash === "none" ? undefined : one.dash.split(/[ ,]+/).map(part => parseFloat(part) * per),
       }))],
-      hooks: { setCursor: [chart => { told.textContent = said(chart, seen); }] },
+      hooks: {
+        setCursor: [chart => { told.textContent = said(chart, seen); }],
+        ready: [chart => {
+          const over = chart.over.getBoundingClientRect();
+          chart.setCursor({ left: event.clientX - over.left, top: event.clientY - over.top });
+        }],
+      },
     }, uPlot.join(seen.series.map(one => one.data)), host);
     panel.live = { chart, host, told, zoomed: () => !whole(chart) };
   }
@@ -128,9 +136,9 @@
 
   const panels = [...document.querySelectorAll(".panel")];
   for (const panel of panels) {
-    panel.addEventListener("pointerenter", event => { if (event.pointerType === "mouse") mount(panel); });
+    panel.addEventListener("pointerenter", event => { if (event.pointerType === "mouse") mount(panel, event); });
     panel.addEventListener("pointerleave", event => { if (event.pointerType === "mouse" && panel.live && !panel.live.zoomed()) leave(panel); });
-    panel.addEventListener("click", event => { if (event.pointerType !== "mouse") { panels.forEach(other => { if (other !== panel) leave(other); }); mount(panel); } });
+    panel.addEventListener("click", event => { if (event.pointerType !== "mouse") { panels.forEach(other => { if (other !== panel) leave(other); }); mount(panel, event); } });
   }
   addEventListener("resize", () => panels.forEach(leave));
   addEventListener("beforeprint", () => {
