@@ -51,6 +51,13 @@ def drawn(svg: bytes, axes: str, gid: str) -> Array:
     return found
 
 
+def follows(points: Array, time_s: Array, values: Array, within: tuple[float, float]) -> bool:
+    """Whether every drawn point is a row of the history."""
+    rows = np.abs(points[:, :1] - time_s).argmin(1)
+    near_time = np.abs(points[:, 0] - time_s[rows]) <= within[0]
+    return bool(len(points) > 10 and near_time.all() and (np.abs(points[:, 1] - values[rows]) <= within[1]).all())
+
+
 def precision(svg: bytes, axes: str) -> tuple[float, float]:
     """What a hundredth of a point is in the units of the two axes."""
     found = re.search(rf'id="axes-{axes}" data-x="\S+ (\S+)" data-y="\S+ (\S+)"', svg.decode())

@@ -14,7 +14,7 @@ from massprop_cli.campaign import campaignfile, location
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
 from massprop_cli.inputs.formats.recording import SUFFIXES
 
-OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "report.csv": ""}
+OWN = {"history.parquet": "result.json", "campaign.parquet": "campaign.json", "campaign.csv": "campaign.json", "report.csv": ""}
 """Tables that massprop writes itself, by the file that lies beside each."""
 _KINDS = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
 _MAGIC = re.compile(r"[*?\[]")

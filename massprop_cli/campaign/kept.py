@@ -70,6 +70,7 @@ def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, V
             shared=None if common is None or not np.isfinite(common[i]) else float(common[i]),
             verdict=item.verdict,
             met=None if item.expected is None else item.expected.met,
+            expected=None if item.expected is None else item.expected.value,
         )
         for i, (name, item) in enumerate(body.estimates.items())
     }

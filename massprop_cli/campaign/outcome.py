@@ -37,6 +37,7 @@ class Value(Item):
     )
     verdict: Verdict
     met: bool | None = Field(None, description="its expectation; null without one")
+    expected: float | None = Field(None, description="what was expected of it; null without an expectation")
 
 
 class Body(Item):

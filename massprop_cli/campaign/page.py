@@ -5,25 +5,26 @@ Without scripts it is a plain table. Same campaign, same bytes.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.campaign import figures
 from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
-from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
+from massprop_cli.campaign.summary import Key, Pool, Pooled, Row, Summary, grouped
 from massprop_cli.report import digits, html, view, vocabulary
+from massprop_cli.report.script import script
 from massprop_cli.result.judge import INFORMED
 
 _SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
 _MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
 _CONTRADICTED, _WARNED = (vocabulary.SIGNS["contradicted"], "contradicted"), ("⚠", "not_converged")
 """Sign and mark of a log that is done and yet in doubt."""
+_MINOR = ("long-interval", "outliers", "disturbance-torque", "accelerometer-misfit", "noise-floor")
+"""Warnings of how a log was read and its noise sized: others matter more."""
 _UNLIKELY = 1e-3
 """A scatter or a trend with a smaller chance than this is pointed out; 3.3 sigma."""
 
@@ -61,28 +62,32 @@ class Entry:
     parts: tuple[str, ...]
     cells: tuple[tuple[Cell, ...], ...]
     """By quantity, then by part."""
+    mass: tuple[Cell, ...]
+    """By part; it stands beside the outcome."""
     verdicts: str
     """Those that occur, with spaces between."""
     converged: int
     contradicted: int
     estimates: int
+    worst: str
+    """The warning that matters most."""
+    codes: str
+    """Of all its warnings, with spaces between."""
     warnings: str
 
 
 def page(found: Summary) -> Iterator[str]:
     """The whole page, piece by piece; it loads nothing from anywhere."""
-    from markupsafe import Markup
-
-    script = resources.files("massprop_cli.report").joinpath("templates/campaign.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     several = tagged = False
     states: dict[str, None] = {}
+    vehicles: dict[str, None] = {}
     verdicts: dict[str, str] = {}
     for entry in _entries(found):
         several |= len(entry.parts) > 1
         tagged |= bool(entry.tags)
         states[entry.state] = None
-        verdicts |= {cell.verdict: cell.sign for cells in entry.cells for cell in cells}
+        vehicles |= {entry.vehicle: None} if entry.vehicle else {}
+        verdicts |= {cell.verdict: cell.sign for cells in (*entry.cells, entry.mass) for cell in cells}
     return (
         html.environment()
         .get_template("campaign.html.j2")
@@ -92,15 +97,15 @@ def page(found: Summary) -> Iterator[str]:
             several=several,
             tagged=tagged,
             states=list(states),
+            vehicles=list(vehicles),
             counts=counts(found),
-            quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES],
-            pools=[_pool(pool) for pool in found.pooled],
+            quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES if name != "mass"],
+            pools=_pools(found),
             combined=[(entry, told_of(row)) for entry, row in zip(map(partial(_entry, 0), found.combined), found.combined, strict=True)],
             verdicts=verdicts,
             view_title=title,
             doubts=doubts,
-            script=Markup(script),
-            digest=digest,
+            script=script("campaign.js"),
         )
     )
 
@@ -145,13 +150,21 @@ def _entry(number: int, row: Row) -> Entry:
         mark=mark,
         message=found.message if found else "",
         parts=tuple(title(body) for body in bodies),
-        cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES),
+        cells=tuple(tuple(_cell(body.estimates[name]) for body in bodies) for name in QUANTITIES if name != "mass"),
+        mass=tuple(_cell(body.estimates["mass"]) for body in bodies),
         verdicts=" ".join(dict.fromkeys(item.verdict for item in items)),
         converged=sum(item.verdict == "converged" for item in items),
         contradicted=contradicted(found),
         estimates=len(items),
+        worst=worst(found.warnings) if found else "",
+        codes=" ".join(dict.fromkeys(found.warnings)) if found else "",
         warnings=", ".join(dict.fromkeys(found.warnings)) if found else "",
     )
+
+
+def worst(codes: Sequence[str]) -> str:
+    """Of a log's warnings the first that says more than how the log was read or its noise sized; empty without any."""
+    return next((code for code in codes if code not in _MINOR), codes[0] if codes else "")
 
 
 def _link(name: str, found: Outcome | None) -> str:
@@ -172,8 +185,24 @@ def _cell(item: Value) -> Cell:
     return Cell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
 
 
-def _pool(found: Pool) -> tuple[Pool, list[dict[str, str]]]:
-    return found, [_pooled(name, item) for name, item in found.estimates.items()]
+@dataclass(frozen=True)
+class Told:
+    """What one vehicle's logs say together."""
+
+    pool: Pool
+    rows: list[dict[str, str]]
+    figure: html.Figure
+
+
+def _pools(found: Summary) -> list[Told]:
+    groups = grouped(found.logs) if found.pooled else {}
+    told = []
+    for number, pool in enumerate(found.pooled, 1):
+        spread = figures.spreads(groups[Key.of(pool)])
+        picture = html.drawn("pool", "Log by log", figures.picture(spread, pool), f"pool{number}")
+        within = {name: f"{one.within} of {len(one.samples.value)}" for name, one in spread.items()}
+        told.append(Told(pool, [_pooled(name, item) | {"within": within.get(name, "–")} for name, item in pool.estimates.items()], picture))
+    return told
 
 
 def _pooled(name: str, item: Pooled) -> dict[str, str]:
@@ -228,4 +257,4 @@ def doubts(found: Pool) -> list[str]:
 
 def pooled(found: Pool) -> Sequence[dict[str, str]]:
     """Rows of a vehicle's table as text, for other pages than this."""
-    return _pool(found)[1]
+    return [_pooled(name, item) for name, item in found.estimates.items()]

@@ -84,12 +84,13 @@ def campaign(
     joinings: Sequence[Joining] = (),
 ) -> Summary:
     """Work all jobs, combine, and write the campaign's tables and page, campaign.json last; the place's lock is held."""
-    from massprop_cli.campaign import page, parquet
+    from massprop_cli.campaign import page, parquet, spreadsheet
 
     rows = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
     combined = [_joined(one, place) for one in joinings]
     found = summary.summary(name, rows, None if baseline is None else baseline(rows), combined)
     place.put_file("campaign.parquet", [parquet.parquet(found)])
+    place.put_file("campaign.csv", map(str.encode, spreadsheet.csv_rows(found)))
     place.put_file("campaign.html", map(str.encode, page.page(found)))
     place.put_file("campaign.json", map(str.encode, summary.to_json(found)))
     return found

@@ -9,7 +9,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, overload
+from typing import Annotated, Any, Literal, NamedTuple, overload
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, ValidatorFunctionWrapHandler, WrapSerializer, WrapValidator
@@ -184,30 +184,13 @@ def row(job: Job, outcome: Outcome | None) -> Row:
 
 
 def pooled(rows: Iterable[Row]) -> list[Pool]:
-    """By vehicle, method and part, in the order in which they first appear.
-
-    A log that stands in the campaign twice, by its bytes, counts once. The thesis's method claims no sigmas, so nothing is pooled of it.
-    """
-    groups: dict[tuple[object, ...], _Group] = {}
-    seen = set()
-    for number, one in enumerate(rows, 1):
-        found = one.outcome
-        if found is None or found.vehicle is None or found.method == "thesis" or found.input_sha256 in seen:
-            continue
-        seen.add(found.input_sha256)
-        stated = found.vehicle
-        for body in found.bodies:
-            group = groups.setdefault((stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name), _Group())
-            group.numbers.append(number)
-            group.names.append(one.name)
-            group.files.add(stated.sha256)
-            group.values.append(np.array([_told(body.estimates[quantity]) for quantity in QUANTITIES]))
-    pools = [_pool(key, group) for key, group in groups.items() if len(group.numbers) > 1]
+    """By vehicle, method and part, in the order in which they first appear; of what two logs at least tell."""
+    pools = [_pool(key, group) for key, group in grouped(rows).items() if len(group.numbers) > 1]
     return [found for found in pools if any(quantity.logs > 1 for quantity in found.estimates.values())]
 
 
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """What is pooled together, log by log."""
 
     numbers: list[int] = field(default_factory=list)
@@ -216,6 +199,48 @@ class _Group:
     """(10, 3) each: value, sigma, shared; NaN where the log doesn't tell."""
     files: set[str] = field(default_factory=set)
     """sha256 of their vehicle files."""
+    expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in QUANTITIES))
+    """Of each quantity, what any log expects."""
+
+
+def grouped(rows: Iterable[Row]) -> dict[Key, Group]:
+    """Logs by vehicle and part.
+
+    A log that stands in the campaign twice, by its bytes, counts once. The thesis's method claims no sigmas, so nothing is pooled of it.
+    """
+    groups: dict[Key, Group] = {}
+    seen = set()
+    for number, one in enumerate(rows, 1):
+        found = one.outcome
+        if found is None or found.vehicle is None or found.method == "thesis" or found.input_sha256 in seen:
+            continue
+        seen.add(found.input_sha256)
+        stated = found.vehicle
+        for body in found.bodies:
+            group = groups.setdefault(Key(stated.name, stated.environment, stated.bearing_mass_kg, body.part, body.name), Group())
+            group.numbers.append(number)
+            group.names.append(one.name)
+            group.files.add(stated.sha256)
+            items = [body.estimates[quantity] for quantity in QUANTITIES]
+            group.values.append(np.array([_told(item) for item in items]))
+            for alike, item in zip(group.expected, items, strict=True):
+                alike |= {item.expected} if item.expected is not None else set()
+    return groups
+
+
+class Key(NamedTuple):
+    """What logs have in common that are pooled together."""
+
+    vehicle: str
+    environment: Literal["free", "air_bearing"]
+    bearing_mass_kg: float
+    part: Literal["phase", "docked"]
+    name: str
+
+    @staticmethod
+    def of(found: Pool) -> Key:
+        """Of a pool."""
+        return Key(found.vehicle, found.environment, found.bearing_mass_kg, found.part, found.name)
 
 
 def _told(item: Value) -> tuple[float, float, float]:
@@ -224,20 +249,15 @@ def _told(item: Value) -> tuple[float, float, float]:
     return np.nan, np.nan, np.nan
 
 
-def _pool(key: tuple[Any, ...], group: _Group) -> Pool:
-    vehicle, environment, bearing_mass_kg, part, name = key
+def _pool(key: Key, group: Group) -> Pool:
     return Pool(
-        vehicle=vehicle,
-        environment=environment,
-        bearing_mass_kg=bearing_mass_kg,
+        **key._asdict(),
         vehicle_files=len(group.files),
-        part=part,
-        name=name,
         estimates={quantity: _quantity(quantity, group, n) for n, quantity in enumerate(QUANTITIES)},
     )
 
 
-def _quantity(quantity: str, group: _Group, index: int) -> Pooled:
+def _quantity(quantity: str, group: Group, index: int) -> Pooled:
     values = np.array([log[index] for log in group.values])
     told = np.flatnonzero(np.isfinite(values[:, 0]))
     if not len(told):

@@ -22,6 +22,7 @@ from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import alone, discrepancies, quantities
 from massprop_cli.estimate.regression import Regression, Run
+from massprop_cli.estimate.residual import Residual, residual
 from massprop_cli.estimate.rows import Response, Rows
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
@@ -183,12 +184,13 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
-    told = _Told(cycles, vehicle, every=vehicle.estimator.refine)
+    told, left = _Told(cycles, vehicle, every=vehicle.estimator.refine), list[Residual]()
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
-    return Settled(_history(samples, phase, told, last.run.estimate), last.stands)
+        left.append(residual(regression, before, taken, last.run))
+    return Settled(replace(_history(samples, phase, told, last.run.estimate), residual=Residual.joined(left)), last.stands)
 
 
 class Led(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.stream import Stream
+
+if TYPE_CHECKING:
+    from massprop_cli.estimate.residual import Residual
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,8 @@ class History:
     notices: tuple[Notice, ...] = ()
     belied: tuple[str, ...] = ()
     """Known quantities that the log contradicts."""
+    residual: Residual | None = None
+    """Of an off-line fit: what its values leave of rate and specific force."""
 
     def __post_init__(self) -> None:
         rows = len(self.time_s)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import tensor
-from massprop_cli.result.schema import EstimateItem, Matrix, PhaseItem
+from massprop_cli.base.rigidbody import parallel_axis, tensor
+from massprop_cli.result.schema import DockedObject, EstimateItem, Matrix, PhaseItem
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Places of ixx ixy ixz iyy iyz izz in the matrix."""
@@ -53,17 +53,17 @@ def values(estimates: dict[str, EstimateItem]) -> Array:
     return np.array([np.nan if item.value is None else item.value for item in estimates.values()])
 
 
-def inertia(phase: PhaseItem) -> Array:
+def inertia(phase: PhaseItem | DockedObject) -> Array:
     """(3, 3) about the CG, kg m²."""
     return tensor(values(phase.estimates)[:6])
 
 
-def inertia_sigmas(phase: PhaseItem) -> Array:
+def inertia_sigmas(phase: PhaseItem | DockedObject) -> Array:
     """(3, 3) about the CG, kg m²; NaN where nothing can be said."""
     return tensor(np.array([np.nan if item.sigma is None else item.sigma for item in phase.estimates.values()])[:6])
 
 
-def principal(phase: PhaseItem) -> Principal | None:
+def principal(phase: PhaseItem | DockedObject) -> Principal | None:
     """Eigenvalues and eigenvectors; the variance of λ = vᵀ I v to first order is gᵀ P g with g = ∂λ/∂(ixx … izz)."""
     matrix = inertia(phase)
     if not np.isfinite(matrix).all():
@@ -76,7 +76,7 @@ def principal(phase: PhaseItem) -> Principal | None:
     return Principal(moments, np.sqrt(np.maximum(variance, 0.0)), axes)
 
 
-def about_origin_sigmas(phase: PhaseItem, bearing_mass_kg: float) -> Array:
+def about_origin_sigmas(phase: PhaseItem | DockedObject, bearing_mass_kg: float) -> Array:
     """(3, 3) sigmas of I + m (c·c 1 − c cᵀ) to first order from the covariance; NaN where nothing can be said."""
     found = values(phase.estimates)
     c, mass = found[6:9], found[9] - bearing_mass_kg
@@ -90,6 +90,12 @@ def about_origin_sigmas(phase: PhaseItem, bearing_mass_kg: float) -> Array:
         gradient[9] = (c @ c) * (i == j) - c[i] * c[j]
         sigmas[i, j] = sigmas[j, i] = np.sqrt(max(gradient @ covariance @ gradient, 0.0))
     return sigmas
+
+
+def about_origin(docked: DockedObject) -> Array:
+    """(3, 3) kg m² of the docked object, whose mass has no bearing in it; NaN where nothing can be said."""
+    found = values(docked.estimates)
+    return inertia(docked) + parallel_axis(float(found[9]), found[6:9])
 
 
 def array(matrix: Matrix | None) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,23 @@ def innovations(found: Innovations) -> list[Check]:
         Check(f"correlation from cycle to cycle, {name}", c, 0.0, COUNT / np.sqrt(n))
         for name, c in zip(CHANNELS, found.lag_one_correlation, strict=True)
     ]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the model fits the log, in words."""
+
+    holds: bool
+    said: str
+
+
+def verdict(held: Sequence[bool]) -> Verdict | None:
+    """Of the checks that hold and don't; None where there are none."""
+    if not held:
+        return None
+    if all(held):
+        return Verdict(True, f"the model fits the log: {len(held)} of {len(held)} checks hold")
+    return Verdict(False, f"the model does not fit the log: {sum(held)} of {len(held)} checks hold")
 
 
 SOURCES = {"vehicle": "stated by the vehicle file", "option": "stated by an option", "detected": "detected from the log"}

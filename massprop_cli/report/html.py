@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
-from massprop_cli.report import assumptions, body, checks, digits, figures, mended, view, vocabulary
+from massprop_cli.report import assumptions, body, checks, figures, mended, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
-from massprop_cli.report.svg import gathered, inline
+from massprop_cli.report.labels import labels
+from massprop_cli.report.script import script
+from massprop_cli.report.svg import gathered, inline, quoted
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import PhaseItem, Result
+from massprop_cli.result.schema import Matrix, PhaseItem, Result
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,8 +25,11 @@ MISSING = (
     "This figure needs history.parquet, which is missing beside result.json or was written by another version. "
     "Make the result again with massprop estimate, and the report from its folder."
 )
-OF_PHASE = ("inertia", "cg", "mass")
-OF_LOG = ("torque", "force", "rate", "acceleration", "innovations")
+OF_PHASE = ("inertia", "cg", "mass", "settling")
+OF_FIT = ("rate-fit", "force-fit", "whiteness", "command-fit", "innovations")
+STACKED = ("rate-fit", "force-fit")
+"""Figures whose panels belong together in twos, one below the other."""
+OF_LOG = ("firing", "torque", "force", "rate", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,25 @@ class Phase:
     axes: list[view.Axis]
     note: str
     nearest: view.Grid | None
+    expectations: Figure | None
     ellipsoid: Figure
     excitation: Figure
     correlation: Figure
     correlations: list[tuple[str, list[str]]]
     against_time: list[Figure]
     checks: list[checks.Check]
+
+
+@dataclass(frozen=True)
+class Docked:
+    """What the page says of the docked object, beside its table."""
+
+    anchor: str
+    title: str
+    grids: list[view.Grid]
+    axes: list[view.Axis]
+    correlation: Figure
+    correlations: list[tuple[str, list[str]]]
 
 
 @dataclass(frozen=True)
@@ -66,6 +82,18 @@ class Entry:
     name: str
     result: Result
     tables: list[view.Table]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """All results of one vehicle."""
+
+    name: str
+    figure: Figure
+    first: str
+    """The result that the others are held against."""
+    differences: list[tuple[str, list[tuple[str, str]]]]
+    """Each other result with what it differs by in each quantity, and in how many sigmas."""
 
 
 def page(recorded: Sequence[Recorded]) -> str:
@@ -81,6 +109,7 @@ def page(recorded: Sequence[Recorded]) -> str:
 def environment() -> Environment:
     """The templates, with the palette and the words that they share."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     found = Environment(
         loader=PackageLoader("massprop_cli.report", "templates"),
@@ -90,6 +119,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=_clean,
     )
+    found.filters["quoted"] = lambda text: Markup(quoted(text))
     found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": vocabulary, "view": view}
     return found
 
@@ -108,9 +138,14 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "tables": tables,
         "conventions": vocabulary.conventions(result),
         "phases": phases,
-        "checks": f"{sum(held)} of {len(held)} checks hold" if held else "",
+        "scripts": [script("uplot.js"), script("live.js")],
+        "sheet": script("uplot.css").text,
+        "docked": _docked(recorded, tables[-1]),
+        "fits": checks.verdict(held),
         "assumptions": assumptions,
         "mended": mended,
+        "fit": [_figure(name, recorded, name) for name in OF_FIT],
+        "stacked": STACKED,
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
         "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
         "settings": settings(result),
@@ -136,7 +171,6 @@ def _setting(value: object) -> str:
 
 def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) -> Phase:
     bearing_mass = recorded.result.vehicle.bearing_mass_kg
-    found = correlation.correlation(item.covariance)
     return Phase(
         anchor=table.anchor,
         title=table.title,
@@ -144,27 +178,46 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
         axes=view.axes(item),
         note=item.physical.note,
         nearest=view.nearest(item),
+        expectations=_figure("expectations", recorded, f"expectations{number}", item.name) if table.expected else None,
         ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
         excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
         correlation=_figure("correlation", recorded, f"correlation{number}", item.name),
-        correlations=[(vocabulary.SYMBOLS[name], [_two(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)],
+        correlations=_correlations(item.covariance),
         against_time=[_figure(name, recorded, f"{name}{number}", item.name) for name in OF_PHASE],
         checks=checks.innovations(item.innovations) if item.innovations else [],
     )
 
 
-def _two(value: float) -> str:
-    return digits.ABSENT if np.isnan(value) else view.minus(f"{value:.2f}")
+def _docked(recorded: Recorded, table: view.Table) -> Docked | None:
+    found = recorded.result.docked_object
+    if found is None:
+        return None
+    alone = replace(recorded, result=recorded.result.model_copy(update={"phases": []}))
+    return Docked(
+        anchor=table.anchor,
+        title=table.title,
+        grids=view.matrices(found, 0.0, body.about_origin(found)),
+        axes=view.axes(found),
+        correlation=drawn("correlation", figures.TITLES["correlation"], correlation.picture(alone), "correlation-docked"),
+        correlations=_correlations(found.covariance),
+    )
+
+
+def _correlations(covariance: Matrix) -> list[tuple[str, list[str]]]:
+    """A row for each quantity."""
+    found = correlation.correlation(covariance)
+    return [(vocabulary.SYMBOLS[name], [correlation.written(v) for v in row]) for name, row in zip(QUANTITIES, found, strict=True)]
 
 
 def _figure(name: str, recorded: Recorded, prefix: str, phase: str | None = None) -> Figure:
     try:
-        return _drawn(name, figures.TITLES[name], figures.picture(name, recorded, phase), prefix)
+        return drawn(name, figures.TITLES[name], figures.picture(name, recorded, phase), prefix)
     except InputError:
         return Figure(name, f"figure-{prefix}", figures.TITLES[name], MISSING, ())
 
 
-def _drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
+def drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
+    """A picture as a page has it; ``prefix`` makes its ids the page's only ones."""
     from markupsafe import Markup
 
     svgs = [canvas.render([panel], "svg") for panel in picture.panels]
@@ -174,12 +227,30 @@ def _drawn(name: str, title: str, picture: Picture, prefix: str) -> Figure:
 
 
 def _comparison(recorded: Sequence[Recorded]) -> Mapping[str, Any]:
-    entries = [Entry(f"result-{n}", one.name, one.result, view.tables(one.result)) for n, one in enumerate(recorded, 1)]
+    entries = [
+        Entry(f"result-{n}", name, one.result, view.tables(one.result))
+        for n, (one, name) in enumerate(zip(recorded, labels(recorded), strict=True), 1)
+    ]
     rows = [(entry, table) for entry in entries for table in entry.tables]
-    picture = comparison.picture([table.estimates for _, table in rows])
     return {
         "entries": entries,
         "rows": rows,
-        "figure": _drawn("comparison", "Values side by side", picture, "comparison"),
+        "vehicles": _vehicles(rows),
         "verdicts": view.signs(table for _, table in rows),
     }
+
+
+def _vehicles(rows: Sequence[tuple[Entry, view.Table]]) -> list[Vehicle]:
+    """Results of each vehicle side by side: two vehicles on one axis would hide what differs between results of each."""
+    groups: dict[str, list[tuple[Entry, view.Table]]] = {}
+    for entry, table in rows:
+        groups.setdefault(entry.result.vehicle.name, []).append((entry, table))
+    found = []
+    for number, (vehicle, group) in enumerate(groups.items(), 1):
+        names = [f"{entry.name}{f', {table.short}' if len(entry.tables) > 1 else ''}" for entry, table in group]
+        picture = comparison.picture([table.estimates for _, table in group], names)
+        figure = drawn("comparison", f"Values side by side: {vehicle or 'vehicle without a name'}", picture, f"comparison{number}")
+        first = group[0][1].estimates
+        apart = [view.differences(table.estimates, first) for _, table in group[1:]]
+        found.append(Vehicle(vehicle, figure, names[0], list(zip(names[1:], apart, strict=True))))
+    return found

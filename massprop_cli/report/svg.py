@@ -39,6 +39,11 @@ def _flat(body: str) -> str:
     return body
 
 
+def quoted(text: str) -> str:
+    """Text as a string of a style sheet, every sign that could end it written by its number."""
+    return '"{}"'.format("".join(c if c.isascii() and (c.isalnum() or c in " ,.-_") else f"\\{ord(c):x} " for c in line(text, 80)))
+
+
 def gathered(page: str) -> str:
     """The page with the styles of all its drawings as classes, whose rules stand where the sheet says ``/* drawings */``.
 

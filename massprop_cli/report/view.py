@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_cli import CG, INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.report import assumptions, body, digits, vocabulary
+from massprop_cli.report import assumptions, body, digits, limiting, vocabulary
 from massprop_cli.report.missing import reason
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
@@ -25,6 +25,8 @@ class Row:
     symbol: str
     value: str
     sigma: str
+    percent: str
+    """The sigma in parts of the value; empty without a usable verdict."""
     unit: str
     verdict: str
     """As a class of CSS and, with spaces, in words."""
@@ -35,6 +37,11 @@ class Row:
     expected: str
     met: bool | None
     difference: str
+    """Value less expected, in its unit; empty without an expectation."""
+    relative: str
+    """The same in parts of the expected value, and in sigmas."""
+    limit: str
+    """What it is known no better than; empty without a usable verdict."""
 
     @property
     def rough(self) -> bool:
@@ -48,6 +55,8 @@ class Table:
 
     anchor: str
     title: str
+    short: str
+    """The phase's name alone."""
     rows: tuple[Row, ...]
     estimates: dict[str, EstimateItem]
     sigma: str
@@ -71,6 +80,11 @@ class Table:
     def expected(self) -> bool:
         """Whether any was expected."""
         return any(row.expected for row in self.rows)
+
+    @property
+    def limited(self) -> bool:
+        """Whether of any is known what limits it."""
+        return any(row.limit for row in self.rows)
 
     @property
     def converged(self) -> int:
@@ -138,17 +152,21 @@ def tables(result: Result) -> list[Table]:
 def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> Table:
     """The table of ten estimates."""
     cause = contradiction(part)
-    rows = tuple(_row(name, item, cause) for name, item in part.estimates.items())
-    return Table(anchor, title, rows, part.estimates, assumptions.sigma_heading(result, part), assumptions.implied_thrust(part), cause)
+    rows = tuple(_row(name, item, cause, limiting.limit(name, part, result)) for name, item in part.estimates.items())
+    short = part.name if isinstance(part, PhaseItem) else "docked"
+    return Table(
+        anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result, part), assumptions.implied_thrust(part), cause
+    )
 
 
-def _row(name: str, item: EstimateItem, contradicted: str) -> Row:
+def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit | None) -> Row:
     value, sigma = (minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(
         symbol=vocabulary.SYMBOLS[name],
         value=value,
         sigma=sigma,
+        percent=_percent(item),
         unit=vocabulary.unit(item.unit),
         verdict=item.verdict,
         sign=vocabulary.SIGNS[item.verdict],
@@ -157,11 +175,56 @@ def _row(name: str, item: EstimateItem, contradicted: str) -> Row:
         nominal="" if item.nominal is None else minus(f"{item.nominal:.6g}"),
         expected="" if expected is None else f"{minus(f'{expected.value:.6g}')} ± {expected.stated}",
         met=None if expected is None else expected.met,
-        difference="" if expected is None or expected.sigmas is None else f"{minus(f'{expected.sigmas:+.1f}')} σ",
+        difference=_difference(item),
+        relative=_relative(item),
+        limit="" if limit is None else minus(limit.said),
     )
 
 
-def matrices(phase: PhaseItem, bearing_mass_kg: float, about_origin: Array) -> list[Grid]:
+def _percent(item: EstimateItem) -> str:
+    if not item.value or item.sigma is None or item.verdict not in INFORMED:
+        return ""
+    return f"{minus(digits.figures(100 * item.sigma / abs(item.value)))} %"
+
+
+def _difference(item: EstimateItem) -> str:
+    """With as many decimals as the value."""
+    if item.expected is None or item.expected.difference is None:
+        return ""
+    shown, _ = digits.numbers(item.expected.difference, item.sigma, item.verdict)
+    return _signed(shown)
+
+
+def _relative(item: EstimateItem) -> str:
+    found = item.expected
+    if found is None or found.difference is None:
+        return ""
+    said = [f"{_signed(digits.figures(100 * found.difference / abs(found.value)))} %"] if found.value else []
+    said += [f"{_signed(f'{found.sigmas:.1f}')} σ"] if found.sigmas is not None else []
+    return ", ".join(said)
+
+
+def _signed(text: str) -> str:
+    """With a sign, a plus too; nothing rounds to a signed zero."""
+    shown = minus(text)
+    return shown if shown.startswith(("−", digits.ABSENT)) or not any(digit in shown for digit in "123456789") else f"+{shown}"
+
+
+def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, EstimateItem]) -> list[tuple[str, str]]:
+    """Of each quantity the difference from another result, and that in sigmas, sqrt(s1² + s2²); only between values of use."""
+    found = []
+    for name, item in estimates.items():
+        other = first[name]
+        if item.value is None or other.value is None or not {item.verdict, other.verdict} <= set(INFORMED):
+            found.append((digits.ABSENT, ""))
+            continue
+        off, sigma = item.value - other.value, float(np.hypot(item.sigma or 0.0, other.sigma or 0.0))
+        shown = _signed(digits.numbers(off, sigma)[0])
+        found.append((shown, f"{_signed(f'{off / sigma:.1f}')} σ" if sigma > 0 else ""))
+    return found
+
+
+def matrices(phase: PhaseItem | DockedObject, bearing_mass_kg: float, about_origin: Array) -> list[Grid]:
     """Inertia about the CG and about O, in both conventions of products."""
     verdicts = _verdicts(phase)
     moved = [item.verdict for name, item in phase.estimates.items() if name in (*CG, "mass")]
@@ -186,7 +249,7 @@ def nearest(phase: PhaseItem) -> Grid | None:
     return Grid("Nearest consistent, about the CG, tensor", _grid(body.array(found), body.inertia_sigmas(phase), _verdicts(phase)))
 
 
-def _verdicts(phase: PhaseItem) -> NDArray[np.object_]:
+def _verdicts(phase: PhaseItem | DockedObject) -> NDArray[np.object_]:
     """(3, 3) of the inertia's elements."""
     verdicts = np.empty((3, 3), dtype=object)
     for (i, j), item in zip(body.UPPER, phase.estimates.values(), strict=False):
@@ -213,7 +276,7 @@ def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:
     return minus(f"{value:.5g}" if verdict in INFORMED else digits.figures(value)), digits.ABSENT
 
 
-def axes(phase: PhaseItem) -> list[Axis]:
+def axes(phase: PhaseItem | DockedObject) -> list[Axis]:
     """Principal moments, ascending, and their axes; none if the inertia is not known."""
     found = body.principal(phase)
     if found is None:

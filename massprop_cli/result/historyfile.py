@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base import arrow
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.prepare.compensate import acceleration
 from massprop_cli.result.schema import AXES
@@ -17,29 +20,66 @@ ROWS = 8192
 """Rows of history.parquet that are written at once."""
 SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2"}
 """What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
+PREDICTED = {"rate": "rad_s", "specific_force": "m_s2"}
+"""What was measured and predicted."""
+EXECUTED = "executed_"
+"""Before a jet's name: seconds at full thrust that it executed in a cycle."""
 
 
 def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     """history.parquet: one row per cycle and phase, null where nothing can be said.
 
     Beside the estimates stand the executed mean torque about O and force, the mean rate, and the acceleration of O (of the bearing, on
-    one) with lever arm and gravity taken out, all in body axes.
+    one) with lever arm and gravity taken out; the specific force at the IMU; rate and specific force as the final values predict them
+    from the commands, with the sigma of measured less predicted; the whitened innovations that the fit is judged by; and what each jet
+    executed. All in body axes.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    innovations = [f"innovation_{kind}_{axis}" for kind in ("torque", "force") for axis in AXES]
-    signals = [f"{kind}_{axis}_{unit}" for kind, unit in SIGNALS.items() for axis in AXES]
-    names = ("time_s", *QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES), *innovations, *(f"{name}_sigma" for name in innovations))
-    schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in (*names, *signals))])
+    schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(_jets(analysis)))])
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-        for history in analysis.histories:
+        for history, settled in zip(analysis.histories, analysis.settled, strict=True):
             for first in range(0, len(history.time_s), ROWS):
-                part = slice(first, min(first + ROWS, len(history.time_s)))
-                samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
-                wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
-                felt = wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)
-                told = history.values, history.sigmas, history.innovation, history.innovation_sigma
-                rows = np.hstack([history.time_s[part, None], *(values[part] for values in told), *felt])
+                rows = _rows(analysis, history, settled, slice(first, min(first + ROWS, len(history.time_s))))
                 columns = [arrow.text([history.phase.name] * len(rows)), *(arrow.numbers(column) for column in rows.T)]
                 writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def _jets(analysis: Analysis) -> list[str]:
+    return [jet.name for jet in analysis.vehicle.jets] if analysis.log.command_kind == "jets" else []
+
+
+def _columns(jets: Sequence[str]) -> list[str]:
+    def axes(kind: str, *parts: str) -> list[str]:
+        return ["_".join((kind, axis, *parts)) for axis in AXES]
+
+    innovations = [name for kind in ("torque", "force") for name in axes(f"innovation_{kind}")]
+    predicted = [name for parts in ((), ("sigma",)) for kind, unit in PREDICTED.items() for name in axes(f"predicted_{kind}", *parts, unit)]
+    return [
+        *("time_s", *QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES), *innovations, *(f"{name}_sigma" for name in innovations)),
+        *(name for kind, unit in SIGNALS.items() for name in axes(kind, unit)),
+        *(*axes("specific_force", "m_s2"), *predicted, *(name for kind in PREDICTED for name in axes(f"whitened_{kind}"))),
+        *(f"{EXECUTED}{jet}_s" for jet in jets),
+    ]
+
+
+def _rows(analysis: Analysis, history: History, settled: History, part: slice) -> Array:
+    """(K, columns) of part of a phase."""
+    samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
+    wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
+    measured = np.hstack([samples.rate_rad_s, samples.specific_force_m_s2])
+    left, sigma = np.full((2, *measured.shape), np.nan)
+    if settled.residual is not None:
+        left, sigma = (values[part] for values in settled.residual)
+    executed = samples.executed.channels.whole if analysis.log.command_kind == "jets" else measured[:, :0]
+    return np.hstack(
+        [
+            *(
+                history.time_s[part, None],
+                *(v[part] for v in (history.values, history.sigmas, history.innovation, history.innovation_sigma)),
+            ),
+            *(wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)),
+            *(measured[:, 3:], measured - left, sigma, settled.normalised[part], executed),
+        ]
+    )

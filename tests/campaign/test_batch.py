@@ -44,7 +44,7 @@ def test_a_campaign_has_a_result_for_each_log_and_tables_of_all(here: Path) -> N
     done = batch(here, "logs", "--jobs", "2")
     assert done.returncode == 0, done.stderr
     out = here / "massprop-out"
-    assert sorted(path.name for path in out.iterdir()) == ["campaign.html", "campaign.json", "campaign.parquet", "results"]
+    assert sorted(path.name for path in out.iterdir()) == ["campaign.csv", "campaign.html", "campaign.json", "campaign.parquet", "results"]
     names = [f"seed-000{n}" for n in range(1, 5)]
     assert sorted(path.name for path in (out / "results").iterdir()) == names
     assert sorted(path.name for path in (out / "results" / names[0]).iterdir()) == ["history.parquet", "outcome.json", "result.json"]

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from massprop_cli.campaign import figures, terminal
 from massprop_cli.campaign import markdown as campaign_markdown
 from massprop_cli.campaign import page as campaign_page
-from massprop_cli.campaign import terminal
 from massprop_cli.campaign.outcome import Value, contradicted, state
-from massprop_cli.campaign.summary import Row, Summary, summary, to_json
+from massprop_cli.campaign.spreadsheet import COLUMNS, csv_rows
+from massprop_cli.campaign.summary import Row, Summary, grouped, summary, to_json
+from massprop_cli.report.figures import canvas
 from tests.campaign.test_ci import failed
 from tests.campaign.test_pool import row
+from tests.recording import drawn, precision
 from tests.report.test_browser import CHROMIUM, browser
 
 if TYPE_CHECKING:
@@ -134,6 +139,86 @@ def test_a_log_with_contradicted_quantities_is_marked_in_its_row_and_counted() -
     assert campaign_page.counts(found) == "2 done; 1 contradicted by the vehicle file; 1 with warnings (jet-sign 1)"
 
 
+def pools(found: Summary) -> dict[str, figures.Spread]:
+    (group,) = grouped(found.logs).values()
+    return figures.spreads(group)
+
+
+def scattered(logs: int, seed: int = 5) -> Summary:
+    rng = np.random.default_rng(seed)
+    return summary("night", [row(n, 22.0 + 0.25 * float(rng.standard_normal())) for n in range(1, logs + 1)])
+
+
+def test_each_logs_value_and_sigma_and_the_mean_are_drawn_where_they_are() -> None:
+    found = scattered(12)
+    picture = figures.picture(pools(found), found.pooled[0])
+    (panel,) = [panel for panel in picture.panels if panel.key == "mass"]
+    svg = canvas.render([panel], "svg")
+    outcomes = [one.outcome for one in found.logs]
+    masses = np.array([one.bodies[0].estimates["mass"].value for one in outcomes if one is not None], dtype=float)
+    within = precision(svg, "mass")
+    bars = drawn(svg, "mass", "mass-bars")
+    assert bars[::2] == pytest.approx(np.column_stack([np.arange(1, 13), masses - 0.25]), abs=max(within))
+    assert bars[1::2] == pytest.approx(np.column_stack([np.arange(1, 13), masses + 0.25]), abs=max(within))
+    assert drawn(svg, "mass", "mass-mean")[:, 1] == pytest.approx(found.pooled[0].estimates["mass"].value, abs=within[1])
+    slope = np.diff(drawn(svg, "mass", "mass-trend"), axis=0)[0]
+    assert slope[1] / slope[0] == pytest.approx(np.polyfit(np.arange(1, 13), masses, 1)[0], rel=0.02)
+
+
+def test_distances_in_sigmas_are_those_from_the_mean_of_all_other_logs() -> None:
+    """x − x̄ over its own sigma is x − x̄_without over that one's: both numerator and sigma shrink alike."""
+    spread = pools(scattered(9))["mass"]
+    value, own = spread.samples.value, spread.samples.own
+    others = [np.delete(value, i).mean() for i in range(9)]
+    assert spread.z == pytest.approx((value - others) / (own * np.sqrt(1 + 1 / 8)))
+    assert spread.within == int((np.abs(spread.z) <= 2).sum())
+
+
+def test_coverage_counts_95_of_100_logs_whose_sigmas_hold() -> None:
+    """Of 2,000 logs 95.4 % lie within two sigmas, ± 1.9 % at four sigma of the count."""
+    told = [pools(scattered(100, seed))["mass"] for seed in range(20)]
+    assert sum(one.within for one in told) / 2000 == pytest.approx(0.954, abs=0.019)
+    assert re.search(r">Within 2 σ</th>", "".join(campaign_page.page(scattered(3))))
+
+
+def test_what_all_logs_expect_alike_is_drawn() -> None:
+    def expecting(number: int, mass: float) -> Row:
+        one = row(number, 22.0 + 0.1 * number)
+        assert one.outcome is not None
+        body = one.outcome.bodies[0]
+        item = body.estimates["mass"].model_copy(update={"expected": mass, "met": True})
+        body = body.model_copy(update={"estimates": body.estimates | {"mass": item}})
+        return one.model_copy(update={"outcome": one.outcome.model_copy(update={"bodies": [body]})})
+
+    assert pools(summary("n", [expecting(n, 22.5) for n in range(3)]))["mass"].expected == 22.5
+    assert pools(summary("n", [expecting(n, 22.5 + n) for n in range(3)]))["mass"].expected is None
+    assert pools(summary("n", [row(1, 22.0), expecting(2, 22.5)]))["ixx"].expected is None
+
+
+def test_the_worst_warning_and_the_mass_stand_beside_the_outcome() -> None:
+    assert campaign_page.worst(["long-interval", "jet-sign", "delay-mismatch"]) == "jet-sign"
+    assert campaign_page.worst(["outliers"]) == "outliers"
+    assert campaign_page.worst([]) == ""
+    text = "".join(campaign_page.page(summary("n", [row(1, 22.0, warnings=["outliers", "jet-sign"])])))
+    cells = re.findall(r"<t[dh].*?</t[dh]>", text[text.index("<tbody>") :], re.DOTALL)
+    outcome, mass = cells[2:4]
+    assert "⚠ jet-sign" in outcome
+    assert "22.00" in mass
+    assert "± 0.25</span>" in mass
+
+
+def test_the_table_for_a_spreadsheet_has_every_value_and_no_formula() -> None:
+    found = campaign()
+    rows = list(csv.DictReader(io.StringIO("".join(csv_rows(found)), newline="")))
+    assert tuple(rows[0]) == COLUMNS
+    assert [one["name"] for one in rows] == [one.name for one in found.logs]
+    assert [one["mass_kg"] for one in rows[:5]] == ["29.0", "28.0", "27.0", "26.0", ""]
+    assert (rows[0]["mass_sigma_kg"], rows[0]["mass_verdict"], rows[0]["outcome"]) == ("0.25", "converged", "done")
+    assert (rows[-1]["exit_code"], rows[-1]["mass_kg"]) == ("3", "")
+    tricky = summary("n", [row(1, 22.0).model_copy(update={"name": "=1+1"})])
+    assert not list(csv.reader("".join(csv_rows(tricky)).splitlines()))[1][1].startswith("=")
+
+
 def test_a_thousand_logs_make_a_page_that_a_browser_takes_easily() -> None:
     assert len("".join(campaign_page.page(campaign(1000))).encode()) < 3_000_000
 
@@ -194,6 +279,23 @@ class TestInChromium:
         assert shown(page) == ["log-5"]
         page.get_by_label("Find").fill("nothing like it")
         assert shown(page) == []
+
+    def test_rows_are_filtered_by_warning_and_the_address_says_how(self, page: Page, browser: Browser) -> None:
+        page.locator("#filter-warning").select_option("gyro-units")
+        assert shown(page) == ["log-5"]
+        page.locator("#filter-warning").select_option("")
+        page.get_by_label("Find").fill("log-1")
+        page.get_by_role("columnheader", name=re.compile("^Mass")).get_by_role("button").click()
+        assert page.url.endswith("#text=log-1&sort=3%2B")
+        again = browser.new_context().new_page()
+        again.goto(page.url)
+        assert shown(again) == ["log-12", "log-11", "log-10", "log-1"]
+        assert again.locator("#shown").inner_text() == "4 of 14 logs"
+
+    def test_on_paper_the_page_lies_on_its_side(self, page: Page) -> None:
+        boxes = re.findall(rb"/MediaBox ?\[0 0 ([\d.]+) ([\d.]+)\]", page.pdf(prefer_css_page_size=True))
+        assert boxes
+        assert all(float(wide) > float(high) for wide, high in boxes)
 
     def test_links_lead_to_each_result(self, page: Page) -> None:
         page.get_by_role("link", name="log-7").click()

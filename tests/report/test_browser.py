@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from massprop_cli.report import html
+from massprop_cli.result.read import Recorded
 from tests.recording import record
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Locator, Page
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
 ARGUMENTS = [
@@ -33,18 +36,22 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return record(tmp_path_factory.mktemp("one") / "refined", "scenarios/refined/log.parquet")
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory, recorded: Recorded) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("pages")
-    docking = record(folder / "docking", "docking/log.parquet")
-    refined = record(folder / "refined", "scenarios/refined/log.parquet")
+    docking, refined = record(folder / "docking", "docking/log.parquet"), recorded
     written = {}
-    for name, recorded in {"docking": [docking], "refined": [refined], "comparison": [docking, refined]}.items():
+    for name, shown in {"docking": [docking], "refined": [refined], "comparison": [docking, refined]}.items():
         written[name] = folder / f"{name}.html"
-        written[name].write_text(html.page(recorded), encoding="utf-8")
+        written[name].write_text(html.page(shown), encoding="utf-8")
     return written
 
 
-FIGURES = {"docking": 2 * 16 + 18, "refined": 16 + 18, "comparison": 10}
+FIGURES = {"docking": 2 * 26 + 1 + 43, "refined": 26 + 43, "comparison": 20}
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -94,6 +101,116 @@ def test_text_in_figures_can_be_read_on_a_phone(browser: Browser, pages: dict[st
     heights = page.evaluate("[...document.querySelectorAll('svg text')].map(t => t.getBoundingClientRect().height)")
     assert min(heights) > 6.0
     context.close()
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The free flyer with one jet that the vehicle file has the wrong way round."""
+    folder = tmp_path_factory.mktemp("faulty")
+    wrong = record(folder / "result", "free-flyer/log.parquet", "jets.0.force_n=[0.0, 0.0, -1.112]")
+    file = folder / "faulty.html"
+    file.write_text(html.page([wrong]), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_first_screen_of_a_faulty_log_says_not_to_believe_it_and_which_jet(browser: Browser, faulty: Path, width: int) -> None:
+    context = browser.new_context(viewport={"width": width, "height": 844})
+    page = context.new_page()
+    page.goto(faulty.as_uri())
+    for said in (
+        "all ten quantities contradicted",
+        "jet roll_p1 pushes the other way",
+        "do not use them",
+        "The model does not fit the log: 0 of 19",
+    ):
+        box = page.get_by_text(said).first.bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] < 844, said
+    red = page.get_by_text("all ten quantities contradicted").evaluate("e => getComputedStyle(e).color")
+    assert red == "rgb(179, 0, 27)"
+    raster = page.locator("#figure-firing text", has_text="roll_p1")
+    assert raster.evaluate("e => getComputedStyle(e).fill") == "rgb(179, 0, 27)"
+    context.close()
+
+
+def opened(browser: Browser, file: Path) -> Page:
+    page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+    page.goto(file.as_uri())
+    return page
+
+
+def over(page: Page, figure: str, right: float, down: float = 0.5) -> Locator:
+    """The pointer in a figure's first panel, that part of its width and height from its upper left corner."""
+    panel = page.locator(f"#figure-{figure} .panel").first
+    panel.scroll_into_view_if_needed()
+    box = panel.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + right * box["width"], box["y"] + down * box["height"])
+    return panel
+
+
+def told(panel: Locator) -> dict[str, float]:
+    """What the panel says under the pointer: "34.10 s: measured 0.4246; predicted 0.4756 rad/s"."""
+    moment, _, rest = panel.locator("output").inner_text().replace("−", "-").partition(" s: ")
+    return {"time_s": float(moment)} | {words.split()[0]: float(words.split()[1]) for words in rest.split("; ")}
+
+
+def test_values_under_the_pointer_are_those_of_the_history(browser: Browser, pages: dict[str, Path], recorded: Recorded) -> None:
+    page, columns = opened(browser, pages["refined"]), recorded.history["all"]
+    reach = np.ptp(columns["rate_x_rad_s"])
+    for part in (0.35, 0.6, 0.85):
+        panel = over(page, "rate-fit", part)
+        said = told(panel)
+        near = np.abs(columns["time_s"] - said["time_s"]) < 0.3
+        assert np.abs(columns["rate_x_rad_s"][near] - said["measured"]).min() < 1e-3 * reach
+        assert np.abs(columns["predicted_rate_x_rad_s"][near] - said["predicted"]).min() < 1e-3 * reach
+        assert panel.locator("output").inner_text().endswith("rad/s")
+    said = told(over(page, "inertia1", 0.9))
+    last = np.abs(columns["time_s"] - said["time_s"]) < 0.3
+    assert np.abs(columns["ixx"][last] - said["value"]).min() < 0.2 * columns["ixx_sigma"][last].max()
+    assert np.abs(columns["ixx_sigma"][last] - said["±"]).min() < 0.2 * columns["ixx_sigma"][last].max()
+    said = told(over(page, "settling1", 0.7))
+    near = np.abs(columns["time_s"] - said["time_s"]) < 0.3
+    assert np.abs(np.log10(columns["ixx_sigma"][near] / said["sigma"])).min() < 0.02
+    page.mouse.move(0, 0)
+    assert page.locator(".live").count() == 0, "the drawing is back when the pointer has gone"
+
+
+def test_a_stretch_is_zoomed_into_and_a_double_click_leads_back(browser: Browser, pages: dict[str, Path], recorded: Recorded) -> None:
+    page, columns = opened(browser, pages["refined"]), recorded.history["all"]
+    scales = "e => [e.live.chart.scales.x.min, e.live.chart.scales.x.max, e.live.chart.scales.y.max - e.live.chart.scales.y.min]"
+    panel = over(page, "rate-fit", 0.4)
+    whole = panel.evaluate(scales)
+    page.mouse.down()
+    over(page, "rate-fit", 0.5)
+    over(page, "rate-fit", 0.6)
+    page.mouse.up()
+    near = panel.evaluate(scales)
+    assert near[1] - near[0] == pytest.approx(0.2 / 0.81 * (whole[1] - whole[0]), rel=0.05)
+    assert whole[0] < near[0] < near[1] < whole[1]
+    seen = columns["rate_x_rad_s"][(columns["time_s"] > near[0]) & (columns["time_s"] < near[1])]
+    assert np.ptp(seen) <= near[2] <= whole[2]
+    if np.ptp(seen) < 0.5 * np.ptp(columns["rate_x_rad_s"]):
+        assert near[2] < 0.8 * whole[2]
+    page.mouse.move(0, 0)
+    assert panel.locator(".live").count() == 1, "what is zoomed into stays"
+    over(page, "rate-fit", 0.5)
+    panel.locator(".live .u-over").dblclick()
+    assert panel.evaluate(scales) == pytest.approx(whole)
+
+
+def test_without_scripts_and_on_paper_the_drawings_are_there(browser: Browser, pages: dict[str, Path]) -> None:
+    page = browser.new_context(java_script_enabled=False).new_page()
+    page.goto(pages["refined"].as_uri())
+    assert page.get_by_role("img").count() == FIGURES["refined"]
+    page = opened(browser, pages["refined"])
+    over(page, "rate-fit", 0.5)
+    assert page.locator(".live").count() == 1
+    pdf = page.pdf(prefer_css_page_size=True)
+    assert page.locator(".live").count() == 0
+    assert re.fullmatch(r"Printed on \d{4}-\d\d-\d\d\.", page.locator("#printed").text_content() or "")
+    assert len(re.findall(rb"/Type ?/Page\b", pdf)) <= 12
 
 
 def test_links_lead_to_what_they_name(browser: Browser, pages: dict[str, Path]) -> None:

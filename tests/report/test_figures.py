@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -16,11 +17,20 @@ from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.base.rigidbody import elements, tensor
-from massprop_cli.report import body, figures, vocabulary
-from massprop_cli.report.figures import canvas, comparison, correlation, ellipsoid, excitation, innovations, palette, series
+from massprop_cli.report import body, figures, html, vocabulary
+from massprop_cli.report.figures import (
+    canvas,
+    comparison,
+    correlation,
+    ellipsoid,
+    excitation,
+    innovations,
+    palette,
+    series,
+)
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem
-from tests.recording import SVG, changed, drawn, precision, record
+from tests.recording import SVG, changed, drawn, follows, precision, record
 
 FAMILY = {**dict.fromkeys(INERTIA, "inertia"), **dict.fromkeys(CG, "cg"), "mass": "mass"}
 
@@ -28,13 +38,6 @@ FAMILY = {**dict.fromkeys(INERTIA, "inertia"), **dict.fromkeys(CG, "cg"), "mass"
 @pytest.fixture(scope="module")
 def thesis(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("thesis"), "free-flyer/log.parquet", 'estimator.method="thesis"')
-
-
-def follows(points: Array, time_s: Array, values: Array, within: tuple[float, float]) -> bool:
-    """Whether every drawn point is a row of the history."""
-    rows = np.abs(points[:, :1] - time_s).argmin(1)
-    near_time = np.abs(points[:, 0] - time_s[rows]) <= within[0]
-    return bool(len(points) > 10 and near_time.all() and (np.abs(points[:, 1] - values[rows]) <= within[1]).all())
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
@@ -114,6 +117,45 @@ def test_innovations_stand_between_two_sigmas_as_the_filter_expected(flyer: Reco
             assert 0.9 < inside < 0.99
     for panel in figures.picture("innovations", flyer).panels:
         assert "lie within ± 2 sigma; 95 % are expected" in panel.says
+
+
+def test_where_sigma_exceeds_the_picture_nothing_is_drawn(flyer: Recorded) -> None:
+    svg, columns = figures.draw("inertia", flyer, "svg"), flyer.history["all"]
+    limits = series.settled(columns["iyz"], columns["iyz_sigma"])
+    assert limits is not None
+    wide = columns["iyz_sigma"] > 1.1 * (limits.high - limits.low)
+    assert wide.sum() > 100
+    assert drawn(svg, "iyz-1", "iyz-value-1")[:, 0].min() > columns["time_s"][wide].max()
+    assert "where sigma exceeds it, nothing is drawn" in figures.picture("inertia", flyer).caption
+    assert series.broken(np.array([0, 1, 4, 6]), np.array([0, 0, 1, 0, 0, 0, 0], dtype=bool)).tolist() == [0, 1, -1, 4, 6]
+
+
+def test_a_history_of_an_earlier_version_still_makes_the_figures_that_it_can(flyer: Recorded) -> None:
+    new = ("predicted_", "whitened_", "executed_", "specific_force_")
+    old = replace(flyer, history={"all": {n: v for n, v in flyer.history["all"].items() if not n.startswith(new)}})
+    assert figures.draw("inertia", old, "svg") == figures.draw("inertia", flyer, "svg")
+    for name in ("rate-fit", "force-fit", "command-fit", "whiteness", "firing"):
+        with pytest.raises(InputError, match=r"lacks .*; make the result again"):
+            figures.picture(name, old)
+    page = html.page([old])
+    assert page.count("This figure needs history.parquet") == 5
+
+
+def test_neighbouring_panels_have_one_unit(flyer: Recorded) -> None:
+    history = flyer.history["all"] | {"rate_x_rad_s": 1e-9 * flyer.history["all"]["rate_x_rad_s"]}
+    headings = [
+        re.findall(r">Rate, body [XYZ] \[(.*?)\]<", canvas.render([panel], "svg").decode())
+        for panel in figures.picture("rate", replace(flyer, history={"all": history})).panels
+    ]
+    assert headings == [["rad/s"], ["rad/s"], ["rad/s"]]
+
+
+def test_views_of_an_ellipsoid_have_one_scale(flyer: Recorded) -> None:
+    scales = []
+    for panel in figures.picture("ellipsoid", flyer).panels:
+        svg = canvas.render([panel], "svg")
+        scales += list(precision(svg, panel.key))
+    assert scales == pytest.approx([scales[0]] * 8, rel=1e-6)
 
 
 def test_every_phase_is_drawn_and_named(docking: Recorded) -> None:
@@ -240,7 +282,10 @@ def test_correlation_is_covariance_over_sigmas() -> None:
     assert np.isnan(found[9]).all()
 
 
-@pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (-0.456, "−.46"), (0.004, "0"), (-0.004, "0"), (0.07, ".07"), (np.nan, "·")])
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.0, "1"), (0.9999, ">.999"), (-0.9971, "−.997"), (-0.456, "−.46"), (0.004, "0"), (-0.004, "0"), (0.07, ".07"), (np.nan, "·")],
+)
 def test_correlations_are_written_short(value: float, text: str) -> None:
     assert correlation.short(value) == text
 
@@ -336,7 +381,7 @@ def test_an_unknown_figure_or_phase_is_refused_with_those_there_are(flyer: Recor
 def test_without_a_history_only_figures_against_time_are_refused(flyer: Recorded) -> None:
     bare = replace(flyer, history={})
     for name in figures.NAMES:
-        if name in ("correlation", "ellipsoid"):
+        if name in ("correlation", "ellipsoid", "expectations"):
             assert figures.draw(name, bare, "svg")
         else:
             with pytest.raises(InputError, match=r"history\.parquet: missing.*massprop estimate"):

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.report import checks, figures, html, view, vocabulary
+from massprop_cli.report import checks, figures, html, limiting, view, vocabulary
 from massprop_cli.report.figures import palette
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Delay, Innovations, Mended, PhaseItem, WarningItem
@@ -40,17 +43,18 @@ def docking_page(docking: Recorded) -> Page:
 
 def test_the_first_table_holds_every_value_with_sigma_unit_and_verdict(flyer: Recorded, flyer_page: Page) -> None:
     header, *rows = flyer_page.table("Whole log, 0 to 60 s")
-    assert header == ["Quantity", "Value", "± sigma (thrust taken as exact)", "Unit", "Verdict", "Final at"]
+    assert header == ["Quantity", "Value", "± sigma (thrust taken as exact)", "in %", "Unit", "Verdict", "Final at", "Limited by"]
     assert len(rows) == 10
     for row, (name, item) in zip(rows, flyer.result.phases[0].estimates.items(), strict=True):
-        value, sigma, final = float(row[1].replace("−", "-")), float(row[2].lstrip("± ")), float(row[5].rstrip(" s"))
+        value, sigma, final = float(row[1].replace("−", "-")), float(row[2].lstrip("± ")), float(row[6].rstrip(" s"))
         assert row[0] == vocabulary.SYMBOLS[name]
         assert item.value is not None
         assert item.sigma is not None
         assert value == pytest.approx(item.value, abs=0.06 * item.sigma)
         assert sigma == pytest.approx(item.sigma, rel=0.06)
-        assert row[3].replace("²", "^2") == item.unit
-        assert row[4] == "✓ converged"
+        assert float(row[3].rstrip(" %")) == pytest.approx(100 * item.sigma / abs(item.value), rel=0.06)
+        assert row[4].replace("²", "^2") == item.unit
+        assert row[5] == "✓ converged"
         assert final == pytest.approx(item.final_at_s, abs=0.006)
 
 
@@ -82,7 +86,7 @@ def test_a_contradiction_stands_in_red_before_anything_else_and_no_motion_cures_
     assert summary.index('class="alarm"') < summary.index(recorded.CAUSE) < summary.index("0 of 10 quantities converged, 7 contradicted")
     assert "7 of 10 quantities contradicted" in page.said()
     assert re.search(r"\.alarm .*var\(--red\)", text)
-    assert page.table("Whole log")[1] == ["Ixx", "−830", "± 4.0", "kg m²", "‼ contradicted"]
+    assert page.table("Whole log")[1][:6] == ["Ixx", "−830", "± 4.0", "", "kg m²", "‼ contradicted"]
     cures = {row[0]: row[1:] for row in page.table("Quantities that are not converged")[1:]}
     assert cures["Ixx, Ixy, Ixz, Iyy, Iyz, CG z, Mass"] == ["‼ contradicted", recorded.CAUSE, "mend the cause; no motion cures it"]
     assert cures["Izz"] == ["○ not excited", "the motion in this phase hardly informed it", "mend what contradicts this phase first"]
@@ -142,9 +146,9 @@ def test_nominal_and_expected_values_stand_beside_the_estimate(flyer: Recorded) 
     wanted = {"value": 0.63, "tolerance": 0.001, "stated": "0.001", "met": False, "difference": -0.01, "sigmas": -2968.2}
     page = Page(html.page([changed(flyer, "ixx", {"nominal": 0.615, "expected": wanted})]))
     header, ixx, ixy, *_ = page.table("Whole log")
-    assert header[-3:] == ["Nominal", "Expected", "Off by"]
-    assert ixx[-3:] == ["0.615", "0.63 ± 0.001 ✕ missed", "−2968.2 σ"]
-    assert ixy[-3:] == ["", "", ""]
+    assert header[-4:] == ["Nominal", "Expected", "Off by (in %, in σ)", "Limited by"]
+    assert ixx[-4:-1] == ["0.615", "0.63 ± 0.001 ✕ missed", "−0.0100000 (−1.6 %, −2968.2 σ)"]
+    assert ixy[-4:-1] == ["", "", ""]
     assert "outside its expectation: Ixx" in page.said()
 
 
@@ -215,15 +219,57 @@ def test_on_a_bearing_the_page_says_whose_mass_and_inertia_these_are(bearing: Re
     assert "air bearing" in said
 
 
+def test_the_docked_object_has_matrices_axes_and_correlations_as_a_phase_has(docking: Recorded, docking_page: Page) -> None:
+    found = docking.result.docked_object
+    assert found is not None
+    values = {name: item.value or 0.0 for name, item in found.estimates.items()}
+    text = docking_page.text[docking_page.text.index('<section id="body-docked"') :]
+    page = Page(text[: text.index("</section>") + len("</section>")])
+    about_cg, about_o = cells(page.table("About the CG, tensor")), cells(page.table("About O, tensor"))
+    c = np.array([values[f"cg_{axis}"] for axis in "xyz"])
+    assert about_cg[1, 1] == pytest.approx(values["iyy"], rel=1e-3)
+    assert about_o - about_cg == pytest.approx(values["mass"] * (c @ c * np.eye(3) - np.outer(c, c)), rel=0.01, abs=0.01)
+    moments = [float(row[1]) for row in page.table("Principal moments and axes")[1:]]
+    assert moments == pytest.approx(list(np.linalg.eigvalsh(about_cg)), rel=1e-3)
+    told = page.table("Correlations of the ten estimates")
+    covariance = np.array(found.covariance, dtype=float)
+    assert float(told[1][4].replace("−", "-")) == pytest.approx(covariance[0, 3] / np.sqrt(covariance[0, 0] * covariance[3, 3]), abs=0.006)
+    assert sum(tag == "svg" for tag, _ in page.tags) == 1
+
+
+def test_each_value_says_what_limits_it() -> None:
+    """One percent of thrust moves the inertia by far more than its noise, a wrong place the CG; nothing but noise the mass."""
+    scale, place, *_ = recorded.assumptions()
+    made = [scale | {"effects": [{"phase": "all", "change": {"ixx": 0.0062, "mass": 0.22}, "seen_sigma": None}]}]
+    made += [place | {"effects": [{"phase": "all", "change": {"cg_x": 0.001}, "seen_sigma": seen}]} for seen in (2.0, 300.0)]
+    items: dict[str, Any] = {"ixx": {"sigma": 3e-6}, "cg_x": {"sigma": 3e-6}, "cg_y": {"verdict": "not_excited"}, "mass": {"sigma": 0.3}}
+    (table,) = view.tables(recorded.result([recorded.phase(**items)], assumptions=made))
+    limits = {row.symbol: row.limit for row in table.rows}
+    assert limits["Ixx"] == "thrust scale, 1 %: 0.0062"
+    assert limits["CG x"] == "geometry: IMU position, 1 mm: 0.0010"
+    assert limits["Mass"] == limits["Iyy"] == "noise"
+    assert limits["CG y"] == ""
+    (noticed,) = view.tables(recorded.result([recorded.phase(**items)], assumptions=made[2:]))
+    assert noticed.rows[6].limit == "noise"
+
+
+def test_a_stated_thrust_scale_is_the_limit_where_it_is_most_of_the_sigma() -> None:
+    made = [recorded.assumptions()[0] | {"effects": [{"phase": "all", "change": {"mass": 0.22, "ixx": 0.0062}, "seen_sigma": None}]}]
+    found = recorded.result([recorded.phase(mass={"sigma": 0.48}, ixx={"sigma": 0.1})], assumptions=made)
+    found = found.model_copy(update={"vehicle": found.vehicle.model_copy(update={"thrust_scale_sigma": 0.02})})
+    said = {name: limiting.limit(name, found.phases[0], found) for name in ("mass", "ixx")}
+    assert [one.said for one in said.values() if one is not None] == ["thrust scale", "noise"]
+
+
 def test_every_figure_is_there_with_text_for_those_who_dont_see_it(docking_page: Page) -> None:
     pictures = [found for tag, found in docking_page.tags if tag == "svg"]
     told = [found["aria-label"] or "" for found in pictures]
-    assert len(pictures) == 2 * (10 + 1 + 1 + 4) + 4 * 3 + 6
+    assert len(pictures) == 2 * (20 + 1 + 1 + 4) + 1 + 5 * 6 + 1 + 4 * 3
     assert all(found["role"] == "img" for found in pictures)
     assert all(len(text) > 30 for text in told)
     assert len(set(told)) == len(told)
     anchors = {re.sub(r"\d$", "", name) for name in docking_page.ids if name.startswith("figure-")}
-    assert anchors == {f"figure-{name}" for name in figures.NAMES}
+    assert anchors == {f"figure-{name}" for name in figures.NAMES} - {"figure-expectations"} | {"figure-correlation-docked"}
     assert sum(tag == "figcaption" for tag, _ in docking_page.tags) == sum(tag == "figure" for tag, _ in docking_page.tags)
 
 
@@ -249,7 +295,9 @@ def test_figures_in_the_page_are_whole_and_take_the_pages_colours(docking_page: 
 def test_the_page_loads_nothing_and_turns_dark_on_a_screen_only(docking_page: Page) -> None:
     assert "http" not in docking_page.text.replace("http-equiv", "")
     assert "default-src 'none'" in docking_page.text
-    assert not [tag for tag, _ in docking_page.tags if tag in ("script", "img", "iframe", "object", "base")]
+    assert not [tag for tag, _ in docking_page.tags if tag in ("img", "iframe", "object", "base")]
+    assert [found for tag, found in docking_page.tags if tag == "script"] == [{}, {}]
+    assert foreign(docking_page) == []
     assert all(link.startswith("#") or link == "data:," for link in docking_page.links)
     assert docking_page.text.count("url(") == docking_page.text.count("url(#")
     dark = re.search(r"@media screen and \(prefers-color-scheme: dark\) \{ :root \{(.*?)\}", docking_page.text)
@@ -257,6 +305,15 @@ def test_the_page_loads_nothing_and_turns_dark_on_a_screen_only(docking_page: Pa
     assert "--paper: #14181d" in dark[1]
     assert "@media print" in docking_page.text
     assert 'name="viewport" content="width=device-width' in docking_page.text
+
+
+def foreign(page: Page) -> list[str]:
+    """Scripts that the page's policy does not allow by their digest."""
+    policy = next(found["content"] or "" for tag, found in page.tags if found.get("http-equiv") == "Content-Security-Policy")
+    texts = re.findall(r"<script>(.*?)</script>", page.text, re.DOTALL)
+    assert page.text.count("<script") == len(texts)
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
+    return [text for text, digest in zip(texts, digests, strict=True) if f"'sha256-{digest}'" not in policy]
 
 
 def contrast(colour: str, ground: str) -> float:
@@ -299,7 +356,7 @@ def test_a_log_of_two_thousand_cycles_makes_a_page_below_one_and_a_half_megabyte
 
 def test_without_a_history_the_rest_is_there_and_the_gap_is_named(flyer: Recorded) -> None:
     page = Page(html.page([replace(flyer, history={})]))
-    assert page.said().count("This figure needs history.parquet") == 4 + 5
+    assert page.said().count("This figure needs history.parquet") == 5 + 5 + 5
     assert sum(tag == "svg" for tag, _ in page.tags) == 4 + 1
     assert len(page.table("Whole log")) == 11
 
@@ -309,7 +366,7 @@ def test_a_thesis_result_says_that_its_sigmas_are_no_errors(tmp_path: Path) -> N
     assert "they shrink with noise alone and are no errors" in page.said()
     assert "± is one standard deviation" not in page.said()
     assert "--method thesis" in page.said()
-    assert sum(tag == "svg" for tag, _ in page.tags) == 10 + 1 + 1 + 4 + 4 * 3 + 6
+    assert sum(tag == "svg" for tag, _ in page.tags) == 20 + 1 + 1 + 4 + 5 * 6 + 1 + 4 * 3
 
 
 HOSTILE = (
@@ -334,7 +391,8 @@ def test_hostile_names_are_only_text(docking: Recorded) -> None:
     )
     for text in (html.page([hostile]), html.page([hostile, docking])):
         page = Page(text)
-        assert not [tag for tag, _ in page.tags if tag in ("script", "img")]
+        assert not [tag for tag, _ in page.tags if tag == "img"]
+        assert foreign(page) == []
         assert not [found for _, found in page.tags if "onerror" in found]
         assert "{{7*7}}" in page.said()
         assert not set(text) & set("\x00\x1b\u202e\ud800")
@@ -349,7 +407,8 @@ def test_hostile_causes_settings_and_assumptions_are_only_text(flyer: Recorded) 
     found = recorded.result([recorded.contradicted(contradiction=HOSTILE)], mended=[mended], assumptions=hostile)
     for text in (html.page([replace(flyer, result=found)]), html.page([flyer, replace(flyer, result=found)])):
         page = Page(text)
-        assert not [tag for tag, _ in page.tags if tag in ("script", "img")]
+        assert not [tag for tag, _ in page.tags if tag == "img"]
+        assert foreign(page) == []
         assert not [attributes for _, attributes in page.tags if "onerror" in attributes]
         assert "{{7*7}}" in page.said()
         assert not set(text) & set("\x00\x1b\u202e\ud800")
@@ -372,7 +431,7 @@ def test_innovations_are_held_against_what_chance_leaves(flyer: Recorded, flyer_
     found = flyer.result.phases[0].innovations
     assert found is not None
     assert len(rows) == 19
-    assert "19 of 19 checks hold" in flyer_page.said()
+    assert "The model fits the log: 19 of 19 checks hold" in flyer_page.said()
     assert float(rows[0][1]) == pytest.approx(found.nis, rel=1e-2)
     assert all(row[3] == "✓" for row in rows)
     wrong = Innovations(cycles=1000, nis=9.0, channel_variance=[1, 1, 1.4, 1, 1, 1], lag_one_correlation=[0, 0, 0, 0.3, 0, 0])
@@ -425,9 +484,29 @@ def test_several_results_are_compared_and_linked(flyer: Recorded, docking: Recor
     assert {"result-1", "result-2", "result-3"} <= set(page.ids)
     assert len(set(page.ids)) == len(page.ids)
     pictures = [found["aria-label"] for tag, found in page.tags if tag == "svg"]
-    assert len(pictures) == 10
-    assert str(pictures[0]).startswith("Ixx of 5 results with error bars: 5 have a value")
+    assert len(pictures) == 3 * 10, "one axis for each vehicle"
+    assert str(pictures[0]).startswith("Ixx of 1 results with error bars: 1 have a value")
+    assert str(pictures[10]).startswith("Ixx of 3 results with error bars: 3 have a value")
     assert page.text == html.page([flyer, docking, refined])
+
+
+def test_results_of_one_vehicle_are_named_on_the_axis_with_their_differences_from_the_first(flyer: Recorded, docking: Recorded) -> None:
+    heavier = changed(flyer, "mass", {"value": 22.5, "sigma": 0.4})
+    lost = changed(flyer, "mass", {"verdict": "not_excited"})
+    several = [replace(one, path=flyer.path.parents[1] / name / "result.json") for one, name in ((flyer, "monday"), (heavier, "friday"))]
+    page = Page(html.page([*several, replace(lost, path=flyer.path.parents[1] / "lost" / "result.json"), docking]))
+    header, friday, without = page.table("Differences from monday")
+    assert header[10] == "Mass [kg]"
+    first, sigma = flyer.result.phases[0].estimates["mass"].value or 0.0, flyer.result.phases[0].estimates["mass"].sigma or 0.0
+    off, sigmas = (22.5 - first), (22.5 - first) / np.hypot(sigma, 0.4)
+    assert friday[0] == "friday"
+    assert friday[10] == f"+{off:.2f}+{sigmas:.1f} σ"
+    assert friday[1] == "0.00000000.0 σ"
+    assert (without[0], without[10]) == ("lost", "–")
+    svgs = re.findall(r"<svg.*?</svg>", page.text, re.DOTALL)
+    assert len(svgs) == 20
+    assert all(name in svgs[0] for name in ("monday", "friday", "lost"))
+    assert "single" in svgs[10]
 
 
 @pytest.mark.parametrize(("text", "shown"), [("-0.00", "0.00"), ("-1e-05", "−1e−05"), ("-0.10", "−0.10"), ("0", "0")])

@@ -11,7 +11,21 @@ from collections.abc import Callable
 from massprop_cli import CG, INERTIA
 from massprop_cli.base.errors import UsageError
 from massprop_cli.base.escape import line
-from massprop_cli.report.figures import canvas, correlation, ellipsoid, estimates, excitation, innovations, signals
+from massprop_cli.report.figures import (
+    canvas,
+    command,
+    correlation,
+    ellipsoid,
+    estimates,
+    excitation,
+    expectations,
+    firing,
+    innovations,
+    prediction,
+    settling,
+    signals,
+    whiteness,
+)
 from massprop_cli.report.figures.canvas import Kind
 from massprop_cli.report.figures.panel import Picture
 from massprop_cli.report.figures.recording import only
@@ -21,6 +35,13 @@ _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
     "inertia": ("Inertia against time", lambda recorded: estimates.picture(recorded, INERTIA, 3)),
     "cg": ("Centre of gravity against time", lambda recorded: estimates.picture(recorded, CG, 3)),
     "mass": ("Mass against time", lambda recorded: estimates.picture(recorded, ("mass",), 1)),
+    "settling": ("How the estimates settled", settling.picture),
+    "expectations": ("Values against what was expected", expectations.picture),
+    "rate-fit": ("Rate, measured against predicted", lambda recorded: prediction.picture(recorded, "rate")),
+    "force-fit": ("Specific force, measured against predicted", lambda recorded: prediction.picture(recorded, "specific_force")),
+    "command-fit": ("What is left, against the command", command.picture),
+    "whiteness": ("Whiteness of the innovations", whiteness.picture),
+    "firing": ("What each jet did", firing.picture),
     "torque": ("Control torques", lambda recorded: signals.picture(recorded, "torque")),
     "force": ("Force commands", lambda recorded: signals.picture(recorded, "force")),
     "rate": ("Rates", lambda recorded: signals.picture(recorded, "rate")),

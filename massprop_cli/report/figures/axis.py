@@ -11,7 +11,7 @@ from massprop_cli.report.figures.panel import LEFT
 from massprop_cli.report.figures.series import Limits
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from matplotlib.axes import Axes
 
@@ -29,17 +29,27 @@ def title(axes: Axes, text: str) -> None:
 
 def heading(axes: Axes, text: str, unit: str, exponent: int = 0) -> None:
     """What is drawn, and its unit."""
-    power = f"10{str(exponent).translate(_SUPERSCRIPT)} " if exponent else ""
+    power = f"{power_of_ten(exponent)} " if exponent else ""
     title(axes, f"{line(text, 60)} [{power}{unit}]")
 
 
-def values(axes: Axes, limits: Limits, text: str, unit: str) -> None:
-    """Set the value axis: a power of ten common to all ticks goes into the heading if they are very large or small."""
+def power_of_ten(exponent: int) -> str:
+    """As people write it: 10⁻³."""
+    return f"10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def power(limits: Iterable[Limits]) -> int:
+    """The power of ten that goes into the headings of neighbouring panels, so that they are read in one unit."""
+    largest = max((max(abs(one.low), abs(one.high)) for one in limits), default=0.0)
+    exponent = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
+    return exponent if exponent < -3 or exponent > 3 else 0
+
+
+def values(axes: Axes, limits: Limits, text: str, unit: str, exponent: int | None = None) -> None:
+    """Set the value axis; the power of ten of :func:`power`, or that of the panel's neighbours, goes into the heading."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
-    largest = max(abs(limits.low), abs(limits.high))
-    exponent = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
-    exponent = exponent if exponent < -3 or exponent > 3 else 0
+    exponent = power([limits]) if exponent is None else exponent
     ticks = [float(tick) for tick in MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
     decimals = _decimals([tick / 10.0**exponent for tick in ticks])
     axes.set_ylim(limits.low, limits.high)

@@ -1,6 +1,7 @@
 """Panels to SVG or PNG: same panels, same bytes.
 
-Every pair of axes in an SVG carries how to read its series back: ``data-x="a b"`` means x = a + b · (SVG's x), and so ``data-y``. Lines
+Every pair of axes in an SVG carries how to read its series back: ``data-x="a b"`` means x = a + b · (SVG's x), and so ``data-y``;
+with ``data-log`` that is the logarithm to base ten. Lines
 carry ids such as ``ixx-value-1``; the number is the phase's.
 """
 
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from massprop_cli.base.escape import line
 from massprop_cli.report.figures import palette
-from massprop_cli.report.figures.panel import BOTTOM, LEFT, RIGHT, TOP, Panel
+from massprop_cli.report.figures.panel import LEFT, RIGHT, TOP, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +49,8 @@ def render(panels: Sequence[Panel], kind: Kind, columns: int = 1, title: str = "
         stream = io.BytesIO()
         if kind == "svg":
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-            return _readable(stream.getvalue().decode(), figure, title or "; ".join(panel.says for panel in panels)).encode()
+            logarithmic = [panel.logarithmic for panel in panels]
+            return _readable(stream.getvalue().decode(), figure, logarithmic, title or "; ".join(panel.says for panel in panels)).encode()
         FigureCanvasAgg(figure)
         figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
         return stream.getvalue()
@@ -69,7 +71,7 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
         left = 0.0
         for panel in row:
             wide, high = panel.size
-            box = (left + LEFT, top - high + BOTTOM, wide - LEFT - RIGHT, high - BOTTOM - TOP)
+            box = (left + LEFT, top - high + panel.bottom, wide - LEFT - RIGHT, high - panel.bottom - TOP)
             axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height), gid=f"axes-{panel.key}")
             panel.paint(axes)
             left += wide
@@ -77,13 +79,14 @@ def _figure(panels: Sequence[Panel], columns: int, title: str) -> Figure:
     return figure
 
 
-def _readable(svg: str, figure: Figure, says: str) -> str:
+def _readable(svg: str, figure: Figure, logarithmic: Sequence[bool], says: str) -> str:
     """Without what points elsewhere, shorter, with scales on every pair of axes and a title."""
     svg = re.sub(r"<!DOCTYPE.*?>\s*", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, count=1, flags=re.DOTALL)
     svg = re.sub(r'(?<= d=")[^"]*', lambda path: _rounded(path[0]), svg)
-    for axes in figure.axes:
-        svg = svg.replace(f'<g id="{axes.get_gid()}">', f'<g id="{axes.get_gid()}" {_scales(axes, figure)}>', 1)
+    for axes, is_log in zip(figure.axes, logarithmic, strict=True):
+        scales = _scales(axes, figure) + ' data-log=""' * is_log
+        svg = svg.replace(f'<g id="{axes.get_gid()}">', f'<g id="{axes.get_gid()}" {scales}>', 1)
     return re.sub(r"(<svg[^>]*>)", lambda opening: f"{opening[1]}\n <title>{_escaped(says)}</title>", svg, count=1)
 
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from massprop_cli import QUANTITIES
+from massprop_cli.base.escape import line
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
-from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.panel import BOTTOM, HEIGHT, LENGTH, Panel, Picture
 from massprop_cli.report.figures.series import Limits, padded
 
 if TYPE_CHECKING:
@@ -27,17 +28,22 @@ MARKERS: dict[Verdict, tuple[str, bool]] = {
 """Marker of each verdict, and whether it is filled."""
 
 
-def picture(found: Sequence[dict[str, EstimateItem]]) -> Picture:
-    """A panel for each quantity; results are numbered from 1 as they come."""
+NAMED = 12
+"""Results up to which each is named on the axis; more are numbered from 1 as they come."""
+
+
+def picture(found: Sequence[dict[str, EstimateItem]], names: Sequence[str] = ()) -> Picture:
+    """A panel for each quantity, of results of one vehicle; ``names`` of each where they are few."""
+    named = names if len(names) <= NAMED else ()
     caption = (
-        "Each result's value with a bar of ± one sigma, over its number in the table. Filled circle: converged; open diamond: not "
-        "converged; open circle: not excited; filled cross: contradicted, its bar does not hold. Dashes: what was expected of it. The "
-        "range fits the converged values; others may lie outside."
+        "Each result's value with a bar of ± one sigma, over its name, or its number in the table. Filled circle: converged; open "
+        "diamond: not converged; open circle: not excited; filled cross: contradicted, its bar does not hold. Dashes: what was expected "
+        "of it. The range fits the converged values; others may lie outside."
     )
-    return Picture(caption, tuple(_panel(name, [items[name] for items in found]) for name in QUANTITIES))
+    return Picture(caption, tuple(_panel(name, [items[name] for items in found], named) for name in QUANTITIES))
 
 
-def _panel(name: str, items: list[EstimateItem]) -> Panel:
+def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
     limits = _limits(items)
 
     def paint(axes: Axes) -> None:
@@ -50,13 +56,16 @@ def _panel(name: str, items: list[EstimateItem]) -> Panel:
             axes.set_yticks([])
             axes.text(0.5, 0.5, "no result has a value", transform=axes.transAxes, ha="center", color=palette.MUTED)
         axes.set_xlim(0.5, len(items) + 0.5)
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
-        axes.set_xlabel("result", labelpad=2)
+        if names:
+            axes.set_xticks(range(1, len(items) + 1), [line(each, 16) for each in names], rotation=20, ha="right", rotation_mode="anchor")
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
+            axes.set_xlabel("result", labelpad=2)
         for verdict in MARKERS:
             _points(axes, name, verdict, items)
         _expectations(axes, items)
 
-    return Panel(name, _says(name, items), paint)
+    return Panel(name, _says(name, items), paint, (LENGTH, HEIGHT + 0.25 * bool(names)), bottom=BOTTOM + 0.25 * bool(names))
 
 
 def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import Matrix, PhaseItem
+    from massprop_cli.result.schema import Matrix
 from massprop_cli.base.escape import line
 
 CAPTION = (
@@ -26,10 +26,16 @@ CAPTION = (
 )
 
 
+ONE = 1e-9
+"""A correlation so near to 1 is that of a quantity with itself, rounded."""
+
+
 def picture(recorded: Recorded) -> Picture:
-    """A panel for each phase."""
-    phases = recorded.result.phases
-    panels = tuple(_panel(number, phase, len(phases) > 1) for number, phase in enumerate(phases, 1))
+    """A panel for each phase and for the docked object."""
+    phases, docked = recorded.result.phases, recorded.result.docked_object
+    named = [(f"phase {line(phase.name, 24)}", phase.covariance) for phase in phases]
+    named += [("docked object", docked.covariance)] if docked is not None else []
+    panels = tuple(_panel(number, name, covariance, len(named) > 1) for number, (name, covariance) in enumerate(named, 1))
     return Picture(CAPTION, panels, 2)
 
 
@@ -44,15 +50,25 @@ def correlation(covariance: Matrix) -> Array:
 
 def short(value: float) -> str:
     """A correlation in few characters: ".93", "−.07", "1", "·" where nothing can be said."""
+    text = written(value)
+    return "·" if text == "–" else {"0.00": "0", "1.00": "1"}.get(text, text.replace("0.", ".", 1))
+
+
+def written(value: float) -> str:
+    """A correlation to two decimals, to three near ±1; only what is 1 is written so, and what is above 0.999 is said to be."""
+    size = abs(value)
     if np.isnan(value):
-        return "·"
-    text = f"{abs(value):.2f}"
-    text = "1" if text == "1.00" else "0" if text == "0.00" else text[1:]
-    return f"−{text}" if value < 0 and text != "0" else text
+        return "–"
+    sign = "−" if value < 0 and size >= 0.005 else ""
+    if size > 1 - ONE:
+        return f"{sign}1.00"
+    if size > 0.999:
+        return f"{sign}>0.999"
+    return f"{sign}{size:.2f}" if size < 0.995 else f"{sign}{size:.3f}"
 
 
-def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
-    found = correlation(phase.covariance)
+def _panel(number: int, name: str, covariance: Matrix, several: bool) -> Panel:
+    found = correlation(covariance)
 
     def paint(axes: Axes) -> None:
         from matplotlib.patches import Rectangle
@@ -75,16 +91,16 @@ def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
         axes.tick_params(which="both", length=0)
         axes.set_xlim(-0.5, 9.5)
         axes.set_ylim(9.5, -0.5)
-        axis.title(axes, f"Correlation{f', phase {line(phase.name, 24)}' if several else ''} [1]")
+        axis.title(axes, f"Correlation{f', {name}' if several else ''} [1]")
 
-    return Panel(f"correlation-{number}", _says(phase, found), paint, (LENGTH * 1.1, LENGTH * 1.02))
+    return Panel(f"correlation-{number}", _says(name, found), paint, (LENGTH * 1.1, LENGTH * 1.02))
 
 
-def _says(phase: PhaseItem, found: Array) -> str:
+def _says(name: str, found: Array) -> str:
     pairs = [(abs(found[i, j]), i, j) for i in range(10) for j in range(i) if abs(found[i, j]) >= 0.3]
     told = [
         f"{vocabulary.SYMBOLS[QUANTITIES[j]]} with {vocabulary.SYMBOLS[QUANTITIES[i]]} {found[i, j]:.2f}"
         for _, i, j in sorted(pairs, reverse=True)
     ]
-    start = f"Correlations of the ten estimates, phase {line(phase.name)}"
+    start = f"Correlations of the ten estimates, {name}"
     return f"{start}; strongest: {', '.join(told[:5])}" if told else f"{start}; none is above 0.3"

@@ -21,6 +21,8 @@ from massprop_cli.base.escape import line
 
 SIDE = 2.5
 """Inches."""
+MARGIN = 0.1
+"""Around what is drawn, over its largest extent; all views of a body have one scale."""
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
 OBLIQUE = np.array(
     [
@@ -77,14 +79,17 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
     def paint(axes: Axes) -> None:
         unit = "m" if seen is None or seen.to_scale else "parts"
         axis.heading(axes, f"{label}{name}{f': {letters[0]} right, {letters[1]} up' if letters else ''}", unit)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.margins(0.12)
+        axes.set_aspect("equal", adjustable="box")
         if seen is None:
             axes.set_xticks([])
             axes.set_yticks([])
             axes.text(0.5, 0.5, "inertia is not known", transform=axes.transAxes, ha="center", color=palette.MUTED)
             return
         _draw(axes, seen, directions, f"{view}-{{}}-{number}")
+        reach = max(float(np.ptp(_corners(seen, each), axis=0).max()) for _, _, each in VIEWS.values()) * (0.5 + MARGIN)
+        right, up = _corners(seen, directions).mean(0)
+        axes.set_xlim(right - reach, right + reach)
+        axes.set_ylim(up - reach, up + reach)
         if view == "oblique":
             axes.set_xticks([])
             axes.set_yticks([])
@@ -93,6 +98,14 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
             axes.locator_params(nbins=5)
 
     return Panel(f"{view}-{number}", _says(phase, seen, label), paint, (SIDE, SIDE))
+
+
+def _corners(seen: body.Ellipsoid, directions: Array) -> Array:
+    """(2, 2) least and largest of what is drawn: the outline, and O where it is."""
+    located = seen.to_scale and bool(np.isfinite(seen.center_m).all())
+    edge = outline(seen, directions) + (directions @ seen.center_m if located else np.zeros(2))
+    shown = np.vstack([edge, np.zeros(2)]) if located else edge
+    return np.array([shown.min(0), shown.max(0)])
 
 
 def _draw(axes: Axes, seen: body.Ellipsoid, directions: Array, gid: str) -> None:

@@ -13,7 +13,7 @@ from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered
-from massprop_cli.report.figures.series import Limits, padded, parts_of, row_at, settled, thin
+from massprop_cli.report.figures.series import Limits, broken, padded, parts_of, row_at, said, settled, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,26 +30,30 @@ def picture(recorded: Recorded, names: Sequence[str], columns: int) -> Picture:
     """A panel for each quantity and phase."""
     parts = covered(recorded)
     several = len(parts) > 1
-    found = [_panel(name, *part, several, recorded) for name in names for part in parts]
+    ranges = [_range(name, phase, columns) for name in names for _, phase, columns in parts]
+    power = axis.power(limits for limits in ranges if limits is not None)
+    found = [_panel(name, *part, several, recorded, power) for name in names for part in parts]
     return Picture(_caption(recorded, names, parts), tuple(found), len(parts) if several else columns)
 
 
 def _caption(recorded: Recorded, names: Sequence[str], parts: list[Covered]) -> str:
     sigma = "the thesis's “precision”, which is no error" if _thesis(recorded) else "one standard deviation"
-    said = (
+    text = (
         f"Line: the estimate after each cycle; band: ± sigma, {sigma}; point with bars: the reported value; dashed upright line: final "
-        "from there on. The range fits the settled part."
+        "from there on. The range fits the settled part; where sigma exceeds it, nothing is drawn. Green on the right: what was expected, "
+        "with its tolerance."
     )
     if any(phase.estimates[name].verdict == "contradicted" for name in names for _, phase, _ in parts):
-        said += " Red with a cross: contradicted, the band does not hold."
+        text += " Red with a cross: contradicted, the band does not hold."
     cuts = [(vocabulary.SYMBOLS[name], phase.name, cut_off_s(name, phase, columns)) for name in names for _, phase, columns in parts]
     told = [f"{symbol}{f' ({name})' if len(parts) > 1 else ''} before {cut:.1f} s" for symbol, name, cut in cuts if cut is not None]
-    return f"{said} The start runs out of the picture: {', '.join(told)}." if told else said
+    text += said([len(columns["time_s"]) for *_, columns in parts], parts_of(len(recorded.history)))
+    return f"{text} The start runs out of the picture: {', '.join(told)}." if told else text
 
 
 def cut_off_s(name: str, phase: PhaseItem, columns: Columns) -> float | None:
     """The last moment at which the estimate is outside its panel; ``None`` if it never is."""
-    limits = _limits(settled(columns[name], columns[f"{name}_sigma"]), phase.estimates[name])
+    limits = _range(name, phase, columns)
     if limits is None:
         return None
     with np.errstate(invalid="ignore"):
@@ -61,11 +65,15 @@ def _thesis(recorded: Recorded) -> bool:
     return recorded.result.provenance.settings.get("estimator.method") == "thesis"
 
 
-def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, recorded: Recorded) -> Panel:
+def _range(name: str, phase: PhaseItem, columns: Columns) -> Limits | None:
+    return _limits(settled(columns[name], columns[f"{name}_sigma"]), phase.estimates[name])
+
+
+def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, recorded: Recorded, power: int) -> Panel:
     item = phase.estimates[name]
     value, sigma, time_s = columns[name], columns[f"{name}_sigma"], columns["time_s"]
     final = None if item.final_at_s is None else row_at(time_s, item.final_at_s)
-    limits = _limits(settled(value, sigma), item)
+    limits = _range(name, phase, columns)
     heading = f"{vocabulary.SYMBOLS[name]}{f', phase {line(phase.name, 20)}' if several else ''}, {_frame(name, recorded)}"
 
     def paint(axes: Axes) -> None:
@@ -73,8 +81,10 @@ def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: 
         if limits is None:
             _nothing(axes, item, heading)
             return
-        axis.values(axes, limits, heading, vocabulary.unit(item.unit))
-        rows = thin(value, [] if final is None else [final], parts_of(len(recorded.history)))
+        axis.values(axes, limits, heading, vocabulary.unit(item.unit), power)
+        blank = ~(sigma <= limits.high - limits.low)
+        rows = thin(np.where(blank, np.nan, value), [] if final is None else [final], parts_of(len(recorded.history)))
+        rows = broken(rows, blank)
         colour = palette.RED if item.verdict == "contradicted" else palette.BLUE
         _series(axes, f"{name}-{{}}-{number}", colour, time_s, value, sigma, rows)
         _outcome(axes, f"{name}-{{}}-{number}", time_s[-1], item)
@@ -106,10 +116,16 @@ def _limits(found: Limits | None, item: EstimateItem) -> Limits | None:
 
 
 def _series(axes: Axes, gid: str, colour: str, time_s: Array, value: Array, sigma: Array, rows: NDArray[np.intp]) -> None:
-    banded = rows[np.isfinite(sigma[rows])]
-    low, high = value[banded] - sigma[banded], value[banded] + sigma[banded]
-    axes.fill_between(time_s[banded], low, high, color=colour, alpha=0.25, linewidth=0, gid=gid.format("band"))
-    axes.plot(time_s[rows], value[rows], color=colour, gid=gid.format("value"))
+    """Value and band over rows, with gaps where these are −1; the band's last stretch carries its name."""
+    stretches = np.split(rows, np.flatnonzero(rows < 0))
+    for number, stretch in enumerate(stretches, 1):
+        own = stretch[stretch >= 0]
+        name = gid.format("band") if number == len(stretches) else None
+        low, high = value[own] - sigma[own], value[own] + sigma[own]
+        there, back = np.concatenate([time_s[own], time_s[own][::-1]]), np.concatenate([low, high[::-1]])
+        axes.fill(there, back, color=colour, alpha=0.25, linewidth=0, gid=name)
+    at, shown = (np.where(rows < 0, np.nan, column[rows]) for column in (time_s, value))
+    axes.plot(at, shown, color=colour, gid=gid.format("value"))
 
 
 def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
@@ -126,13 +142,18 @@ def _outcome(axes: Axes, gid: str, end_s: float, item: EstimateItem) -> None:
 def _references(axes: Axes, gid: str, item: EstimateItem, limits: Limits) -> None:
     expected = item.expected
     if expected is not None:
-        label = f"expected {expected.value:.6g} {'✓' if expected.met else '✕'}"
+        label = f"expected {f'{expected.value:.6g}'.replace('-', '−')} {'✓' if expected.met else '✕'}"
         _reference(axes, gid.format("expected"), expected.value, label, limits, palette.GREEN, (0, (6, 2)))
-        for edge in [expected.value - expected.tolerance, expected.value + expected.tolerance] if expected.tolerance else []:
-            if limits.hold(edge):
-                axes.axhline(edge, color=palette.GREEN, linestyle=":", linewidth=0.9)
+        allowed = expected.tolerance or 0.0
+        for end in (expected.value - allowed, expected.value + allowed) if allowed else ():
+            if limits.hold(end):
+                axes.axhline(end, color=palette.GREEN, linestyle=":", linewidth=0.9)
+        low, high = max(expected.value - allowed, limits.low), min(expected.value + allowed, limits.high)
+        if low < high:
+            edge = axes.get_yaxis_transform()
+            axes.fill_betweenx([low, high], 0.985, 1.0, transform=edge, color=palette.GREEN, alpha=0.55, linewidth=0)
     if item.nominal is not None:
-        label = f"nominal {item.nominal:.6g}"
+        label = f"nominal {item.nominal:.6g}".replace("-", "−")
         _reference(axes, gid.format("nominal"), item.nominal, label, limits, palette.MUTED, (0, (1, 1.5)))
 
 

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
-from massprop_cli.report.figures.series import Limits, padded, parts_of, thin
+from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
 from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
@@ -26,12 +26,17 @@ BOUND = 2.0
 def picture(recorded: Recorded) -> Picture:
     """Three torque channels, three force channels, over all phases."""
     parts = covered(recorded)
-    panels = tuple(_panel(kind, letter, parts) for kind in UNITS for letter in AXES)
+    ranges = {kind: [_limits(f"innovation_{kind}_{letter}", parts) for letter in AXES] for kind in UNITS}
+    panels = tuple(
+        _panel(kind, letter, parts, limits, axis.power(found))
+        for kind, found in ranges.items()
+        for letter, limits in zip(AXES, found, strict=True)
+    )
     caption = (
         "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "
         "Where model and noise levels hold, 95 % lie between the dashed lines, without trend or pattern."
     )
-    return Picture(caption, panels)
+    return Picture(caption + said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts))), panels)
 
 
 def share_inside(values: Array, sigmas: Array) -> float | None:
@@ -40,14 +45,13 @@ def share_inside(values: Array, sigmas: Array) -> float | None:
     return float((np.abs(values[told]) <= BOUND * sigmas[told]).mean()) if told.any() else None
 
 
-def _panel(kind: str, letter: str, parts: list[Covered]) -> Panel:
+def _panel(kind: str, letter: str, parts: list[Covered], limits: Limits, power: int) -> Panel:
     column = f"innovation_{kind}_{letter}"
     heading = f"{kind.capitalize()} {letter.upper()}, body"
-    limits = _limits(column, parts)
 
     def paint(axes: Axes) -> None:
         axis.time(axes, *extent(parts))
-        axis.values(axes, limits, heading, UNITS[kind])
+        axis.values(axes, limits, heading, UNITS[kind], power)
         axis.phases(axes, [phase for _, phase, _ in parts])
         for number, _, columns in parts:
             _series(axes, column, number, columns, parts_of(len(parts)))

@@ -26,6 +26,10 @@ class Panel:
     paint: Callable[[Axes], None]
     size: tuple[float, float] = (LENGTH, HEIGHT)
     """Width and height, inches."""
+    bottom: float = BOTTOM
+    """Inches below the axes."""
+    logarithmic: bool = False
+    """Whether what stands upward is the logarithm to base ten of what is meant."""
 
 
 @dataclass(frozen=True)

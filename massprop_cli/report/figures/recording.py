@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from massprop_cli import QUANTITIES
@@ -22,8 +23,8 @@ COLUMNS = (
 """What figures draw of history.parquet."""
 
 
-def covered(recorded: Recorded) -> list[Covered]:
-    """Number (from 1), phase and columns of every phase with rows; :class:`InputError` without a history."""
+def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered]:
+    """Number (from 1), phase and columns of every phase with rows; :class:`InputError` without a history, or one that holds less."""
     phases = recorded.result.phases
     numbered = [(number, phase, recorded.history.get(phase.name, {})) for number, phase in enumerate(phases, 1)]
     found = [part for part in numbered if len(part[2].get("time_s", ()))]
@@ -31,7 +32,7 @@ def covered(recorded: Recorded) -> list[Covered]:
         missing = recorded.path.with_name("history.parquet")
         raise InputError(f"{missing}: missing; figures against time need it. Make the result again with massprop estimate")
     for _, phase, columns in found:
-        absent = [name for name in COLUMNS if name not in columns]
+        absent = [name for name in needed if name not in columns]
         if absent:
             raise InputError(f"{recorded.path.with_name('history.parquet')}: phase {phase.name} lacks {absent[0]}; make the result again")
     return found
@@ -43,7 +44,7 @@ def only(recorded: Recorded, phase: str) -> Recorded:
     if not found:
         known = ", ".join(item.name for item in recorded.result.phases)
         raise UsageError(f"no phase {phase!r} in {recorded.path}; there are {known}")
-    return replace(recorded, result=recorded.result.model_copy(update={"phases": found}))
+    return replace(recorded, result=recorded.result.model_copy(update={"phases": found, "docked_object": None}))
 
 
 def extent(parts: list[Covered]) -> tuple[float, float]:

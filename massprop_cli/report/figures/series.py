@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 
 BUCKETS = 150
 """Parts of a series, each drawn by its least and its largest value; about what a panel's width can show."""
@@ -41,6 +41,18 @@ def thin(values: Array, keep: Iterable[int] = (), buckets: int = BUCKETS) -> NDA
     parts = np.array_split(finite, buckets)
     extremes = [part[pick(values[part])] for part in parts for pick in (np.argmin, np.argmax)]
     return np.unique(np.array([finite[0], *extremes, *kept, finite[-1]], dtype=np.intp))
+
+
+def broken(rows: NDArray[np.intp], blank: BoolArray) -> NDArray[np.intp]:
+    """Rows to draw, with a −1 between two that something blank lies between."""
+    behind = np.cumsum(blank)[rows]
+    return np.insert(rows, np.flatnonzero(np.diff(behind) > 0) + 1, -1)
+
+
+def said(lengths: Iterable[int], buckets: int) -> str:
+    """What thinning made of series so long, as a sentence for the caption; empty where every cycle is drawn."""
+    each = max((-(-length // buckets) for length in lengths if length > 2 * buckets), default=1)
+    return f" Drawn: minimum and maximum of {each} cycles." if each > 1 else ""
 
 
 def parts_of(phases: int) -> int:

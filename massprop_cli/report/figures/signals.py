@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
-from massprop_cli.report.figures.series import parts_of, span, thin
+from massprop_cli.report.figures.series import Limits, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.schema import AXES
 
@@ -59,18 +59,21 @@ def picture(recorded: Recorded, kind: str) -> Picture:
     point = "the bearing" if recorded.result.vehicle.environment == "air_bearing" else "O"
     columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in AXES for *_, columns in parts]
     largest = max(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in columns)
-    panels = tuple(_panel(kind, letter, signal.heading.format(point=point), parts, NOTHING * largest) for letter in AXES)
-    return Picture(signal.caption.format(point=point), panels)
+    ranges = [span(np.concatenate([each[f"{kind}_{letter}_{SIGNALS[kind]}"] for *_, each in parts]), NOTHING * largest) for letter in AXES]
+    power, heading = axis.power(ranges), signal.heading.format(point=point)
+    panels = tuple(_panel(kind, letter, heading, parts, limits, power) for letter, limits in zip(AXES, ranges, strict=True))
+    lengths = [len(each["time_s"]) for *_, each in parts]
+    return Picture(signal.caption.format(point=point) + said(lengths, parts_of(len(parts))), panels)
 
 
-def _panel(kind: str, letter: str, heading: str, parts: list[Covered], least: float) -> Panel:
+def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: Limits, power: int) -> Panel:
     column = f"{kind}_{letter}_{SIGNALS[kind]}"
     values = np.concatenate([columns[column] for *_, columns in parts])
-    limits, unit = span(values, least), KINDS[kind].unit
+    unit = KINDS[kind].unit
 
     def paint(axes: Axes) -> None:
         axis.time(axes, *extent(parts))
-        axis.values(axes, limits, f"{heading} {letter.upper()}", unit)
+        axis.values(axes, limits, f"{heading} {letter.upper()}", unit, power)
         axis.phases(axes, [phase for _, phase, _ in parts])
         for number, _, columns in parts:
             rows = thin(columns[column], buckets=parts_of(len(parts)))

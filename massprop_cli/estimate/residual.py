@@ -1,0 +1,53 @@
+"""What the final values leave of a log: rate and specific force as measured, less what commands and values predict of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, grown, root_beside_unit
+from massprop_cli.estimate.nuisance import Taken, ordered
+from massprop_cli.estimate.regression import Regression, Run
+
+
+class Residual(NamedTuple):
+    """Of K cycles: rate x y z [rad/s], specific force x y z [m/s²], body axes. NaN where nothing was expected, or measured."""
+
+    value: Array
+    """(K, 6) measured less predicted."""
+    sigma: Array
+    """(K, 6) one standard deviation that is expected of it."""
+
+    @staticmethod
+    def joined(parts: list[Residual]) -> Residual:
+        """One after the other."""
+        return Residual(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> Residual:
+    """Of a block that was taken in after ``before``, by the values of ``final``.
+
+    With the coefficients φ known, ``w + W φ = E b + white noise`` in the unknown beginnings b alone: first rate, biases, tilt. Each cycle
+    is predicted with b as the cycles before it tell it. So where nothing disturbs the body, the prediction is the motion that the commands
+    cause from the phase's first moment on, and a wrong value shows as a growing gap.
+    """
+    lift, free = regression.lift, regression.free
+    phi, _ = lift.coefficients(lift.theta(final.estimate))
+    if final.estimate.response is not None:
+        phi[: 3 * lift.channels] = final.estimate.response.ravel()
+    known = before.triangle[:free], ordered(taken.white, lift.size, free).reshape(len(taken.white), 6, -1)
+    triangle, each = (
+        np.concatenate([rows[..., :free], (rows[..., free + lift.size] - rows[..., free : free + lift.size] @ phi)[..., None]], -1)
+        for rows in known
+    )
+    triangles = grown(triangle, each)[:-1]
+    ahead = each[..., :free] @ np.linalg.inv(triangles[..., :free])
+    left = each[..., free] - np.einsum("kij,kj->ki", ahead, triangles[..., free])
+    value = np.einsum("kij,kj->ki", taken.root, left)
+    sigma = np.sqrt(((taken.root @ root_beside_unit(ahead)) ** 2).sum(2))
+    if before.state is None:
+        value[0], sigma[0] = np.nan, np.nan
+    ignored = regression.samples.part(slice(before.at, before.at + len(each))).executed.ignored.repeat(3, 1)
+    value[ignored], sigma[ignored] = np.nan, np.nan
+    return Residual(value, sigma)

@@ -1,0 +1,135 @@
+"""What the prediction leaves, against the command: a slope says that torque, force, inertia or mass is not what it is said to be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.prediction import channel, columns
+from massprop_cli.report.figures.recording import Covered, covered
+from massprop_cli.report.figures.series import padded
+from massprop_cli.result.historyfile import SIGNALS
+from massprop_cli.result.schema import AXES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.result.read import Recorded
+
+POINTS = 240
+"""Cycles that are drawn of each panel."""
+BINS = 9
+"""Means along the command."""
+LEAST = 5
+"""Cycles of a mean."""
+KINDS = {
+    "rate": ("torque", "Angular acceleration {} left", "rad/s²", "torque", "N m"),
+    "specific_force": ("force", "Specific force {} left", "m/s²", "force", "N"),
+}
+"""What is left: the command that it is held against, heading and unit; the command's name and unit."""
+
+
+class Against(NamedTuple):
+    """Of one axis, cycle by cycle."""
+
+    command: Array
+    """Executed torque [N m] or force [N]."""
+    left: Array
+    """What the prediction leaves of the angular acceleration [rad/s²] or specific force [m/s²]."""
+
+
+class Mean(NamedTuple):
+    """Of the cycles between two commands."""
+
+    command: float
+    left: float
+    sigma: float
+    """Of the mean."""
+
+
+def picture(recorded: Recorded) -> Picture:
+    """Three axes of angular acceleration against torque, three of specific force against force, over all phases."""
+    parts = covered(
+        recorded, [*columns("rate"), *columns("specific_force"), *(f"{k}_{a}_{SIGNALS[k]}" for k in ("torque", "force") for a in AXES)]
+    )
+    found = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in AXES}
+    panels = tuple(_panel(kind, letter, each) for (kind, letter), each in found.items())
+    count = max(len(each.left) for each in found.values())
+    thinned = f" Of {count} cycles one in {-(-count // POINTS)} is drawn; the means are of all." if count > POINTS else ""
+    caption = (
+        "Grey points: what the prediction leaves in a cycle, against what executed along the same axis; the angular acceleration is the "
+        "step of what is left of the rate, over the cycle. Blue: means over equal parts of the command, ± 2 sigma of each. Level and zero "
+        f"where thrust, delay and values are right; a slope is a wrong torque, force, inertia or mass.{thinned}"
+    )
+    return Picture(caption, panels)
+
+
+def against(parts: list[Covered], kind: str, letter: str) -> Against:
+    """Command and what is left, where both are known. The step into a cycle is by the torque of both cycles."""
+    command, left = list[Array](), list[Array]()
+    for number, _, found in parts:
+        one, signal = channel(number, found, kind, letter), KINDS[kind][0]
+        executed = found[f"{signal}_{letter}_{SIGNALS[signal]}"]
+        if kind == "rate":
+            command.append((executed[1:] + executed[:-1]) / 2)
+            left.append(np.diff(one.residual) / np.diff(one.time_s))
+        else:
+            command.append(executed)
+            left.append(one.residual)
+    told = Against(np.concatenate(command), np.concatenate(left))
+    known = np.isfinite(told.command) & np.isfinite(told.left)
+    return Against(told.command[known], told.left[known])
+
+
+def means(each: Against) -> list[Mean]:
+    """Over equal parts of the command's range."""
+    low, high = float(each.command.min(initial=0.0)), float(each.command.max(initial=0.0))
+    part = np.clip(((each.command - low) / ((high - low) or 1.0) * BINS).astype(int), 0, BINS - 1)
+    found = []
+    for own in (part == number for number in np.unique(part)):
+        if own.sum() >= LEAST:
+            sigma = float(each.left[own].std(ddof=1) / np.sqrt(own.sum()))
+            found.append(Mean(float(each.command[own].mean()), float(each.left[own].mean()), sigma))
+    return found
+
+
+def _panel(kind: str, letter: str, each: Against) -> Panel:
+    _, heading, unit, command, command_unit = KINDS[kind]
+    title, found = heading.format(letter.upper()), means(each)
+
+    def paint(axes: Axes) -> None:
+        if not each.left.size or not np.ptp(each.command) > 0:
+            axis.heading(axes, title, unit)
+            axes.set_xticks([])
+            axes.set_yticks([])
+            note = "not predicted" if not each.left.size else f"no {command} along it was commanded"
+            axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            return
+        reach = max(float(np.quantile(np.abs(each.left), 0.995)), max((abs(m.left) + 2 * m.sigma for m in found), default=0.0))
+        axis.values(axes, padded(-reach, reach, 0.05), title, unit)
+        drawn = slice(None, None, -(-len(each.left) // POINTS))
+        axes.plot(each.command[drawn], each.left[drawn], ".", color=palette.MUTED, markersize=2.0, gid=f"{kind}_{letter}-points")
+        axes.axhline(0.0, color=palette.MUTED, linewidth=0.8)
+        at, values, sigmas = np.array(found).reshape(-1, 3).T
+        bars = axes.errorbar(at, values, 2 * sigmas, fmt="o-", markersize=3.5, linewidth=0.9, capsize=2, color=palette.BLUE)
+        bars.lines[0].set_gid(f"{kind}_{letter}-mean")
+        axes.set_xlabel(f"{command} {letter.upper()} [{command_unit}]", labelpad=2)
+
+    says = f"{title} by the prediction against {command} {letter.upper()}: {_slope(found, unit, command_unit)}"
+    return Panel(f"{kind}_{letter}", says, paint)
+
+
+def _slope(found: list[Mean], unit: str, command_unit: str) -> str:
+    if len(found) < 2:
+        return "not told"
+    at, values, sigmas = (np.array(column) for column in zip(*found, strict=True))
+    weight = 1 / np.maximum(sigmas, 1e-300) ** 2
+    offset = at - weight @ at / weight.sum()
+    spread = weight @ offset**2
+    if not spread > 0:
+        return "not told"
+    return f"slope {weight @ (offset * values) / spread:.2g} ± {spread**-0.5:.1g} {unit} per {command_unit}"

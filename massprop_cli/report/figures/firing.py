@@ -1,0 +1,93 @@
+"""Which jet executed when: a raster with a row for each jet, those that a warning names marked."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.escape import line
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import LENGTH, Panel, Picture
+from massprop_cli.report.figures.recording import Covered, covered, extent
+from massprop_cli.result.historyfile import EXECUTED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import Result
+
+BINS = 240
+"""Parts of the time axis; each shows the share of it that a jet pushed."""
+ROW = 0.17
+"""Inches."""
+
+
+def picture(recorded: Recorded) -> Picture:
+    """One panel over all phases; of commanded wrenches there is none to draw, and the panel says so."""
+    jets = recorded.result.vehicle.jets
+    parts = covered(recorded, ["time_s", *(f"{EXECUTED}{jet}_s" for jet in jets)])
+    found = named(recorded.result)
+    caption = (
+        "Each row is a jet; the taller the mark, the greater the part of that time at which it pushed, in full thrust. "
+        + (f"Red with an arrow: {', '.join(line(jet, 40) for jet in found)}, which a warning names. " if found else "")
+        + f"Each mark is the mean over 1/{BINS} of the time."
+    )
+    return Picture(caption, (_panel(jets, parts, found),), 1)
+
+
+def named(result: Result) -> list[str]:
+    """Jets that a warning or a contradiction names, as whole words."""
+    said = " ".join([*(warning.message for warning in result.warnings), *(phase.contradiction for phase in result.phases)])
+    return [jet for jet in result.vehicle.jets if re.search(rf"(?<![\w-]){re.escape(jet)}(?![\w-])", said)]
+
+
+def shares(parts: Sequence[Covered], jet: str, edges_s: Array) -> Array:
+    """(BINS,) the part of each bin at which a jet pushed: 1 is all of it at full thrust."""
+    pushed, lasted = np.zeros(len(edges_s) - 1), np.zeros(len(edges_s) - 1)
+    for *_, columns in parts:
+        time_s = columns["time_s"]
+        length = np.diff(time_s, prepend=2 * time_s[0] - time_s[1] if len(time_s) > 1 else time_s[0])
+        part = np.clip(np.searchsorted(edges_s, time_s - length / 2, side="right") - 1, 0, len(pushed) - 1)
+        pushed += np.bincount(part, np.nan_to_num(columns[f"{EXECUTED}{jet}_s"]), len(pushed))
+        lasted += np.bincount(part, length, len(pushed))
+    return np.asarray(pushed / np.maximum(lasted, 1e-300) * (lasted > 0))
+
+
+def _panel(jets: list[str], parts: list[Covered], found: list[str]) -> Panel:
+    edges = np.linspace(*extent(parts), BINS + 1)
+    rows = [np.clip(shares(parts, jet, edges), 0.0, 1.0) for jet in jets]
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, edges[0], edges[-1])
+        axis.title(axes, "Thrust of each jet [part of full]")
+        if not jets:
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "commands are torque and force", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            return
+        for row, (jet, share) in enumerate(zip(jets, rows, strict=True)):
+            colour = palette.RED if jet in found else palette.BLUE
+            on = np.flatnonzero(share > 1e-3)
+            bars = [(edges[i], edges[i + 1] - edges[i]) for i in on]
+            heights = 0.85 * share[on]
+            if len(bars):
+                x = np.array([[a, a, a + w, a + w] for a, w in bars]).ravel()
+                y = np.array([[-row, -row + h, -row + h, -row] for h in heights]).ravel()
+                axes.fill(x, y, color=colour, linewidth=0, gid=f"jet{row + 1}-firing")
+        labels = [f"{'▸ ' if jet in found else ''}{line(jet, 11)}" for jet in jets]
+        axes.set_yticks([-row + 0.3 for row in range(len(jets))], labels, fontsize=7)
+        for label, jet in zip(axes.get_yticklabels(), jets, strict=True):
+            label.set_color(palette.RED if jet in found else palette.INK)
+        axes.set_ylim(-len(jets) + 0.8, 1.1)
+        axes.grid(visible=False, axis="y")
+        axis.phases(axes, [phase for _, phase, _ in parts])
+
+    busiest = sorted(zip((float(share.mean()) for share in rows), jets, strict=True), reverse=True)[:3]
+    told = f"busiest: {', '.join(f'{line(jet, 40)} {share:.0%}' for share, jet in busiest)}" if jets else "commands are torque and force"
+    says = f"Thrust of each of {len(jets)} jets against time; {told}{f'; named by a warning: {chr(44).join(found)}' if found else ''}"
+    return Panel("firing", says, paint, (LENGTH * 1.5, ROW * max(len(jets), 6) + 0.85))

@@ -1,0 +1,162 @@
+"""Measured against predicted: rate and specific force overlaid, what is left of them, and what is left against the command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
+from massprop_cli.report.figures.series import Limits, padded, parts_of, said, span, thin
+from massprop_cli.result.historyfile import PREDICTED
+from massprop_cli.result.schema import AXES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.result.read import Recorded
+
+BOUND = 2.0
+"""Sigmas; 95.4 % of normal residuals lie within."""
+SHOWN = {"rate": ("Rate", "rad/s"), "specific_force": ("Specific force at the IMU", "m/s²")}
+"""Heading and unit of each kind."""
+NOTHING = 1e-3
+"""The least range of a panel over the largest value of the three axes: rounding errors are no signal."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One axis of rate or specific force in one phase."""
+
+    number: int
+    time_s: Array
+    measured: Array
+    predicted: Array
+    sigma: Array
+    """Of measured less predicted."""
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted."""
+        left: Array = self.measured - self.predicted
+        return left
+
+
+def columns(kind: str) -> list[str]:
+    """What of history.parquet this takes."""
+    unit = PREDICTED[kind]
+    names = [(f"{kind}_{a}_{unit}", f"predicted_{kind}_{a}_{unit}", f"predicted_{kind}_{a}_sigma_{unit}") for a in AXES]
+    return [name for three in names for name in three]
+
+
+def channel(number: int, found: Columns, kind: str, letter: str) -> Channel:
+    """Of a phase's history."""
+    unit = PREDICTED[kind]
+    names = (f"{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_{unit}", f"predicted_{kind}_{letter}_sigma_{unit}")
+    return Channel(number, found["time_s"], *(found[name] for name in names))
+
+
+def picture(recorded: Recorded, kind: str) -> Picture:
+    """X, Y and Z over all phases: overlaid, and below each what is left."""
+    parts = covered(recorded, columns(kind))
+    found = {letter: [channel(number, each, kind, letter) for number, _, each in parts] for letter in AXES}
+    largest = max(float(np.nanmax(np.abs(one.measured), initial=0.0)) for each in found.values() for one in each)
+    overlaid = {letter: _overlaid(each, NOTHING * largest) for letter, each in found.items()}
+    left = {letter: _symmetric(each) for letter, each in found.items()}
+    powers = axis.power(overlaid.values()), axis.power(left.values())
+    panels = []
+    for letter, each in found.items():
+        panels.append(_overlay(kind, letter, each, overlaid[letter], powers[0], parts))
+        panels.append(_residual(kind, letter, each, left[letter], powers[1], parts))
+    return Picture(_caption(recorded, parts), tuple(panels), 2)
+
+
+def _caption(recorded: Recorded, parts: list[Covered]) -> str:
+    if recorded.result.provenance.settings.get("estimator.method") == "thesis":
+        return (
+            "Blue: measured, body axes. The thesis's filters predict torque and force from the motion, not the motion: see the innovations."
+        )
+    lengths = [len(each["time_s"]) for *_, each in parts]
+    return (
+        "Blue: measured. Orange dashes: what the commands make of a body with the final values, from the phase's first moment on; only "
+        "what it begins with (rate, biases, tilt) is taken from the cycles before. Below: measured less predicted, with ± 2 sigma of the "
+        "stated noise (dashes). Where values and vehicle file are right, noise alone is left: no trend, no pattern, 95 % between the "
+        f"dashes. Body axes.{said(lengths, parts_of(len(parts)))}"
+    )
+
+
+def _overlaid(each: Sequence[Channel], least: float) -> Limits:
+    """Of what was measured, and of a prediction that is not far off."""
+    measured = span(np.concatenate([one.measured for one in each]), least)
+    height = measured.high - measured.low
+    predicted = np.concatenate([one.predicted for one in each])
+    near = predicted[np.isfinite(predicted)]
+    near = near[(near > measured.low - height) & (near < measured.high + height)]
+    return span(np.concatenate([near, [measured.low, measured.high]])) if near.size else measured
+
+
+def _symmetric(each: Sequence[Channel]) -> Limits:
+    left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
+    told = np.isfinite(left) & np.isfinite(sigma)
+    reach = max(float(np.abs(left[told]).max()), 1.3 * BOUND * float(np.median(sigma[told]))) if told.any() else 1.0
+    return padded(-reach, reach, 0.03)
+
+
+def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered]) -> Panel:
+    heading, unit = SHOWN[kind]
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, *extent(parts))
+        axis.values(axes, limits, f"{heading} {letter.upper()}", unit, power)
+        axis.phases(axes, [phase for _, phase, _ in parts])
+        buckets = parts_of(len(parts))
+        for one in each:
+            gid = f"{kind}_{letter}-{{}}-{one.number}"
+            label = one.number == each[0].number
+            for name, values, colour, style in (
+                ("measured", one.measured, palette.BLUE, "-"),
+                ("predicted", one.predicted, palette.ORANGE, (0, (4, 2))),
+            ):
+                drawn = thin(values, buckets=buckets)
+                told = name if label and len(drawn) else None
+                axes.plot(one.time_s[drawn], values[drawn], color=colour, linewidth=1.1, linestyle=style, gid=gid.format(name), label=told)
+        if letter == "x":
+            axes.legend(loc="upper right", ncols=2, borderaxespad=0.1, handlelength=2.2)
+
+    return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_told(each, unit)}", paint)
+
+
+def _residual(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered]) -> Panel:
+    heading, unit = SHOWN[kind]
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, *extent(parts))
+        axis.values(axes, limits, f"{letter.upper()}: measured less predicted", unit, power)
+        axis.phases(axes, [phase for _, phase, _ in parts])
+        if not any(np.isfinite(one.residual).any() for one in each):
+            axes.text(0.5, 0.5, "not predicted", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+        for one in each:
+            rows = thin(one.residual, buckets=parts_of(len(parts)))
+            gid = f"{kind}_{letter}_residual-{{}}-{one.number}"
+            axes.plot(one.time_s[rows], one.residual[rows], color=palette.BLUE, linewidth=0.6, gid=gid.format("residual"))
+            rows = thin(one.sigma, buckets=parts_of(len(parts)) // 6)
+            for sign, side in ((1, "upper"), (-1, "lower")):
+                bound = sign * BOUND * one.sigma[rows]
+                axes.plot(one.time_s[rows], bound, color=palette.ORANGE, linestyle=(0, (4, 2)), linewidth=0.9, gid=gid.format(side))
+
+    says = f"{heading} {letter.upper()}, measured less predicted, against time: {_told(each, unit)}"
+    return Panel(f"{kind}_{letter}_residual", says, paint)
+
+
+def _told(each: Sequence[Channel], unit: str) -> str:
+    left, sigma = (np.concatenate([getattr(one, name) for one in each]) for name in ("residual", "sigma"))
+    told = np.isfinite(left) & np.isfinite(sigma)
+    if not told.any():
+        return "not predicted"
+    inside = (np.abs(left[told]) <= BOUND * sigma[told]).mean()
+    return f"rms of what is left {np.sqrt((left[told] ** 2).mean()):.2g} {unit}; {inside:.1%} lie within ± 2 sigma, 95 % are expected"

@@ -1,0 +1,107 @@
+"""How each estimate came to rest: its distance from where it ends, its sigma and the tolerance, against time on a logarithmic scale."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli import CG, INERTIA, QUANTITIES
+from massprop_cli.base.escape import line
+from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE, THESIS_TOLERANCE
+from massprop_cli.report import vocabulary
+from massprop_cli.report.figures import axis, palette
+from massprop_cli.report.figures.panel import Panel, Picture
+from massprop_cli.report.figures.recording import Columns, covered
+from massprop_cli.report.figures.series import parts_of, said, thin
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from massprop_cli.base.arrays import Array
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import PhaseItem, Result
+
+
+def picture(recorded: Recorded) -> Picture:
+    """A panel for each quantity and phase."""
+    parts = covered(recorded)
+    several = len(parts) > 1
+    panels = tuple(
+        _panel(name, number, phase, columns, several, recorded.result) for name in QUANTITIES for number, phase, columns in parts
+    )
+    caption = (
+        "Blue: how far the estimate after each cycle is from where it ends. Orange dashes: its sigma then. Grey dots: the tolerance within "
+        "which it must stand still to be called converged. Where sigmas are honest, blue stays below some two times orange."
+    )
+    return Picture(caption + said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts)) // 2), panels, 5)
+
+
+def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
+    """By how much a quantity may move and be called still, in its unit; None where its natural size isn't known.
+
+    As the settings state it, or relative to the body's own size: the inertia's trace, √(trace/mass), the mass.
+    """
+    settings = result.provenance.settings
+    thesis = settings.get("estimator.method") == "thesis"
+    kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
+    relative = settings.get("convergence.relative", not thesis)
+    given = settings.get(f"convergence.{kind}_tolerance") or (RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind])
+    if not relative:
+        return float(given)
+    items = phase.estimates
+    moments, mass = [items[each].value for each in ("ixx", "iyy", "izz")], items["mass"].value
+    trace = sum(one for one in moments if one is not None) if None not in moments else None
+    size = trace if kind == "inertia" else mass
+    if kind == "cg":
+        size = np.sqrt(trace / mass) if trace is not None and mass and trace / mass > 0 else None
+    return float(given * size) if size is not None and size > 0 else None
+
+
+def _panel(name: str, number: int, phase: PhaseItem, columns: Columns, several: bool, result: Result) -> Panel:
+    item, time_s = phase.estimates[name], columns["time_s"]
+    value, sigma = columns[name], columns[f"{name}_sigma"]
+    told = np.isfinite(value) & np.isfinite(sigma)
+    away = np.abs(value - value[told][-1]) if told.any() else np.full_like(value, np.nan)
+    allowed = tolerance(name, phase, result)
+    heading = f"{vocabulary.SYMBOLS[name]}{f', {line(phase.name, 14)}' if several else ''}: away from the end"
+
+    def paint(axes: Axes) -> None:
+        axis.time(axes, axis.beginning(phase, time_s), time_s[-1])
+        axis.heading(axes, heading, vocabulary.unit(item.unit))
+        if not told.any():
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "nothing can be said", transform=axes.transAxes, ha="center", va="center", color=palette.MUTED)
+            return
+        drawn = [_logarithm(away), _logarithm(sigma)]
+        for each, kind, colour, style, width in (
+            (drawn[0], "away", palette.BLUE, "-", 0.7),
+            (drawn[1], "sigma", palette.ORANGE, (0, (4, 2)), 1.1),
+        ):
+            rows = thin(each, buckets=parts_of(len(result.phases)) // 2)
+            axes.plot(time_s[rows], each[rows], color=colour, linestyle=style, linewidth=width, gid=f"{name}-{kind}-{number}")
+        if allowed is not None:
+            axes.axhline(np.log10(allowed), color=palette.MUTED, linestyle=(0, (1, 1.5)), gid=f"{name}-tolerance-{number}")
+        _decades(axes, drawn, allowed)
+
+    size = "" if allowed is None else f", tolerance {allowed:.2g} {item.unit}"
+    ends = f"sigma from {np.nanmax(sigma[told]):.2g} to {sigma[told][-1]:.2g} {item.unit}" if told.any() else "nothing can be said"
+    says = f"{vocabulary.SYMBOLS[name]}, phase {line(phase.name)}, distance from its end and sigma against time, logarithmic: {ends}{size}"
+    return Panel(f"settling_{name}-{number}", says, paint, logarithmic=True)
+
+
+def _logarithm(values: Array) -> Array:
+    """To base ten, NaN for zero."""
+    found: Array = np.log10(np.where(values > 0, values, np.nan))
+    return found
+
+
+def _decades(axes: Axes, drawn: list[Array], allowed: float | None) -> None:
+    """From a little below the smallest sigma to the largest distance, a tick for every decade or few."""
+    low = float(np.nanmin(drawn[1])) - 1.5
+    high = max(float(np.nanmax(each)) for each in drawn if np.isfinite(each).any())
+    high = max(high, np.log10(allowed)) if allowed is not None else high
+    step = max(1, int(np.ceil((high - low) / 5)))
+    ticks = range(int(np.ceil(low)), int(np.floor(high)) + 1, step)
+    axes.set_ylim(low, high + 0.04 * (high - low))
+    axes.set_yticks(list(ticks), [axis.power_of_ten(tick) for tick in ticks])
