@@ -5,6 +5,7 @@ from __future__ import annotations
 import faulthandler
 import io
 import os
+import signal
 import sys
 import tempfile
 import unicodedata
@@ -78,6 +79,8 @@ def forked(arguments: list[str], data: bytes) -> int:
     if child == 0:
         try:
             faulthandler.disable()
+            for number in (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGXCPU):
+                signal.signal(number, signal.SIG_DFL)  # a fuzzer has its own
             tempfile.tempdir = folder
             sys.stdin = io.TextIOWrapper(io.BytesIO(data))
             for stream in (1, 2):
