@@ -20,7 +20,7 @@ from tests.refusal import save
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 SETTINGS = ("--set", "duration_s=3.0", "--set", 'plan=[{motion="random",axes=["roll","yaw","x"],start_s=0.0,end_s=3.0}]')
-PLAN = ("--want", "izz 20 %", "--max-time", "1.5")
+PLAN = ("--want", "izz 50 %", "--max-time", "0.6")
 THERE = "drafted.toml: is there already"
 """What ``init`` says, which writes over no file."""
 Prepare = Callable[[Path], None]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import tempfile
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import recording
+from tests.hostile import packed_chunk
 from tests.inputs.everyformat import written
 from tests.targets import CORPUS
 
@@ -21,20 +21,6 @@ def kept(name: str, folder: Path, suffix: str) -> Path:
     path = folder / f"log{suffix}"
     path.write_bytes((CORPUS / "recording" / name).read_bytes()[1:])
     return path
-
-
-def packed_chunk(unpacked: int, said: int) -> bytes:
-    """An MCAP file with one chunk of zeros in zstd, of which its header says that they are fewer."""
-    import zstandard
-
-    def record(kind: int, content: bytes) -> bytes:
-        return struct.pack("<BQ", kind, len(content)) + content
-
-    pack = zstandard.ZstdCompressor().compressobj(size=unpacked)
-    data = b"".join(pack.compress(bytes(2**24)) for _ in range(unpacked // 2**24)) + pack.flush()
-    chunk = struct.pack("<QQQII", 0, 1, said, 0, 4) + b"zstd" + struct.pack("<Q", len(data)) + data
-    begin, end = b"\x89MCAP0\r\n", record(15, bytes(4)) + record(2, bytes(20))
-    return begin + record(1, bytes(8)) + record(6, chunk) + end + begin
 
 
 def test_a_crash_of_the_library_is_no_crash_of_the_program(tmp_path: Path) -> None:
