@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,72 @@ def _footer() -> bytes:
     return b"PAR1" + footer + len(footer).to_bytes(4, "little") + b"PAR1"
 
 
+def _kept(name: str) -> Callable[[Path], object]:
+    """What a fuzzer found (tests/corpus)."""
+    return lambda path: path.write_bytes((Path(__file__).parent / "corpus" / "recording" / name).read_bytes()[1:])
+
+
+def packed_chunk(unpacked: int, said: int) -> bytes:
+    """An MCAP file with one chunk of zeros in zstd, of which its header says that they are fewer."""
+    import zstandard
+
+    def record(kind: int, content: bytes) -> bytes:
+        return struct.pack("<BQ", kind, len(content)) + content
+
+    pack = zstandard.ZstdCompressor().compressobj(size=unpacked)
+    data = b"".join(pack.compress(bytes(2**24)) for _ in range(unpacked // 2**24)) + pack.flush()
+    chunk = struct.pack("<QQQII", 0, 1, said, 0, 4) + b"zstd" + struct.pack("<Q", len(data)) + data
+    begin, end = b"\x89MCAP0\r\n", record(15, bytes(4)) + record(2, bytes(20))
+    return begin + record(1, bytes(8)) + record(6, chunk) + end + begin
+
+
+def _hdf5(path: Path, columns: int = 1, rows: int = 1) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for number in range(columns):
+            file.create_dataset(
+                f"{'a' * 150}{number}", (rows,), "f8", chunks=(1,) if rows > 1 else None, compression="gzip" if rows > 1 else None
+            )
+
+
+def mapped(text: str) -> Hostile:
+    """A recording with one stream, and a map."""
+
+    def make(folder: Path) -> list[str]:
+        vehicle(folder)
+        _hdf5(folder / "log.h5")
+        (folder / "map.toml").write_text(text, encoding="utf-8")
+        return estimate(folder, "log.h5")
+
+    return make
+
+
+def planned(guess: str) -> Hostile:
+    def make(folder: Path) -> list[str]:
+        vehicle(folder)
+        (folder / "guess.toml").write_text(guess, encoding="utf-8")
+        line = ["plan", "--vehicle", str(folder / "vehicle.toml"), "--want", "mass 2 %", "--guess", str(folder / "guess.toml")]
+        return [*line, "--out", str(folder / "out")]
+
+    return make
+
+
+def inspected(name: str, make: Callable[[Path], object]) -> Hostile:
+    def made(folder: Path) -> list[str]:
+        make(folder / name)
+        return ["columns", str(folder / name)]
+
+    return made
+
+
+PATTERN = (
+    "schema = 1\n"
+    + "".join(
+        f'[{key}]\npaths = "{"**a" * 40}b"\nunit = "{unit}"\nvalues = "mean"\n' for key, unit in (("gyro", "rad/s"), ("accelerometer", "g"))
+    )
+    + '[jets.roll_p1]\npath = "a"\n'
+)
 KEYS = ".".join(["a"] * 100_000)
 LONG = 10_000_000 * "x"
 INPUTS: dict[str, Hostile] = {
@@ -164,6 +231,14 @@ INPUTS: dict[str, Hostile] = {
     "CSV: 70 million cells": csv(lambda _: ",".join(f"c{n}" for n in range(1000)) + "\n" + "\n" * 70_000 + "0"),
     "CSV: a header that is no header": csv(lambda text: '"' + 200_000 * "x" + "," + text),
     "CSV: a cell of 1 MB": csv(lambda text: text.replace("0.05", 1_000_000 * "x", 1)),
+    "HDF5: 100 million numbers, none stored": of_file("log.h5", lambda path: _hdf5(path, rows=100_000_000)),
+    "MATLAB: a file at which its reader crashes": of_file("log.mat", _kept("matlab-that-crashes")),
+    "MCAP: 33 kB that become 1 GB": of_file("log.mcap", lambda path: path.write_bytes(packed_chunk(2**30, 1000))),
+    "a recording for columns that is a pipe": inspected("log.h5", os.mkfifo),
+    "a map with a pattern of 40 stars": mapped(PATTERN),
+    "a map of 2 MB": mapped("#" * 2**21),
+    "a map nested 100 deep": mapped("a = " + "{a = " * 100 + "1" + "}" * 100),
+    "a guess with a key of 1 MB": planned("k" * 1_000_000 + " = 1"),
     "TOML: a key of 100,000 parts": toml(f"{KEYS} = 1"),
     "TOML: a table of 100,000 parts": toml(f"[{KEYS}]"),
     "TOML: a quoted key of 100,000 parts": toml(KEYS.replace("a", '"a"') + " = 1"),

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import ast
 import json
+import re
 import subprocess
 import sys
+import tomllib
 import venv
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -34,3 +38,24 @@ def test_the_wheel_alone_estimates_a_sample_log(tmp_path: Path) -> None:
     run = subprocess.run([str(python), "-c", code, "simulate", "refined", "-q"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "massprop-out" / "refined-seed-1" / "log.parquet").exists()
+
+
+def test_every_dependency_is_used_and_everything_used_is_a_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = [name for extra, names in project["optional-dependencies"].items() if extra not in ("dev", "fuzz") for name in names]
+    declared = {re.split(r"[\[<>=;]", name)[0] for name in (*project["dependencies"], *extras)} - {"massprop"}
+    imported = {name for file in (ROOT / "massprop_cli").rglob("*.py") for name in _imported(file)} - {
+        *sys.stdlib_module_names,
+        "massprop_cli",
+    }
+    called = {"mat-io": "matio", "tomli-w": "tomli_w"}
+    # fsspec finds s3fs by itself; the other two come with those that are built on them
+    assert {called.get(name, name) for name in declared} == (imported | {"s3fs"}) - {"markupsafe", "pydantic_core"}
+
+
+def _imported(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.partition(".")[0]

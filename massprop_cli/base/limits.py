@@ -57,6 +57,9 @@ DEPTH = Limit("MASSPROP_MAX_DEPTH", 32, "levels of tables")
 NAME = Limit("MASSPROP_MAX_NAME", 200, "characters of a key or a name")
 TEXT = Limit("MASSPROP_MAX_TEXT", 10_000, "characters of a text in a configuration")
 PAGES = Limit("MASSPROP_MAX_PAGES", 2**17, "Parquet pages")
+READER_SECONDS = Limit("MASSPROP_MAX_READER_SECONDS", 8, "seconds of a reader")
+READER_MEMORY = Limit("MASSPROP_MAX_READER_BYTES", 3 * 2**28, "bytes of a reader's memory")
+"""Of processor time and of memory for a recording of another program, beside what its own size needs."""
 
 
 _OF_KIND = {"log": LOG, "campaign.json": LOG, "campaign.parquet": LOG, "history.parquet": LOG, "result.json": RESULT}

@@ -73,6 +73,7 @@ def _write(file: Path, found: Check) -> None:
     from massprop_cli.check import junit as suites
 
     try:
-        files.text(file, suites.text(found))
+        with files.held(file.parent):
+            files.text(file, suites.text(found))
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None

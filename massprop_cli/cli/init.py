@@ -38,10 +38,10 @@ def init(
     if out is None:
         sys.stdout.write(text)
         return
-    if out.exists():
-        raise InputError(f"{out}: is there already; name a new file, or move it")
     try:
         with files.held(out.parent):
+            if out.exists():
+                raise InputError(f"{out}: is there already; name a new file, or move it")
             files.text(out, text)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error}); choose another file with --out") from None

@@ -153,6 +153,8 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
     """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given."""
     samples = timing.of(log, vehicle)
     cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
+    if cycles.stop - cycles.start < 2:
+        raise InputError(f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands")
     shifted = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
     sides = [align(log, shifted, timing.delay + by) for by in (-SHIFT, SHIFT)]
     risen = align(log, _slower(shifted), timing.delay) if log.command_kind == "jets" else None

@@ -91,6 +91,12 @@ class Environment(Section):
             raise ValueError("is not a unit quaternion; divide it by its norm")
         return quaternion
 
+    @model_validator(mode="after")
+    def _has_a_vertical(self) -> Environment:
+        if self.kind == "air_bearing" and self.gravity_m_s2 == 0:
+            raise ValueError('kind = "air_bearing" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity')
+        return self
+
 
 class Thrust(Section):
     """Uncertainty and dynamics of the actuators."""
@@ -178,6 +184,10 @@ class Phase(Section):
         if self.end_s <= self.start_s:
             raise ValueError(f"phase {self.name!r} ends at {self.end_s} s, not after its start at {self.start_s} s")
         return self
+
+    def overlaps(self, other: Phase) -> bool:
+        """Whether a cycle may be of both."""
+        return max(self.start_s, other.start_s) < min(self.end_s, other.end_s)
 
 
 class Docking(Section):
@@ -298,9 +308,13 @@ class Vehicle(Section):
         if self.docking is not None:
             if self.docking.before == self.docking.after:
                 raise ValueError(f"docking.before and docking.after are both {self.docking.after!r}; name two phases")
-            for phase in (self.docking.before, self.docking.after):
-                if phase not in [p.name for p in self.phases]:
-                    raise ValueError(f"docking names phase {phase!r}, which [[phases]] does not have")
+            named = {phase.name: phase for phase in self.phases}
+            for name in (self.docking.before, self.docking.after):
+                if name not in named:
+                    raise ValueError(f"docking names phase {name!r}, which [[phases]] does not have")
+            before, after = named[self.docking.before], named[self.docking.after]
+            if before.overlaps(after):
+                raise ValueError(f"docking: phases {before.name!r} and {after.name!r} overlap; end one where the other starts")
         return self
 
     @field_validator("columns")

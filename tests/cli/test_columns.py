@@ -107,7 +107,7 @@ def test_streams_are_listed_with_rate_range_and_unit(tmp_path: Path) -> None:
     streams = {one["path"]: one for one in json.loads(run.stdout)["streams"]}
     assert streams["w [deg/s]"]["unit"] == "deg/s"
     assert streams["w [deg/s]"]["rate_hz"] == pytest.approx(100)
-    assert streams["event"]["note"] == "text"
+    assert streams["event"]["note"] == "no numbers"
     run = massprop(tmp_path, "columns", "own.parquet")
     assert run.returncode == 0
     assert "3 streams of a table" in run.stdout

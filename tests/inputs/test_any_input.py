@@ -93,9 +93,9 @@ def takes(table: Any) -> None:
         assert np.isfinite(values).all()
 
 
-def estimates(data: dict[str, Any]) -> None:
+def estimates(data: dict[str, Any], rows: int = 60) -> None:
     out = io.BytesIO()
-    pq.write_table(flight(60), out)
+    pq.write_table(flight(rows), out)
     try:
         source = vehiclefile.parse(tomli_w.dumps(data), "vehicle.toml")
         judged = job.of_table(tablefile.parse(Path("log.parquet"), out.getvalue()), source)
@@ -110,6 +110,11 @@ def estimates(data: dict[str, Any]) -> None:
 @given(tables())
 def test_a_table_of_any_content_is_a_log_of_numbers_or_refused(table: Any) -> None:
     takes(table)
+
+
+@pytest.mark.parametrize("rows", range(1, 9))
+def test_a_log_of_few_rows_ends_in_a_result_or_is_refused(rows: int) -> None:
+    estimates(VEHICLE, rows)
 
 
 @pytest.mark.slow

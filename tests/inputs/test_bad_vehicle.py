@@ -58,6 +58,17 @@ END = "force_n = [0.0, 0.0, -2.22411080763025]\n"
 ROLL_N1 = '[[jets]]\nname = "roll_n1"\nposition_m = [0.0, 0.1475, 0.0]\nforce_n = [0.0, 0.0, -1.112055403815125]\n'
 ROTATION = "[[0.9393727128473789, 0.34289780745545134, 0.0], [-0.34289780745545134, 0.9393727128473789, 0.0], [0.0, 0.0, 1.0]]"
 BAD_VEHICLES = {
+    "has a docking of phases that overlap": BadVehicle(
+        END,
+        END
+        + '[[phases]]\nname = "one"\nstart_s = 0.0\nend_s = 3.0\n[[phases]]\nname = "two"\nstart_s = 2.9\nend_s = 5.0\n'
+        + '[docking]\nbefore = "one"\nafter = "two"\n',
+        None,
+        ("docking", "'one'", "'two'", "overlap", "end one where the other starts"),
+    ),
+    "has an air bearing without gravity": BadVehicle(
+        'kind = "free"', 'kind = "air_bearing"\ngravity_m_s2 = 0.0', "[environment]", ("gravity_m_s2 = 0", 'kind = "free"')
+    ),
     "is not TOML": BadVehicle("period_s = 0.05", "period_s = = 0.05", "period_s = = 0.05", ("not valid TOML",)),
     "sets a key twice": BadVehicle("period_s = 0.05", "period_s = 0.05\nperiod_s = 0.1", "period_s = 0.1", ("not valid TOML",)),
     "is empty": BadVehicle(vehicle_text(), "", None, ("'schema' is missing", "add it")),

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import random
+import re
 from dataclasses import fields
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
-from massprop_cli.inputs.formats import mapfile, mapped, resample
+from massprop_cli.inputs.formats import mapfile, mapped, resample, signals
 from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
 from massprop_cli.inputs.tablefile import Table, read_table
 from massprop_cli.inputs.telemetry import Log
@@ -344,3 +346,17 @@ def test_integrals_between_edges_are_those_of_each_kind() -> None:
     np.testing.assert_allclose(resample.increments(rate, times, "increment", edges), [[2.0 + 0.5], [0.5 + 3.0]])
     np.testing.assert_allclose(resample.means(rate, times, "until_next", edges), [[(1.0 + 4.0) / 1.5], [(4.0 + 1.0) / 2]])
     np.testing.assert_allclose(resample.means(rate, times, "since_last", edges), [[(2.0 + 1.0) / 1.5], [(1.0 + 3.0) / 2]])
+
+
+def test_a_pattern_fits_what_the_regular_expression_for_it_fits() -> None:
+    draw = random.Random(1)
+    fitted = 0
+    for _ in range(3000):
+        path = "".join(draw.choices("ab/", k=draw.randrange(7)))
+        pattern = "".join(draw.choices(["a", "b", "/", "*", "**", "?"], k=draw.randrange(1, 6)))
+        parts = re.split(r"(\*\*|\*|\?)", pattern)
+        expression = "".join({"**": ".*", "*": "[^/]*", "?": "[^/]"}.get(part, re.escape(part)) for part in parts)
+        wanted = [path] if re.fullmatch(expression, path) else []
+        assert signals.fitting(pattern, [path]) == wanted, f"{pattern} on {path}"
+        fitted += bool(wanted)
+    assert fitted > 300

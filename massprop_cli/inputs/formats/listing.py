@@ -29,7 +29,7 @@ class Listed:
     unit: str
     clock: str
     note: str
-    """text, constant, increasing."""
+    """no numbers (text, or damaged), constant, increasing."""
 
 
 def listed(read: Recording) -> list[Listed]:
@@ -41,7 +41,7 @@ def listed(read: Recording) -> list[Listed]:
 def _listed(clocks: Clocks, one: Stream) -> Listed:
     values = numbers(one)
     if values is None:
-        return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "text")
+        return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "no numbers")
     finite = values[np.isfinite(values)]
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
     note = "" if finite.size == one.rows else f"{one.rows - finite.size} not finite"
@@ -53,10 +53,10 @@ def _listed(clocks: Clocks, one: Stream) -> Listed:
 
 
 def numbers(one: Stream) -> Array | None:
-    """A stream's values; None where they are text."""
+    """A stream's values; None where they are none."""
     try:
         values = one.values
-    except (InputError, ValueError):
+    except InputError:
         return None
     return np.asarray(values, np.float64)
 

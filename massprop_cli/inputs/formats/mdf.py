@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import gc
 import io
-import logging
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
@@ -21,25 +18,9 @@ from massprop_cli.inputs.formats.recording import Numbers, Read, Stream, whole
 
 def read(path: Path, data: bytes) -> Read:
     """A stream for each channel, with its unit, on its group's master."""
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
-    file = _opened(data)
+    file = MDF(io.BytesIO(data))
     limits.NUMBERS.check(str(path), sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
     return Read(_streams(file))
-
-
-def _opened(data: bytes) -> Any:
-    """The library's file; ValueError where it is none."""
-    hook, reason = sys.unraisablehook, ""
-    # what it could not open it fails to clear away, and would tell so on the terminal
-    sys.unraisablehook = lambda _: None
-    try:
-        return MDF(io.BytesIO(data))
-    except Exception as error:
-        reason = str(error) or type(error).__name__
-    finally:
-        gc.collect()
-        sys.unraisablehook = hook
-    raise ValueError(reason)
 
 
 def _streams(file: Any) -> Iterator[Stream]:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -161,47 +160,51 @@ def read(path: Path, data: bytes) -> Recording:
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
     found = kind(path)
-    reader: Reader = _reader(path, found)
-    with damaged(path, found):
-        said = reader.read(path, data)
-        streams: dict[str, Stream] = {}
-        cells = 0
-        for one in said.streams:
-            cells += one.rows
-            limits.NUMBERS.check(str(path), cells)
-            limits.STREAMS.check(str(path), len(streams) + 1)
-            streams.setdefault(one.path, one)
+    if found is TABLE:
+        from massprop_cli.inputs.formats import tabular
+
+        said = tabular.read(path, data)
+    else:
+        from massprop_cli.inputs.formats import apart
+
+        said = apart.read(path, data, found)
+    streams: dict[str, Stream] = {}
+    for one in counted(path, said.streams):
+        streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
         raise InputError(f"{path}: holds no numbers; record the log again")
     return Recording(path, hashlib.sha256(data).hexdigest(), found.name, streams, said.parameters, said.vehicle, said.map)
 
 
-def _reader(path: Path, found: Kind) -> Any:
-    try:
-        with _unremarked():
-            return import_module(f"massprop_cli.inputs.formats.{found.module}")
-    except ImportError as error:
-        if not found.extra:
-            raise
-        raise InputError(f"{path}: reading a {found.name} needs the package {error.name}; pip install 'massprop[{found.extra}]'") from None
+def counted(path: Path, streams: Iterable[Stream]) -> Iterator[Stream]:
+    """The streams, as long as there are no more of them, and no more numbers in them, than the limits allow."""
+    cells = 0
+    for number, one in enumerate(streams, 1):
+        cells += one.rows
+        limits.NUMBERS.check(str(path), cells)
+        limits.STREAMS.check(str(path), number)
+        yield one
 
 
 @contextmanager
 def damaged(path: Path, found: Kind) -> Iterator[None]:
     """What a library raises over a file becomes an :class:`InputError`: each raises errors of its own, and most any."""
     try:
-        with _unremarked():
+        with unremarked():
             yield
-    except (InputError, KeyboardInterrupt):
+    except (InputError, MemoryError):
         raise
     except Exception as error:
-        # neither a file's copy aside nor an object's address is anything to a reader
-        reason = _ASIDE.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
-        raise InputError(f"{path}: not a readable {found.name} ({reason}); copy it again from the recorder") from None
+        raise InputError(f"{path}: not a readable {found.name} ({reason(error)}); copy it again from the recorder") from None
+
+
+def reason(error: Exception) -> str:
+    """What an error says; neither a file's copy aside nor an object's address is anything to a reader."""
+    return _ASIDE.sub("the file", " ".join((str(error) or type(error).__name__).split()))[:300]
 
 
 @contextmanager
-def _unremarked() -> Iterator[None]:
+def unremarked() -> Iterator[None]:
     """A library's remarks on itself are no concern of whoever reads the result."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

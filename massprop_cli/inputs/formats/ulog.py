@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
-from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +28,37 @@ _UNITS = {
 _AXIS = re.compile(r"(xyz|[xyz]|gyro_rad|accelerometer_m_s2|delta_angle|delta_velocity)(\[\d\])?$")
 
 
+_HEADER, _TAG = 16, 3
+"""Bytes of the file's header, and of a message's: its size and type."""
+_LONGEST = 10_000
+"""Bytes of a message of a type that is not known."""
+_KNOWN = frozenset(b"FDIMPQASOLC")
+_FLAGS = ord("B")
+_DAMAGED = ValueError("messages in it are damaged")
+
+
 def read(path: Path, data: bytes) -> Read:
     """A stream for each field, and the parameters at the start."""
-    # what the library prints would stand in the midst of ours
-    with redirect_stdout(io.StringIO()):
-        log = ULog(io.BytesIO(data))
+    _check(data)
+    log = ULog(io.BytesIO(data))
     if log.file_corruption:
-        raise ValueError("messages in it are damaged")
+        raise _DAMAGED
     limits.NUMBERS.check(str(path), sum(len(values) for topic in log.data_list for values in topic.data.values()))
     parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     return Read([one for topic in log.data_list for one in _streams(topic)], parameters)
+
+
+def _check(data: bytes) -> None:
+    """ValueError where the library would search for where it may go on, which it does for ever where there is nothing."""
+    at = _HEADER
+    while at + _TAG <= len(data):
+        size, kind = int.from_bytes(data[at : at + 2], "little"), data[at + 2]
+        if kind == _FLAGS and at == _HEADER:
+            if any(data[at + _TAG + 16 : at + _TAG + 40]):
+                return  # a crash's dump is appended to a message that was cut
+        elif kind not in _KNOWN and (kind == 0 or size == 0 or size > _LONGEST):
+            raise _DAMAGED
+        at += _TAG + size
 
 
 def _streams(topic: Any) -> Iterator[Stream]:

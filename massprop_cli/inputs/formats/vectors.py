@@ -17,6 +17,8 @@ _MARKS = (
     (re.compile(r"(?<![a-zA-Z])([pqr])(?![a-zA-Z])(?!.*/)"), 0),
 )
 """How names mark an axis, and from what number they count."""
+_LONGEST = 1000
+"""Characters of a name in which an axis is looked for, as that takes a time that grows as its square."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def _alike(streams: Sequence[Stream]) -> bool:
 def _ways(path: str) -> Iterator[tuple[str, str, int]]:
     """The name without its axis, the axis, and which of the ways it was read in."""
     for way, (mark, first) in enumerate(_MARKS):
-        match = mark.search(path)
+        match = mark.search(path) if len(path) <= _LONGEST else None
         if match:
             axis = match[1].lower()
             axis = str(int(axis) - first) if axis.isdigit() else axis

@@ -1,0 +1,14 @@
+"""Recordings are read in forks here, as importing a library anew for each file takes a second; tests of the process itself say so."""
+
+from __future__ import annotations
+
+import pytest
+
+from massprop_cli.inputs.formats import apart
+from tests.targets import forked
+
+
+@pytest.fixture(autouse=True)
+def _readers_in_forks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.node.get_closest_marker("apart") is None:
+        monkeypatch.setattr(apart, "ended", forked)
