@@ -8,7 +8,7 @@ from rich.table import Table
 from massprop_cli.base import escape
 from massprop_cli.check.finding import SUBJECTS, Check
 from massprop_cli.report import vocabulary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report.fit import fitted
 
 _STYLE = {"unusable": "bold red", "fault": "yellow", "note": "dim"}
 _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}

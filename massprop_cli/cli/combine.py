@@ -12,7 +12,7 @@ from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import say, show
+from massprop_cli.cli.terminal import show, warn
 
 
 @guarded
@@ -74,13 +74,13 @@ def combine(
 
     with np.errstate(all="ignore"):
         found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
-    flow.write(out or Path("massprop-out") / "combined", found, [*(results or []), *(before or []), *(after or [])])
-    for warning in [] if quiet else found.warnings:
-        say(f"warning: {warning.message} [{warning.code}]")
+    folder = out or Path("massprop-out") / "combined"
+    flow.write(folder, found, [*(results or []), *(before or []), *(after or [])])
+    warn(found.warnings, quiet, no_color)
     if as_json:
         sys.stdout.write(schema.to_json(found))
     elif not quiet:
-        show(found, no_color)
+        show(found, folder, no_color)
     short = job.short_of(found, required)
     if short:
         fail(f"required but not reached: {'; '.join(short)}", exits.NOT_CONVERGED)

@@ -70,11 +70,11 @@ def estimate(
     stored = store.write(out, judged.analysis, text)
     told_of(stored, None if out is not None else store.plain(log), quiet)
     told_map(judged.analysis.log.made, quiet)
-    warn(judged.analysis.notices, quiet)
+    warn(judged.analysis.notices, quiet, no_color)
     if as_json:
         sys.stdout.write(text)
     elif not quiet:
-        show(judged.result, no_color)
+        show(judged.result, stored.folder, no_color)
     if judged.exit_code:
         fail(judged.message, judged.exit_code)
 

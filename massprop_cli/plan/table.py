@@ -9,7 +9,7 @@ from massprop_cli.base import escape
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.document import PlanFile, QuantityItem
 from massprop_cli.report import vocabulary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report.fit import fitted
 
 FEW = 4
 """Quantities that a stretch is said to teach."""
@@ -17,7 +17,7 @@ FEW = 4
 
 def show(found: PlanFile, console: Console) -> None:
     """What is predicted, the timeline, the limits, and what the numbers mean."""
-    fitted(_quantities(found), console)
+    fitted(_quantities(found), console, [*reversed(longer(found)), "guess"])
     fitted(_timeline(found), console)
     fitted(_limits(found), console)
     for line in legend(found):
@@ -77,7 +77,7 @@ def legend(found: PlanFile) -> list[str]:
     """What the numbers mean."""
     untold = [name for name, item in found.quantities.items() if item.told == "by no motion of this vehicle"]
     return [
-        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = −Σ m x y. CG from O in body axes. ± is one",
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. ± is one",
         f"standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
         f"vehicle may be (guess: {found.guess}).",
         *([f"No motion of this vehicle can tell {', '.join(untold)}."] if untold else []),
