@@ -37,7 +37,12 @@ MapFile = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
-Chosen = Annotated[Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False, rich_help_panel=SETTINGS)]
+Chosen = Annotated[
+    Method | None,
+    typer.Option(
+        help="Estimator: default, or the thesis's own filters.", envvar="MASSPROP_METHOD", show_default=False, rich_help_panel=SETTINGS
+    ),
+]
 Delay = Annotated[
     str | None,
     typer.Option(
