@@ -57,11 +57,12 @@ def _show(streams: list[Listed], kind: str, no_color: bool) -> None:
     from rich.table import Table
 
     from massprop_cli.base import escape
+    from massprop_cli.report import digits
 
     table = Table(title=f"{len(streams)} streams of a {kind}", title_justify="left")
     for name in ("path", "samples", "rate [Hz]", "least", "most", "unit", "clock", "note"):
         table.add_column(name, justify="right" if name in ("samples", "rate [Hz]", "least", "most") else "left", overflow="fold")
     for one in streams:
-        numbers = ["" if value is None else f"{value:.6g}" for value in (one.rate_hz, one.least, one.most)]
+        numbers = ["" if value is None else digits.stated(value, 6) for value in (one.rate_hz, one.least, one.most)]
         table.add_row(escape.rich(one.path), str(one.samples), *numbers, *(escape.rich(text) for text in (one.unit, one.clock, one.note)))
     console(no_color).print(table)

@@ -45,10 +45,10 @@ def _table(part: Part) -> Table:
 
 
 def _cells(d: Difference) -> list[str]:
-    sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}"
+    sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}".replace("e+0", "e+")
     difference, sigma = digits.numbers(d.difference, d.difference_sigma)
     if d.difference == 0 or (d.difference is not None and d.difference_sigma is None):
-        difference = f"{d.difference:.6g}"
+        difference = digits.stated(d.difference, 6)
     return [_value(d.value, d.sigma, d.verdict), _value(d.baseline_value, d.baseline_sigma, d.baseline_verdict), difference, sigma, sigmas]
 
 

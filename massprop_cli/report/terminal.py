@@ -20,7 +20,7 @@ _SPARE = ("final at", "nominal", "tolerance")
 def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for phase in found.phases:
-        title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
+        title = f"{found.log.path}, phase {phase.name}, {_time(phase.start_s)} to {_time(phase.end_s)} s"
         _part(title, phase, found, console)
     if found.docked_object is not None:
         docked = found.docked_object
@@ -126,11 +126,16 @@ def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Tabl
     return table
 
 
+def _time(seconds: float) -> str:
+    """To a tenth of a millisecond: what a clock's start leaves below that is rounding."""
+    return digits.stated(round(seconds, 4))
+
+
 def _nominal(item: EstimateItem) -> str:
-    return "" if item.nominal is None else f"{item.nominal:g}"
+    return "" if item.nominal is None else digits.stated(item.nominal)
 
 
 def _expected(item: EstimateItem) -> tuple[str, str, str]:
     if item.expected is None:
         return "", "", ""
-    return f"{item.expected.value:.9g}", vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"
+    return digits.stated(item.expected.value), vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"
