@@ -19,7 +19,7 @@ def block(source: str, *_: Any, **__: Any) -> str:
 
 
 class _Inline(InlineProcessor):
-    def handleMatch(self, m: Any, data: str) -> tuple[str, int, int]:  # type: ignore[override]  # noqa: N802, ARG002
+    def handleMatch(self, m: Any, data: str) -> tuple[str, int, int]:  # noqa: N802, ARG002
         return self.md.htmlStash.store(convert(m[1])), m.start(0), m.end(0)
 
 

@@ -20,10 +20,10 @@ class Screen(io.StringIO):
         return True
 
 
-def warned(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, no_color: bool = False, **settings: str) -> str:
+def warned(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO, no_color: bool = False, settings: dict[str, str] | None = None) -> str:
     for key in ("NO_COLOR", "TERM"):
         monkeypatch.delenv(key, raising=False)
-    for key, value in settings.items():
+    for key, value in (settings or {}).items():
         monkeypatch.setenv(key, value)
     monkeypatch.setattr(sys, "stderr", stream)
     terminal.warn([Notice("some-code", "look")], quiet=False, no_color=no_color)
@@ -36,7 +36,7 @@ def test_a_warning_is_yellow_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize("settings", [{"NO_COLOR": "1"}, {"TERM": "dumb"}])
 def test_no_colour_where_the_environment_says_so(monkeypatch: pytest.MonkeyPatch, settings: dict[str, str]) -> None:
-    assert warned(monkeypatch, Screen(), **settings) == f"{SAID}\n"
+    assert warned(monkeypatch, Screen(), settings=settings) == f"{SAID}\n"
 
 
 def test_no_colour_by_option_or_into_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
