@@ -45,7 +45,7 @@ def _section(command: Any, examples: tuple[str, ...]) -> str:
 def _row(option: Any) -> str:
     flag = getattr(option, "is_flag", False)
     value = "" if flag else f" {option.metavar or option.name.upper()}"
-    spelt = ", ".join(f"`{name}{value}`" for name in option.opts).replace("|", "\\|")
+    spelt = ", ".join(f"`{name}{value}`" for name in option.opts)
     shown = [f"`{option.envvar}`"] if option.envvar else []
     default = option.default
     if not flag and default is not None and not option.required:
