@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 import typer
 
 from massprop_cli.cli import app
+from massprop_cli.inputs import vehiclefile
 from website import commands, python
 from website.stage import ROOT
 
@@ -29,6 +31,8 @@ PARTS = re.compile(
     r"<!-- (?P<note>before|not run): (?P<said>.*?) -->|^```(?P<language>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+WHOLE = ("smallest.toml", "vehicle.toml", "flight.vehicle.toml")
+"""Blocks that are whole vehicle files."""
 SAMPLE = "cp sample_logs/free-flyer/* ."
 COMMANDS_BEFORE = f"""
 {SAMPLE}
@@ -110,6 +114,26 @@ def test_a_block_has_a_language_that_is_run_or_read(page: str) -> None:
     for block in blocks(PAGES[page]):
         if block.language == "toml":
             tomllib.loads(block.text)
+
+
+VEHICLE = {"schema": 1, "cycle": {"period_s": 0.05, "command_delay_cycles": 2.0}}
+PHASES = [{"name": name, "start_s": start, "end_s": start + 1.0} for start, name in enumerate(("single", "combined"))]
+
+
+@pytest.mark.parametrize("page", [name for name in PAGES if name.startswith(("docs/warnings/", "docs/verdicts/"))])
+def test_what_a_page_says_to_state_is_a_vehicle_file(page: str) -> None:
+    for block in blocks(PAGES[page]):
+        if block.language == "toml":
+            stated = tomllib.loads(block.text)
+            phases = {"phases": PHASES} if "docking" in stated else {}
+            vehiclefile.parse(tomli_w.dumps({**VEHICLE, **phases, **stated}), page)
+
+
+def test_vehicle_files_that_are_shown_whole_are_vehicle_files() -> None:
+    shown = [(page, block) for page, text in PAGES.items() for block in blocks(text) if block.title in WHOLE]
+    assert {block.title for _, block in shown} == set(WHOLE)
+    for page, block in shown:
+        vehiclefile.parse(block.text, f"{page}: {block.title}")
 
 
 def test_what_is_not_run_says_why() -> None:
