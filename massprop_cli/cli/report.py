@@ -69,7 +69,7 @@ def report(
 
     Examples:
         massprop report massprop-out/log --open
-        massprop report massprop-out/* --format html,md,csv,junit --out review
+        massprop report massprop-out/log run-1 --format html,md,csv,junit --out review
         massprop report massprop-out/log --figure inertia --figure correlation --format svg,png
     """
     texts, kinds = _formats(format_, bool(figure))

@@ -43,8 +43,6 @@ massprop estimate log.parquet -q --out baseline/log
 for name in alone docked; do massprop simulate $([ $name = alone ] && echo testbed || echo testbed-joined) -q --out at-$name; done
 for name in alone docked; do massprop estimate at-$name/log.parquet -q --out $name; done
 massprop batch flights -q
-mv massprop-out/campaign.json earlier.json
-mkdir -p massprop-out && mv earlier.json massprop-out/campaign.json
 """
 
 
