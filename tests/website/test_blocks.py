@@ -100,7 +100,7 @@ def test_the_blocks_of_a_page_run_as_they_stand(page: str, tmp_path: Path) -> No
         if block.language not in ("bash", "python"):
             continue
         command = ["bash", "-eo", "pipefail", "-c", block.text] if block.language == "bash" else [sys.executable, "-c", block.text]
-        done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, check=False, timeout=300)
+        done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, check=False, timeout=900)
         assert done.returncode == 0, f"{block.text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
         assert "internal error" not in done.stderr
 
