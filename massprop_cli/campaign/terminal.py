@@ -8,13 +8,15 @@ from rich.table import Table
 from massprop_cli.base import escape
 from massprop_cli.campaign import page
 from massprop_cli.campaign.summary import Pool, Summary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report.fit import fitted
 
 _COLUMNS = {
     "symbol": "quantity", "value": "weighted mean", "sigma": "± sigma", "unit": "unit", "logs": "logs",
     "ratio": "scatter/claimed", "p_value": "p", "trend": "trend per log", "outliers": "outliers",
 }  # fmt: skip
 _TEXT = ("symbol", "unit", "outliers")
+_SPARE = ("p", "trend per log", "logs")
+"""What a narrow terminal goes without: campaign.html has all of it."""
 NAMED = 3
 """Outliers that a cell names."""
 
@@ -22,7 +24,7 @@ NAMED = 3
 def show(found: Summary, console: Console) -> None:
     """Print a table per vehicle and part, and the counts."""
     for pool in found.pooled:
-        fitted(_table(pool), console)
+        fitted(_table(pool), console, _SPARE)
         for doubt in page.doubts(pool):
             console.print(escape.rich(f"⚠ {doubt}."), style="yellow")
     if found.pooled:

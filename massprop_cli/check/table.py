@@ -7,8 +7,8 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.check.finding import SUBJECTS, Check
-from massprop_cli.report import vocabulary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report import digits, vocabulary
+from massprop_cli.report.fit import fitted
 
 _STYLE = {"unusable": "bold red", "fault": "yellow", "note": "dim"}
 _SIGNS = {"unusable": "✕", "fault": "‼", "note": "○"}
@@ -44,7 +44,7 @@ def _expected(found: Check, phase: str) -> Table:
         if one.phase != phase:
             continue
         reached = "" if one.reached is None else "[green]✓[/]" if one.reached else "[red]✗[/]"
-        sigma = "–" if one.sigma is None else f"{one.sigma:.2g}"
-        wanted = "" if one.wanted_sigma is None else f"{one.wanted_sigma:.2g}"
+        sigma = "–" if one.sigma is None else digits.figures(one.sigma)
+        wanted = "" if one.wanted_sigma is None else digits.figures(one.wanted_sigma)
         table.add_row(one.quantity, sigma, wanted, vocabulary.unit(one.unit), one.verdict, reached)
     return table

@@ -20,6 +20,7 @@ from massprop_cli.cli.combine import combine
 from massprop_cli.cli.compare import compare
 from massprop_cli.cli.estimate import estimate
 from massprop_cli.cli.export_flight import export_flight
+from massprop_cli.cli.help import Command, Group, epilog, told
 from massprop_cli.cli.init import init
 from massprop_cli.cli.live import live
 from massprop_cli.cli.plan import plan
@@ -36,12 +37,23 @@ app = typer.Typer(
     name="massprop",
     help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
     no_args_is_help=True,
-    add_completion=False,
+    cls=Group,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
-for _command in (estimate, batch, report, compare, simulate, columns, init, plan, check, combine, live, schema):
-    app.command()(_command)
-app.command("export-flight")(export_flight)
+_PANELS = {
+    "One log": (estimate, report, compare),
+    "On board and live": (export_flight, live),
+    "Many logs": (batch, combine),
+    "Another program's recording": (columns, init),
+    "Before and after a test": (plan, simulate, check),
+    "Files": (schema,),
+}
+for _panel, _commands in _PANELS.items():
+    for _command in _commands:
+        _said = told(_command)
+        _name = _command.__name__.replace("_", "-")
+        app.command(_name, cls=Command, help=_said.text, epilog=epilog(_said), rich_help_panel=_panel)(_command)
 
 
 def _version(value: bool) -> None:

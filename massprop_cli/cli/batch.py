@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 CHECKS = "checks"
 """Folder in the campaign's own, for --check."""
+_RUN = "How it runs"
 
 
 @guarded
@@ -35,9 +36,19 @@ def batch(
         list[str],
         typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files; URLs too.", show_default=False),
     ],
-    out: Annotated[str, typer.Option(metavar="FOLDER", help="Folder of the campaign, or a URL.", envvar="MASSPROP_OUT")] = "massprop-out",
+    out: Annotated[
+        str, typer.Option(metavar="FOLDER", help="Folder of the campaign, or a URL.", envvar="MASSPROP_OUT", rich_help_panel=options.OUTPUT)
+    ] = "massprop-out",
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes at work (default: one per core).", envvar="MASSPROP_JOBS", show_default=False)
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes at work (default: one per core).",
+            envvar="MASSPROP_JOBS",
+            show_default=False,
+            metavar="N",
+            rich_help_panel=_RUN,
+        ),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -46,46 +57,93 @@ def batch(
             help="Run on the workers of this dask scheduler, tcp://HOST:PORT.",
             envvar="MASSPROP_CLUSTER",
             show_default=False,
+            rich_help_panel=_RUN,
         ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Do all logs again, changed or not.")] = False,
-    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first log whose exit code is not 0.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Do all logs again, changed or not.", rich_help_panel=_RUN)] = False,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="Stop at the first log whose exit code is not 0.", rich_help_panel=_RUN)
+    ] = False,
     vehicle: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Vehicle file (TOML) of all logs.", envvar="MASSPROP_VEHICLE", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Vehicle file (TOML) of all logs.",
+            envvar="MASSPROP_VEHICLE",
+            show_default=False,
+            rich_help_panel=options.INPUT,
+        ),
     ] = None,
     map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map file (TOML) of all logs.", envvar="MASSPROP_MAP", show_default=False)
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Map file (TOML) of all logs.",
+            envvar="MASSPROP_MAP",
+            show_default=False,
+            rich_help_panel=options.INPUT,
+        ),
     ] = None,
-    method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
-    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
+    method: options.Chosen = None,
+    delay: options.Delay = None,
+    assign: options.Assign = None,
     require: Annotated[
         str | None,
         typer.Option(
-            metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase of every log ('all'), and that precisely."
+            metavar="ixx,mass<2%,...",
+            help="Exit 4 unless these converge in every phase of every log ('all'), and that precisely.",
+            rich_help_panel=options.DEMANDS,
         ),
     ] = None,
     expect: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
+        ),
     ] = None,
     baseline: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            help="campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
+        ),
     ] = None,
-    max_sigma: Annotated[float, typer.Option(min=0, help="A difference from the baseline may be so many of its sigmas.")] = 4.0,
+    max_sigma: Annotated[
+        float,
+        typer.Option(
+            min=0, help="A difference from the baseline may be so many of its sigmas.", metavar="SIGMAS", rich_help_panel=options.DEMANDS
+        ),
+    ] = 4.0,
     tolerance: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="What is allowed of the baseline instead, quantity by quantity.", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            help="What is allowed of the baseline instead, quantity by quantity.",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
+        ),
     ] = None,
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False)] = None,
+    junit: options.Junit = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Only say whether each log is fit, as massprop check does, into FOLDER/checks.")
+        bool,
+        typer.Option(
+            "--check",
+            help="Only say whether each log is fit, as massprop check does, into FOLDER/checks.",
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = False,
-    report: Annotated[bool, typer.Option("--report", help="Render report.html of each log (1 to 2 s each).")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print campaign.json on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no line per log.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Render report.html of each log (1 to 2 s each).", rich_help_panel=options.OUTPUT)
+    ] = False,
+    as_json: Annotated[bool, options.as_json("campaign.json")] = False,
+    quiet: Annotated[bool, options.quiet("No table, no line per log.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """Estimate a campaign of logs in parallel; killed or stopped, it goes on where it was.
 
@@ -93,6 +151,11 @@ def batch(
     massprop have not changed is not done again. A log that fails is a row with its error. With --check each log's check.json says what
     is wrong with it and what sigmas it can give, no values, and all stands in FOLDER/checks. Exit, after all logs have been tried, the
     worst of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
+
+    Examples:
+        massprop batch flights --junit massprop.junit.xml
+        massprop batch flights --require all --baseline massprop-out/campaign.json
+        massprop batch "flights/*/log.parquet" --jobs 2 --report --out review
     """
     said = context.get_parameter_source("jobs")
     if cluster is not None and said is not None and said.name == "COMMANDLINE":

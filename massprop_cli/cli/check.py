@@ -23,7 +23,7 @@ def check(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
     ],
-    vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    vehicle: options.Vehicle = None,
     map_file: Annotated[
         Path | None,
         typer.Option("--map", metavar="FILE", help="Map file (TOML) of another recording.", envvar="MASSPROP_MAP", show_default=False),
@@ -31,20 +31,29 @@ def check(
     want: Annotated[
         str | None,
         typer.Option(
-            "--want", "--require", metavar='"ixx 1 %, mass"', help="Exit 4 unless these converge, and that precisely.", show_default=False
+            "--want",
+            "--require",
+            metavar='"ixx 1 %, mass"',
+            help="Exit 4 unless these converge, and that precisely.",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
         ),
     ] = None,
-    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
-    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False)] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the check as JSON on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    delay: options.Delay = None,
+    assign: options.Assign = None,
+    junit: options.Junit = None,
+    as_json: Annotated[bool, options.as_json("the check as JSON")] = False,
+    quiet: Annotated[bool, options.quiet("No table.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """Say whether a recording is good: sampling, IMU, commands, delay, attitude, the vehicle file, and what the motion tells.
 
     Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 4 where a wanted quantity
     is not reached.
+
+    Examples:
+        massprop check log.parquet
+        massprop check log.parquet --want "mass<2%, ixx" --junit check.xml
     """
     from massprop_cli.inputs.require import requirements
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import guarded
 from massprop_cli.cli.terminal import console, say
 
@@ -20,13 +21,19 @@ if TYPE_CHECKING:
 @guarded
 def columns(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Any recording that massprop reads.", show_default=False)],
-    as_map: Annotated[bool, typer.Option("--as-map", help="Print the drafted map file (TOML) and nothing else.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the streams and the draft as JSON and nothing else.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    as_map: Annotated[
+        bool, typer.Option("--as-map", help="Print the drafted map file (TOML) and nothing else.", rich_help_panel=options.OUTPUT)
+    ] = False,
+    as_json: Annotated[bool, options.as_json("the streams and the draft as JSON")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """List what a recording holds: paths, rates, ranges, units; and draft its map file.
 
     Writes nothing. What names, recorded units and clocks don't settle is a question in the draft, written "?".
+
+    Examples:
+        massprop columns log.parquet
+        massprop columns log.parquet --as-map > log.map.toml
     """
     from massprop_cli.inputs.formats import listing, propose, recording
 
@@ -50,11 +57,12 @@ def _show(streams: list[Listed], kind: str, no_color: bool) -> None:
     from rich.table import Table
 
     from massprop_cli.base import escape
+    from massprop_cli.report import digits
 
     table = Table(title=f"{len(streams)} streams of a {kind}", title_justify="left")
     for name in ("path", "samples", "rate [Hz]", "least", "most", "unit", "clock", "note"):
         table.add_column(name, justify="right" if name in ("samples", "rate [Hz]", "least", "most") else "left", overflow="fold")
     for one in streams:
-        numbers = ["" if value is None else f"{value:.6g}" for value in (one.rate_hz, one.least, one.most)]
+        numbers = ["" if value is None else digits.stated(value, 6) for value in (one.rate_hz, one.least, one.most)]
         table.add_row(escape.rich(one.path), str(one.samples), *numbers, *(escape.rich(text) for text in (one.unit, one.clock, one.note)))
     console(no_color).print(table)

@@ -10,8 +10,9 @@ import typer
 
 from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
-from massprop_cli.cli.terminal import say, show
+from massprop_cli.cli.terminal import show, warn
 
 
 @guarded
@@ -20,26 +21,41 @@ def combine(
         list[Path] | None, typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)
     ] = None,
     before: Annotated[
-        list[Path] | None, typer.Option(metavar="RESULT", help="Of the vehicle alone; may be repeated.", show_default=False)
+        list[Path] | None,
+        typer.Option(metavar="RESULT", help="Of the vehicle alone; may be repeated.", show_default=False, rich_help_panel=options.INPUT),
     ] = None,
     after: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RESULT", help="Of the vehicle with the docked object; may be repeated.", show_default=False),
+        typer.Option(
+            metavar="RESULT",
+            help="Of the vehicle with the docked object; may be repeated.",
+            show_default=False,
+            rich_help_panel=options.INPUT,
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder (default: massprop-out/combined).", envvar="MASSPROP_OUT", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Folder (default: massprop-out/combined).",
+            envvar="MASSPROP_OUT",
+            show_default=False,
+            metavar="FOLDER",
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
-    require: Annotated[
-        str | None, typer.Option(metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase ('all'), and that precisely.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    require: options.Require = None,
+    as_json: Annotated[bool, options.as_json("result.json")] = False,
+    quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """One joint estimate from the results of several logs of one vehicle, or of an object from logs before and after it docked.
 
     Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
     Exit 3 where the results are not of one vehicle, 4 where a required quantity is not converged, or not that precise.
+
+    Examples:
+        massprop combine run-1 run-2 --out joint
+        massprop combine --before alone --after docked --out object
     """
     from massprop_cli.inputs.require import requirements
 
@@ -58,13 +74,13 @@ def combine(
 
     with np.errstate(all="ignore"):
         found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
-    flow.write(out or Path("massprop-out") / "combined", found, [*(results or []), *(before or []), *(after or [])])
-    for warning in [] if quiet else found.warnings:
-        say(f"warning: {warning.message} [{warning.code}]")
+    folder = out or Path("massprop-out") / "combined"
+    flow.write(folder, found, [*(results or []), *(before or []), *(after or [])])
+    warn(found.warnings, quiet, no_color)
     if as_json:
         sys.stdout.write(schema.to_json(found))
     elif not quiet:
-        show(found, no_color)
+        show(found, folder, no_color)
     short = job.short_of(found, required)
     if short:
         fail(f"required but not reached: {'; '.join(short)}", exits.NOT_CONVERGED)

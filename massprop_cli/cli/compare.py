@@ -11,6 +11,7 @@ import typer
 
 from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
 from massprop_cli.cli.terminal import console, say
 
@@ -19,19 +20,30 @@ from massprop_cli.cli.terminal import console, say
 def compare(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)],
     baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="The same, to compare with.", show_default=False)],
-    max_sigma: Annotated[float, typer.Option(min=0, help="A difference may be so many of its sigmas.")] = 4.0,
+    max_sigma: Annotated[
+        float, typer.Option(min=0, help="A difference may be so many of its sigmas.", metavar="SIGMAS", rich_help_panel=options.DEMANDS)
+    ] = 4.0,
     tolerance: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="What is allowed instead, quantity by quantity (TOML or JSON).", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            help="What is allowed instead, quantity by quantity (TOML or JSON).",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    as_json: Annotated[bool, options.as_json("the comparison as JSON")] = False,
+    quiet: Annotated[bool, options.quiet("No table.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """Hold a result against a baseline: differences in units and sigmas, for regression in CI.
 
     Writes nothing. Exit 0 if every difference is within --max-sigma, or what the tolerance file allows, 3 if the two can't be compared,
     5 if one is beyond, a value of the baseline is missing, or no quantity has a value in both.
+
+    Examples:
+        massprop compare massprop-out/log baseline/log
+        massprop compare massprop-out/log baseline/log --max-sigma 3
     """
     if not math.isfinite(max_sigma):
         raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")

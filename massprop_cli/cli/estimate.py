@@ -22,40 +22,38 @@ def estimate(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
     ],
-    vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE", help="Map file (TOML) of another recording.", envvar="MASSPROP_MAP", show_default=False),
-    ] = None,
+    vehicle: options.Vehicle = None,
+    map_file: options.MapFile = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM where that is taken).",
-            envvar="MASSPROP_OUT",
-            show_default=False,
-        ),
+        Path | None, options.out("Result folder (default: massprop-out/LOGSTEM, or FOLDER-LOGSTEM where that is taken).")
     ] = None,
-    method: Annotated[options.Method | None, typer.Option(help="Estimator.", envvar="MASSPROP_METHOD", show_default=False)] = None,
-    delay: Annotated[str | None, typer.Option(help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False)] = None,
+    method: options.Chosen = None,
+    delay: options.Delay = None,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Report the off-line maximum-likelihood fit instead of the last causal row.")
+        bool,
+        typer.Option(
+            "--refine",
+            help="Report the off-line maximum-likelihood fit instead of the last causal row.",
+            rich_help_panel=options.SETTINGS,
+        ),
     ] = False,
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
-    require: Annotated[
-        str | None, typer.Option(metavar="ixx,mass<2%,...", help="Exit 4 unless these converge in every phase ('all'), and that precisely.")
-    ] = None,
-    expect: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout and nothing else.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    assign: options.Assign = None,
+    require: options.Require = None,
+    expect: options.Expect = None,
+    as_json: Annotated[bool, options.as_json("result.json")] = False,
+    quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
 
     Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
     not converged, or not that precise, 5 a value is missing or outside its expectation.
+
+    Examples:
+        massprop estimate log.parquet
+        massprop estimate log.parquet --require "mass<2%, Ixx"
+        massprop estimate log.parquet --delay auto --set imu.gyro_noise_rad_s=1e-4
+        massprop estimate log.parquet --expect truth.json --json
     """
     from massprop_cli.inputs.require import requirements
 
@@ -72,11 +70,11 @@ def estimate(
     stored = store.write(out, judged.analysis, text)
     told_of(stored, None if out is not None else store.plain(log), quiet)
     told_map(judged.analysis.log.made, quiet)
-    warn(judged.analysis.notices, quiet)
+    warn(judged.analysis.notices, quiet, no_color)
     if as_json:
         sys.stdout.write(text)
     elif not quiet:
-        show(judged.result, no_color)
+        show(judged.result, stored.folder, no_color)
     if judged.exit_code:
         fail(judged.message, judged.exit_code)
 

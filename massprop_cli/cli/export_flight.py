@@ -25,6 +25,10 @@ def export_flight(
 
     `make test` in the folder flies the vector and compares every bit with what this massprop says. Exit 3 where the kernel can't hold
     the vehicle.
+
+    Examples:
+        massprop export-flight --vehicle vehicle.toml --out flight
+        massprop export-flight --vehicle vehicle.toml --log log.parquet --out flight
     """
     folder_of_its_own(out)
     from massprop_cli.export import folder, resolve

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from massprop_cli.base.errors import InputError
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import guarded
 from massprop_cli.cli.terminal import put
 
@@ -16,17 +17,22 @@ from massprop_cli.cli.terminal import put
 @guarded
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or another recording with its map.", show_default=False)],
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Map file (TOML).", envvar="MASSPROP_MAP", show_default=False)
-    ] = None,
+    map_file: options.MapFile = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write it to this new file (default: stdout).", show_default=False)
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write it to this new file (default: stdout).", show_default=False, rich_help_panel=options.OUTPUT
+        ),
     ] = None,
 ) -> None:
     """Draft a vehicle file from a log.
 
     Cycle, records, command channels, noise, gravity and biases as far as the log tells; each line says where it is from. What no log can
     tell stands as a comment with how to measure it.
+
+    Examples:
+        massprop init log.parquet
+        massprop init log.parquet --out drafted.toml
     """
     from massprop_cli.base import files
     from massprop_cli.inputs.formats import draft, recording, traits

@@ -26,6 +26,9 @@ def live(
 
     What comes is kept in record.csv, and in the end estimated as `massprop estimate` would: result.json, history.parquet, run.json.
     A record that must be left out is told on one line of stderr. Exit 3 where what comes can't be used, or no more of it.
+
+    Examples:
+        massprop live --vehicle vehicle.toml --out flight < log.csv
     """
     folder_of_its_own(out)
     from massprop_cli.inputs import vehiclefile
@@ -52,4 +55,4 @@ def _concluded(record: Path, vehicle: Path, assign: Sequence[str], quiet: bool, 
     told_of(stored, None, quiet)
     warn(judged.analysis.notices, quiet)
     if not quiet and sys.stdout.isatty():
-        show(judged.result, no_color)
+        show(judged.result, record.parent, no_color)

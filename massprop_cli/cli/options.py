@@ -1,10 +1,11 @@
-"""Options that several commands take."""
+"""Options that several commands take, and the groups in which help shows them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -16,6 +17,78 @@ class Method(StrEnum):
 
     default = "default"
     thesis = "thesis"
+
+
+INPUT, SETTINGS, DEMANDS, OUTPUT = "What goes in", "Settings", "What must hold", "What comes out"
+"""Groups of options."""
+
+Vehicle = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, rich_help_panel=INPUT),
+]
+MapFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="Map file (TOML) of another recording.",
+        envvar="MASSPROP_MAP",
+        show_default=False,
+        rich_help_panel=INPUT,
+    ),
+]
+Chosen = Annotated[
+    Method | None,
+    typer.Option(
+        help="Estimator: default, or the thesis's own filters.", envvar="MASSPROP_METHOD", show_default=False, rich_help_panel=SETTINGS
+    ),
+]
+Delay = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CYCLES|auto", help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False, rich_help_panel=SETTINGS
+    ),
+]
+Assign = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key; may be repeated.", rich_help_panel=SETTINGS),
+]
+Require = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ixx,mass<2%,...",
+        help="Exit 4 unless these converge in every phase ('all'), and that precisely.",
+        rich_help_panel=DEMANDS,
+    ),
+]
+Expect = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.",
+        show_default=False,
+        rich_help_panel=DEMANDS,
+    ),
+]
+Junit = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False, rich_help_panel=OUTPUT)
+]
+NoColor = Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).", rich_help_panel=OUTPUT)]
+
+
+def out(help_: str) -> Any:
+    """``--out`` of a command that writes a folder."""
+    return typer.Option(metavar="FOLDER", help=help_, envvar="MASSPROP_OUT", show_default=False, rich_help_panel=OUTPUT)
+
+
+def as_json(what: str) -> Any:
+    """``--json``."""
+    return typer.Option("--json", help=f"Print {what} on stdout and nothing else.", rich_help_panel=OUTPUT)
+
+
+def quiet(what: str) -> Any:
+    """``--quiet``."""
+    return typer.Option("--quiet", "-q", help=what, rich_help_panel=OUTPUT)
 
 
 def assignments(context: typer.Context, given: Mapping[str, object], assign: Sequence[str] | None) -> list[str]:

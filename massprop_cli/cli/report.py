@@ -11,6 +11,7 @@ import typer
 
 from massprop_cli.base import exits
 from massprop_cli.base.errors import InputError, UsageError
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import put
 from massprop_cli.result.rendered import TEXTS
@@ -30,28 +31,50 @@ def report(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)],
     format_: Annotated[
         str | None,
-        typer.Option("--format", metavar="html,md,csv,junit", help="Formats (default html); svg, png for figures.", show_default=False),
+        typer.Option(
+            "--format",
+            metavar="html,md,csv,junit",
+            help="Formats (default html); svg, png for figures.",
+            show_default=False,
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
     figure: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Draw this figure, or 'all'; may be repeated.", show_default=False)
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Draw this figure, or 'all'; may be repeated.", show_default=False, rich_help_panel=options.OUTPUT
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder (default: of one result its own, of several massprop-out).", envvar="MASSPROP_OUT", show_default=False),
+        typer.Option(
+            help="Folder (default: of one result its own, of several massprop-out).",
+            envvar="MASSPROP_OUT",
+            show_default=False,
+            metavar="FOLDER",
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
-    expect: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.", show_default=False),
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not print the paths that were written.")] = False,
+    expect: options.Expect = None,
+    open_: Annotated[
+        bool, typer.Option("--open", help="Show report.html in the browser when it is written.", rich_help_panel=options.OUTPUT)
+    ] = False,
+    quiet: Annotated[bool, options.quiet("Do not print the paths that were written.")] = False,
 ) -> None:
     """Render results: report.html, report.md, report.csv, report.junit.xml, and figures as NAME.svg or NAME.png.
 
     One file tells of all results; figures of several are called FOLDER-NAME.svg. Prints the paths that it wrote. Exit 0 done, 3 a result
     can't be read, 4 what the expect file requires is not reached, 5 a value is missing or outside what was expected of it, by --expect or
     when it was estimated.
+
+    Examples:
+        massprop report massprop-out/log --open
+        massprop report massprop-out/log run-1 --format html,md,csv,junit --out review
+        massprop report massprop-out/log --figure inertia --figure correlation --format svg,png
     """
     texts, kinds = _formats(format_, bool(figure))
+    if open_ and "html" not in texts:
+        raise UsageError("--open: shows report.html, which is not among what is asked for; add html to --format")
     folder_of_its_own(out)
     from massprop_cli import job
     from massprop_cli.inputs import expect as expectations
@@ -67,6 +90,8 @@ def report(
     for path in _write(folder, files, own):
         if not quiet:
             put(str(path))
+    if open_:
+        typer.launch(str((folder / TEXTS["html"]).resolve()))
     names = labels(recorded)
     missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
     required = wanted.required if wanted is not None else ()

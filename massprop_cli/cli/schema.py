@@ -31,7 +31,11 @@ class SchemaName(StrEnum):
 
 @guarded
 def schema(name: Annotated[SchemaName, typer.Argument(help="Which file.")]) -> None:
-    """Print the JSON Schema of a file."""
+    """Print the JSON Schema of a file.
+
+    Examples:
+        massprop schema vehicle > vehicle.schema.json
+    """
     from massprop_cli import schemas
 
     typer.echo(json.dumps(schemas.schema(name.value), indent=1, ensure_ascii=False))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from massprop_cli.base.errors import UsageError
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, put, say, warn
 
@@ -19,20 +20,44 @@ def simulate(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME).", envvar="MASSPROP_OUT", show_default=False),
+        typer.Option(
+            help="Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME).",
+            envvar="MASSPROP_OUT",
+            show_default=False,
+            metavar="FOLDER",
+            rich_help_panel=options.OUTPUT,
+        ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed (default: the scenario's own).", show_default=False)] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed (default: the scenario's own).", show_default=False, metavar="N", rich_help_panel=options.SETTINGS),
+    ] = None,
     seeds: Annotated[
-        int | None, typer.Option(min=1, help="Fly this many seeds, from --seed on: a campaign folder.", show_default=False)
+        int | None,
+        typer.Option(
+            min=1,
+            help="Fly this many seeds, from --seed on: a campaign folder.",
+            show_default=False,
+            metavar="N",
+            rich_help_panel=options.SETTINGS,
+        ),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write log.csv instead of log.parquet.")] = False,
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted scenario-file key.")] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write log.csv instead of log.parquet.", rich_help_panel=options.OUTPUT)] = False,
+    assign: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted scenario-file key.", rich_help_panel=options.SETTINGS),
+    ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Name the packaged scenarios.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
+    quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:
     """Fly a scenario on the testbed in software: a log with known truth.
 
     Writes log.parquet (the vehicle embedded), vehicle.toml and truth.json; with --seeds a folder of such folders. Same seed, same bytes.
+
+    Examples:
+        massprop simulate --list
+        massprop simulate refined --seed 3
+        massprop simulate free-flyer --seeds 3 --out flights
     """
     import numpy as np
 

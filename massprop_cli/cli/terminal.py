@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,13 +19,19 @@ if TYPE_CHECKING:
 
     from massprop_cli.inputs.tablefile import Made
     from massprop_cli.inputs.telemetry import Notice
-    from massprop_cli.result.schema import Result
+    from massprop_cli.result.schema import Result, WarningItem
     from massprop_cli.result.store import Stored
 
 
-def say(message: str) -> None:
+def say(message: str, colour: str | None = None) -> None:
     """One line on stderr. With :func:`put` the only way of foreign text to the terminal beside rich's tables."""
-    typer.echo(f"massprop: {escape.message(message)}", err=True)
+    text = f"massprop: {escape.message(message)}"
+    typer.echo(typer.style(text, fg=colour) if colour and _coloured() else text, err=True)
+
+
+def _coloured() -> bool:
+    """Whether stderr is a terminal that has colours and is to have them."""
+    return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def put(text: str) -> None:
@@ -52,17 +60,19 @@ def console(no_color: bool) -> Console:
     return Console(no_color=no_color or None, width=None if sys.stdout.isatty() else 132, highlight=False)
 
 
-def show(found: Result, no_color: bool) -> None:
-    """The tables on stdout."""
+def show(found: Result, folder: Path, no_color: bool) -> None:
+    """The tables on stdout, where all of it was written, and what to do next."""
     from massprop_cli.report import terminal
 
     terminal.show(found, console(no_color))
+    typer.echo()
+    put(f"Written to {folder}. To see it: massprop report {shlex.quote(str(folder))} --open")
 
 
-def warn(notices: Iterable[Notice], quiet: bool) -> None:
+def warn(notices: Iterable[Notice | WarningItem], quiet: bool, no_color: bool = False) -> None:
     """Warnings on stderr, one a line."""
     for notice in [] if quiet else notices:
-        say(f"warning: {notice.message} [{notice.code}]")
+        say(f"warning: {notice.message} [{notice.code}]", None if no_color else "yellow")
 
 
 def told_map(made: Made | None, quiet: bool) -> None:

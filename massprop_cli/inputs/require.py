@@ -17,6 +17,7 @@ from massprop_cli.base.errors import InputError, UsageError
 
 ALL = "all"
 _ITEM = re.compile(r"([^\s<≤]+)(?:\s*(?:<=|[<≤\s])(.*))?")
+_SPACED = re.compile(r"^(cg) (?=[xyz]\b)", re.IGNORECASE)
 _AMOUNT = re.compile(r"\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*)?")
 _SCALES = {"kg": {"kg": 1.0, "g": 1e-3}, "m": {"m": 1.0, "mm": 1e-3}, "kg m^2": {"kg m^2": 1.0}}
 """What may be written of a quantity with each SI unit."""
@@ -58,8 +59,9 @@ class MisreadError(ValueError):
 def requirements(stated: str | Sequence[str] | None, option: str = "--require") -> tuple[Requirement, ...]:
     """Requirements in the order of the ten quantities, from a text with commas between or a sequence of such texts.
 
-    Upper and lower case are alike, "all" is the ten of them; what is said of a quantity goes before what is said of all, and a precision
-    before none. :class:`UsageError` for what can't be understood, :class:`InputError` for a precision that makes no sense.
+    Names are taken as tables and as reports spell them ("ixx", "Ixx", "CG x"), "all" is the ten of them; what is said of a quantity goes
+    before what is said of all, and a precision before none. :class:`UsageError` for what can't be understood, :class:`InputError` for a
+    precision that makes no sense.
     """
     try:
         return read(stated)
@@ -98,7 +100,7 @@ def _is_text(item: object) -> bool:
 
 def _item(text: str) -> tuple[str, Precision | None]:
     """One quantity as a lower-case name, with its precision."""
-    parts = _ITEM.fullmatch(text)
+    parts = _ITEM.fullmatch(_SPACED.sub(r"\1_", text))
     written, amount = parts.groups() if parts else (text, None)
     name = written.lower()
     if name not in (*QUANTITIES, ALL):

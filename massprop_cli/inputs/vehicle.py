@@ -308,11 +308,11 @@ class Vehicle(Section):
         if self.docking is not None:
             if self.docking.before == self.docking.after:
                 raise ValueError(f"docking.before and docking.after are both {self.docking.after!r}; name two phases")
-            named = {phase.name: phase for phase in self.phases}
+            phases = {phase.name: phase for phase in self.phases}
             for name in (self.docking.before, self.docking.after):
-                if name not in named:
+                if name not in phases:
                     raise ValueError(f"docking names phase {name!r}, which [[phases]] does not have")
-            before, after = named[self.docking.before], named[self.docking.after]
+            before, after = phases[self.docking.before], phases[self.docking.after]
             if before.overlaps(after):
                 raise ValueError(f"docking: phases {before.name!r} and {after.name!r} overlap; end one where the other starts")
         return self

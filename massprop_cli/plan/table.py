@@ -8,8 +8,8 @@ from rich.table import Table
 from massprop_cli.base import escape
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.document import PlanFile, QuantityItem
-from massprop_cli.report import vocabulary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report import digits, vocabulary
+from massprop_cli.report.fit import fitted
 
 FEW = 4
 """Quantities that a stretch is said to teach."""
@@ -17,7 +17,7 @@ FEW = 4
 
 def show(found: PlanFile, console: Console) -> None:
     """What is predicted, the timeline, the limits, and what the numbers mean."""
-    fitted(_quantities(found), console)
+    fitted(_quantities(found), console, [*reversed(longer(found)), "guess"])
     fitted(_timeline(found), console)
     fitted(_limits(found), console)
     for line in legend(found):
@@ -29,7 +29,7 @@ def _quantities(found: PlanFile) -> Table:
     for name in ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found)):
         table.add_column(name, justify="left" if name in ("quantity", "unit") else "right", no_wrap=True)
     for name, item in found.quantities.items():
-        table.add_row(name, *cells(item), *(f"{sigma:.2g}" if item.told == "well" else "–" for sigma in item.longer.values()))
+        table.add_row(name, *cells(item), *(digits.figures(sigma) if item.told == "well" else "–" for sigma in item.longer.values()))
     return table
 
 
@@ -40,11 +40,18 @@ def longer(found: PlanFile) -> list[str]:
 
 def cells(item: QuantityItem) -> list[str]:
     """Guess, predicted, worst, wanted, unit, reached."""
-    wanted = "" if item.wanted_sigma is None else f"{item.wanted_sigma:.2g}"
+    wanted = "" if item.wanted_sigma is None else digits.figures(item.wanted_sigma)
     reached = "" if item.wanted is None else "not" if item.reached_at_s is None else f"{item.reached_at_s:.2f} s"
     if item.told != "well":
-        return [f"{item.guess:g}", item.told, "–", wanted, vocabulary.unit(item.unit), reached]
-    return [f"{item.guess:g}", f"{item.sigma:.2g}", f"{item.worst_sigma:.2g}", wanted, vocabulary.unit(item.unit), reached]
+        return [digits.stated(item.guess), item.told, "–", wanted, vocabulary.unit(item.unit), reached]
+    return [
+        digits.stated(item.guess),
+        digits.figures(item.sigma),
+        digits.figures(item.worst_sigma),
+        wanted,
+        vocabulary.unit(item.unit),
+        reached,
+    ]
 
 
 def _timeline(found: PlanFile) -> Table:
@@ -69,7 +76,9 @@ def _limits(found: PlanFile) -> Table:
     for name in ("limit", "used", "allowed", "unit"):
         table.add_column(name, justify="right" if name in ("used", "allowed") else "left", no_wrap=True)
     for name, item in found.limits.items():
-        table.add_row(limited.NAMES[name], f"{item.used:.3g}", "–" if item.allowed is None else f"{item.allowed:.3g}", item.unit)
+        table.add_row(
+            limited.NAMES[name], digits.figures(item.used, 3), "–" if item.allowed is None else digits.stated(item.allowed), item.unit
+        )
     return table
 
 
@@ -77,7 +86,7 @@ def legend(found: PlanFile) -> list[str]:
     """What the numbers mean."""
     untold = [name for name, item in found.quantities.items() if item.told == "by no motion of this vehicle"]
     return [
-        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = −Σ m x y. CG from O in body axes. ± is one",
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. ± is one",
         f"standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
         f"vehicle may be (guess: {found.guess}).",
         *([f"No motion of this vehicle can tell {', '.join(untold)}."] if untold else []),

@@ -7,25 +7,27 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.report import digits, vocabulary
-from massprop_cli.report.terminal import fitted
+from massprop_cli.report.fit import fitted
 from massprop_cli.result.compare import Comparison, Difference, Part
 from massprop_cli.result.judge import INFORMED
 
 _NUMBERS = ("result", "baseline", "difference", "± sigma", "sigmas", "allowed")
+_SPARE = ("allowed", "± sigma", "baseline")
+"""What a narrow terminal goes without: --json has all of it."""
 
 
 def show(found: Comparison, console: Console) -> None:
     """Print one table per phase and docked object, with what the numbers mean below."""
     console.print(escape.rich(f"{found.result.path} against the baseline {found.baseline.path}"))
     for part in found.parts:
-        fitted(_table(part), console)
+        fitted(_table(part), console, _SPARE)
     for line in _legend(found):
         console.print(escape.rich(line))
 
 
 def _legend(found: Comparison) -> list[str]:
     return [
-        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = −Σ m x y. CG from O in body axes.",
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes.",
         "± is one standard deviation of the difference, sqrt(s1² + s2²); what both results share is not taken into account.",
         *(f"Note: {note}." for note in found.notes),
     ]
@@ -43,10 +45,10 @@ def _table(part: Part) -> Table:
 
 
 def _cells(d: Difference) -> list[str]:
-    sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}"
+    sigmas = "–" if d.sigmas is None else f"{d.sigmas:+.2f}" if abs(d.sigmas) < 1e4 else f"{d.sigmas:+.1e}".replace("e+0", "e+")
     difference, sigma = digits.numbers(d.difference, d.difference_sigma)
     if d.difference == 0 or (d.difference is not None and d.difference_sigma is None):
-        difference = f"{d.difference:.6g}"
+        difference = digits.stated(d.difference, 6)
     return [_value(d.value, d.sigma, d.verdict), _value(d.baseline_value, d.baseline_sigma, d.baseline_verdict), difference, sigma, sigmas]
 
 

@@ -5,6 +5,7 @@ A value whose verdict is no use (not excited, contradicted, unobservable) has tw
 
 from __future__ import annotations
 
+import re
 from decimal import Context, Decimal
 
 from massprop_cli.result.judge import INFORMED
@@ -35,6 +36,11 @@ def figures(value: float, count: int = 2) -> str:
     """So many significant figures."""
     exponent = _exponent(value, count)
     return _written(value, count - 1 - exponent if value else 0, powers=not -5 <= exponent < LONGEST)
+
+
+def stated(value: float, count: int = 9) -> str:
+    """A number that was given, or a time: as short as it is, of so many figures at most, with the exponents of all other numbers."""
+    return re.sub(r"e([+-])0+", r"e\1", f"{value + 0.0:.{count}g}")
 
 
 def _exponent(value: float, count: int = 2) -> int:

@@ -192,13 +192,13 @@ def _cells(name: str, item: EstimateItem) -> list[str]:
 
 
 def _nominal(item: EstimateItem) -> list[str]:
-    return ["–" if item.nominal is None else f"{item.nominal:.9g}"]
+    return ["–" if item.nominal is None else digits.stated(item.nominal)]
 
 
 def _expected(item: EstimateItem) -> list[str]:
     if item.expected is None:
         return ["–", "–", "–"]
-    return [f"{item.expected.value:.9g}", shown(vocabulary.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
+    return [digits.stated(item.expected.value), shown(vocabulary.unit(item.expected.stated)), "✓ met" if item.expected.met else "✗ missed"]
 
 
 def _warnings(found: Result) -> list[list[str]]:

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from massprop_cli.base import escape
-from massprop_cli.report import assumptions, digits, mended, vocabulary
+from massprop_cli.report import assumptions, digits, mended, missing, vocabulary
+from massprop_cli.report.fit import fitted, width
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
 _STYLE = {"converged": "green", "not_converged": "yellow", "not_excited": "magenta", "contradicted": "bold red", "unobservable": "red"}
 _NUMBERS = ("value", "± sigma", "final at", "nominal", "expected", "tolerance")
-
-_ENDLESS = 10_000
+_SPARE = ("final at", "nominal", "tolerance")
+"""What a narrow terminal goes without, first things first: result.json and the report have all of it."""
 
 
 def show(found: Result, console: Console) -> None:
     """Print one table per phase and docked object, with frame, reference point and sign convention beside it."""
     for phase in found.phases:
-        title = f"{found.log.path}, phase {phase.name}, {phase.start_s:.6g} to {phase.end_s:.6g} s"
+        title = f"{found.log.path}, phase {phase.name}, {_time(phase.start_s)} to {_time(phase.end_s)} s"
         _part(title, phase, found, console)
     if found.docked_object is not None:
         docked = found.docked_object
@@ -35,31 +35,24 @@ def show(found: Result, console: Console) -> None:
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
     heading = assumptions.sigma_heading(found, body)
     table = _table(title, body.estimates, heading)
-    if _measured(table, console).maximum > console.width:
+    if width(table, console) > console.width:
         # an explanation in a heading is no reason to run over the edge
         table = _table(title, body.estimates, heading.replace(" (", "\n("))
-    fitted(table, console)
+    fitted(table, console, _SPARE)
     implied = assumptions.implied_thrust(body)
     if implied:
         console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))
     cause = contradiction(body)
     if cause:
         console.print(escape.rich(f"contradicted: {cause}"), style=_STYLE["contradicted"])
+    for name, item in body.estimates.items():
+        if item.verdict not in ("converged", "contradicted"):
+            console.print(escape.rich(f"{name} {_why(name, item, body, cause)}"), style=_STYLE[item.verdict])
 
 
-def fitted(table: Table, console: Console) -> None:
-    """Print a table; without its lines where the terminal is too narrow for them, and beyond its edge before a number is cut short."""
-    terminal, wants = console.width, _measured(table, console)
-    if wants.maximum > terminal:
-        table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
-        wants = _measured(table, console)
-    console.width = max(terminal, wants.minimum)
-    console.print(table)
-    console.width = terminal
-
-
-def _measured(table: Table, console: Console) -> Measurement:
-    return Measurement.get(console, console.options.update(width=_ENDLESS), table)
+def _why(name: str, item: EstimateItem, body: PhaseItem | DockedObject, cause: str) -> str:
+    """Verdict, reason, cure; a docked object has no motion of its own that would cure it."""
+    return missing.gap(name, item, cause) if isinstance(body, PhaseItem) else f"{item.verdict}: {item.reason}"
 
 
 def _mended(one: Mended, console: Console) -> None:
@@ -97,7 +90,7 @@ def _assumptions(found: Result, console: Console) -> None:
         for name, unit, changes in one.rows:
             table.add_row(name, *changes, unit)
         table.add_row("noticed?", *one.noticed, "")
-        fitted(table, console)
+        fitted(table, console, [str(column.header) for column in reversed(table.columns[2:-1])])
 
 
 def _dimmed(verdict: str, *texts: str) -> tuple[str, ...]:
@@ -111,7 +104,7 @@ def _legend(found: Result) -> list[str]:
     lines = [
         f"{vehicle.name}, --method {method}. Inertia of the {'rotating body' if bearing else 'body'} about its CG in body axes; "
         "products are the tensor's own elements,",
-        "ixy = −Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
+        "ixy = -Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
         + (" Mass includes the bearing's." if bearing else ""),
     ]
     return [*lines, vocabulary.thrust_scale(found)]
@@ -133,11 +126,16 @@ def _table(title: str, estimates: dict[str, EstimateItem], heading: str) -> Tabl
     return table
 
 
+def _time(seconds: float) -> str:
+    """To a tenth of a millisecond: what a clock's start leaves below that is rounding."""
+    return digits.stated(round(seconds, 4))
+
+
 def _nominal(item: EstimateItem) -> str:
-    return "" if item.nominal is None else f"{item.nominal:g}"
+    return "" if item.nominal is None else digits.stated(item.nominal)
 
 
 def _expected(item: EstimateItem) -> tuple[str, str, str]:
     if item.expected is None:
         return "", "", ""
-    return f"{item.expected.value:.9g}", vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"
+    return digits.stated(item.expected.value), vocabulary.unit(item.expected.stated), "[green]✓[/]" if item.expected.met else "[red]✗[/]"

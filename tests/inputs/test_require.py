@@ -28,6 +28,8 @@ from tests.commandline import massprop
         ("cg_z ≤ 1e-3 m", 0.012, 0.001),
         ("Ixx<0.02 kg m²", 0.6, 0.02),
         ("ixy<10%", -0.07, 0.007),
+        ("CG x < 0.5 mm", 0.012, 0.0005),
+        ("cg Y 1e-3 m", 0.012, 0.001),
     ],
 )
 def test_a_precision_is_a_sigma_in_the_quantitys_unit_or_a_share_of_its_value(stated: str, value: float, sigma: float) -> None:

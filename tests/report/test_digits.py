@@ -56,6 +56,15 @@ def test_a_value_without_a_usable_verdict_has_two_figures_at_most(
     assert digits.numbers(value, sigma, verdict) == (shown, spread)
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.5, "0.5"), (1.66e-5, "1.66e-5"), (1e-05, "1e-5"), (2.5e12, "2.5e+12"), (-0.0, "0"), (22.0, "22"), (1 / 3, "0.333333333")],
+)
+def test_what_was_given_is_as_short_as_it_is_with_the_exponents_of_all_other_numbers(value: float, shown: str) -> None:
+    assert digits.stated(value) == shown
+    assert float(shown) == pytest.approx(value, rel=1e-9)
+
+
 def test_what_is_not_known_is_a_dash() -> None:
     assert digits.numbers(None, None) == digits.numbers(1.0, None) == ("–", "–")
 

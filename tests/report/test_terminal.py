@@ -64,6 +64,45 @@ def test_names_with_markup_are_shown_as_they_are() -> None:
     assert "[red]tug" in text
 
 
+def test_each_verdict_but_converged_has_its_reason_and_what_would_cure_it() -> None:
+    silent = {"value": None, "sigma": None}
+    izz = silent | {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it; it wants torque about Z"}
+    cg_y = silent | {"verdict": "unobservable", "reason": "no force across Y"}
+    text = printed(recorded.result([recorded.phase("all", izz=izz, cg_y=cg_y)]))
+    assert "izz not_excited: the motion in this phase hardly informed it; it wants torque about Z\n" in text
+    assert "cg_y unobservable: no force across Y; it wants force across Y (along X or Z), or fast turns about X or Z\n" in text
+    assert text.count("it wants") == 2
+
+
+def test_where_a_fault_is_named_no_motion_is_said_to_cure_what_it_touches() -> None:
+    text = printed(recorded.result([recorded.contradicted()]))
+    assert "izz not_excited: the motion in this phase hardly informed it; mend what contradicts this phase first\n" in text
+    assert "cg_x not_converged: it still moved more than the tolerance; mend what contradicts this phase first\n" in text
+    assert [line.split()[0] for line in text.splitlines() if "it wants" in line] == ["cg_y"], "unobservable, fault or none"
+    assert text.count(recorded.CAUSE) == 1
+
+
+@pytest.mark.parametrize("width", [70, 80])
+def test_a_narrow_terminal_has_fewer_columns_and_says_which(width: int) -> None:
+    text = printed(held(), width)
+    rows = [line for line in text.splitlines() if line.startswith(("┃", "│"))]
+    assert rows
+    assert max(map(len, rows)) <= width
+    heading = rows[0]
+    for name in ("quantity", "value", "± sigma", "unit", "verdict", "met"):
+        assert name in heading
+    (gone,) = [line.removeprefix("not shown for want of width: ") for line in text.splitlines() if "want of width" in line]
+    for name in gone.split(", "):
+        assert name not in heading
+    assert "want of width" not in printed(held(), 132)
+
+
+def test_what_may_be_copied_has_the_minus_of_a_keyboard() -> None:
+    text = printed(recorded.result([recorded.phase("all", ixy={"value": -0.04})], assumptions=recorded.assumptions()), 132)
+    assert "-0.04" in text
+    assert "\N{MINUS SIGN}" not in text
+
+
 def coloured(found: Result) -> str:
     out = io.StringIO()
     terminal.show(found, Console(file=out, width=132, force_terminal=True, color_system="standard", highlight=False))

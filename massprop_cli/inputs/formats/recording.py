@@ -1,6 +1,6 @@
 """The seam between formats and the rest: a recording is named streams, and a reader is one function.
 
-A new format is one module with ``streams(path, data)`` and one line in :data:`KINDS`.
+A new format is one module with ``read(path, data)`` and one line in :data:`KINDS`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,56 @@
+"""What ``--help`` shows: a command's docstring with its examples, options in groups, and no type behind a flag."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from typer.core import TyperCommand, TyperGroup
+
+EXAMPLES = "Examples:\n"
+"""What comes after this line of a command's docstring is commands as a shell takes them."""
+
+
+class Told(NamedTuple):
+    """A command's docstring."""
+
+    text: str
+    """Paragraphs, each on one line."""
+    examples: tuple[str, ...]
+
+
+def told(command: Callable[..., Any]) -> Told:
+    """What a command says of itself."""
+    text, _, examples = inspect.cleandoc(command.__doc__ or "").partition(EXAMPLES)
+    return Told(re.sub(r"(?<!\n)\n(?!\n)", " ", text).strip(), tuple(line.strip() for line in examples.splitlines() if line.strip()))
+
+
+def epilog(said: Told) -> str | None:
+    """The examples below the options, a line each; what is in brackets is no markup."""
+    lines = [f"  {line}".replace("[", r"\[") for line in said.examples]
+    return "\n".join(["[bold]Examples[/]", *lines]) if lines else None
+
+
+def _flags_bare(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False) and parameter.metavar is None:
+            parameter.metavar = ""
+    return parameters
+
+
+class Command(TyperCommand):
+    """A command whose flags stand alone in its help."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters, ``--help`` too."""
+        return _flags_bare(super().get_params(ctx))
+
+
+class Group(TyperGroup):
+    """The same of all commands together."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """All parameters, ``--help`` too."""
+        return _flags_bare(super().get_params(ctx))

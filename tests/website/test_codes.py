@@ -1,0 +1,64 @@
+"""Every code of a warning, and every verdict, has its page; every page its code."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from typing import get_args
+
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.diagnosis.wording import _WORDS
+from website.stage import ROOT
+
+PAGES = {path.stem for path in (ROOT / "docs" / "warnings").glob("*.md")} - {"index"}
+TOLD = {"Notice", "WarningItem", "Explanation", "Supposition", "_one", "_all"}
+"""What is made with a code: by its name, or the first of its arguments that may be one."""
+CODE = re.compile(r"[a-z]+(-[a-z]+)+|outliers|contradicted")
+
+
+def literals(node: ast.expr) -> Iterator[str]:
+    """The texts that an expression may be, with .+ for what is put in."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.JoinedStr):
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else ".+" for part in node.values)
+    elif isinstance(node, ast.IfExp):
+        yield from literals(node.body)
+        yield from literals(node.orelse)
+
+
+def codes() -> set[str]:
+    found = set(_WORDS)
+    for path in (ROOT / "massprop_cli").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in TOLD:
+                given = [*node.args[:2], *(word.value for word in node.keywords if word.arg == "code")]
+                found |= {text for part in given for text in literals(part) if CODE.fullmatch(text.replace(".+", "x"))}
+            elif isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and path.name == "wording.py":
+                found |= {text for text in literals(node.value.elts[0]) if CODE.fullmatch(text)}
+    return found
+
+
+def test_every_code_in_the_code_has_its_page() -> None:
+    known = codes()
+    assert len(known) > 40
+    missing = {code for code in known if not any(re.fullmatch(code, page) for page in PAGES)}
+    assert not missing, "write docs/warnings/CODE.md for each, and name it in docs/warnings/index.md"
+
+
+def test_every_page_is_of_a_code_and_says_cause_finding_and_cure() -> None:
+    index = (ROOT / "docs" / "warnings" / "index.md").read_text(encoding="utf-8")
+    known = codes()
+    for page in PAGES:
+        text = (ROOT / "docs" / "warnings" / f"{page}.md").read_text(encoding="utf-8")
+        assert text.startswith(f"# {page}\n")
+        assert all(f"**{part}.**" in text for part in ("Cause", "How it was found", "Cure")), page
+        assert f"[{page}]({page}.md)" in index
+        assert any(re.fullmatch(code, page) for code in known), page
+
+
+def test_every_verdict_has_its_page() -> None:
+    pages = {path.stem for path in (ROOT / "docs" / "verdicts").glob("*.md")} - {"index"}
+    assert pages == set(get_args(Verdict))
