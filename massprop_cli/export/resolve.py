@@ -96,8 +96,6 @@ def _check(source: VehicleSource, vehicle: Vehicle, delay_cycles: float, shortes
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
         )
-    if vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0:
-        problem = problem or "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel undoes no low-pass"
     if problem:
         raise InputError(f"{source.source}: {problem}")
 
