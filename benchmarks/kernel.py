@@ -49,8 +49,8 @@ but for crazyflie/yaw: the beginning of that log is chaotic, so that a change of
 either.
 
 NumPy alone runs what the kernel doesn't hold: environments other than `free` and `air_bearing`, [drift], more than 16 bins a cycle,
-delay or lag with a sigma (also one that was found in the log), and off-line fits. Of a log with a thrust lag, a drifting clock, more
-than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
+delay or lag with a sigma (also one that was found in the log), and off-line fits. Of a log with a thrust lag, a drifting clock, a
+low-pass within a sensor, more than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the
 last bit: it does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user). `massprop live`

@@ -77,8 +77,9 @@ def navigation(pages: Path) -> Nav:
     return [
         {"massprop": "index.md"},
         {"Your own log in 15 minutes": "tutorial.md"},
-        {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "exit-codes.md"]},
+        {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
+        {"Wheels, rotors, on board": ["actuators.md", "wheels.md", "kernel.md"]},
         {"What it says": ["verdicts/index.md", *verdicts, {"Warnings": ["warnings/index.md", *warnings]}, "assumptions.md"]},
         {"How it works": ["theory.md", "where.md"]},
         {"How good": ["how-good.md", *GOOD]},

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.initial import reach
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import kernel
+from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import handed
 from massprop_cli.model.linearise import Layout, vehicle_numbers
 from massprop_cli.model.plant import Reference
@@ -39,8 +39,8 @@ class Pass:
             raise RuntimeError("there is no compiled kernel")
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
         self._room = np.empty(library.mp_host_size(), np.uint8)
-        self.memory = handed.pointer(self._room)
-        handed.checked(library.mp_host_begin(self.memory, handed.pointer(table(samples, vehicle))))
+        self.memory = pointer(self._room)
+        handed.checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
 
     def rows(self, progress: Callable[[float], None] | None) -> Iterator[Rows]:
         """Estimates after each cycle, part by part."""
@@ -54,7 +54,7 @@ class Pass:
         """Estimates after each of the next cycles, as :func:`packed` has them."""
         told = np.empty((len(fed), TOLD))
         count, stride = (ctypes.c_long(n) for n in fed.shape)
-        handed.checked(self.library.mp_host_run(self.memory, count, stride, handed.pointer(fed), handed.pointer(told)))
+        handed.checked(self.library.mp_host_run(self.memory, count, stride, pointer(fed), pointer(told)))
         return rows_of(told)
 
     def kept(self) -> bytes:
@@ -81,6 +81,6 @@ def rows_of(told: Array) -> Rows:
 def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Reference | None:
     """The present estimate; None where there is none."""
     found = np.empty(16 + 3 * channels)
-    if not library.mp_host_reference(memory, handed.pointer(found)):
+    if not library.mp_host_reference(memory, pointer(found)):
         return None
     return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], found[16:].reshape(3, -1))

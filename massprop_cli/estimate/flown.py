@@ -19,8 +19,8 @@ from massprop_cli.estimate.compiled import CHUNK, TOLD
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel
-from massprop_cli.model.handed import checked, pointer
+from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
+from massprop_cli.model.handed import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream

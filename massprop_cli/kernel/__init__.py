@@ -8,6 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
@@ -46,3 +49,8 @@ def opened(path: Path) -> ctypes.CDLL:
     library.mp_host_pass.restype = ctypes.c_void_p
     library.mp_host_flown.restype = ctypes.c_long
     return library
+
+
+def pointer(array: NDArray[np.floating | np.unsignedinteger]) -> ctypes.c_void_p:
+    """Where its numbers stand; the array must outlive the call."""
+    return ctypes.c_void_p(array.ctypes.data)

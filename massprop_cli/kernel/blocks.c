@@ -19,6 +19,9 @@ typedef struct {
 SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
                           int combined, const lifted *out);
 
+SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
+                        double *integral, double *moment);
+
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -113,6 +116,36 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
             step_written(&layout, &about, from, into, &leap, onto, combined, k - 1, out);
         }
         cycle_written(&layout, &motion[k % 2], onto, combined, k, out);
+    }
+    return MP_OK;
+}
+
+/* Integral and first moment over each bin of what goes on linearly but for events in the order of time, zero before the first
+ * (massprop_cli/prepare/actuators.py). */
+int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
+                 double *integral, double *moment) {
+    double value = 0, rise = 0, now = events > 0 ? time[0] : edges[0];
+    long b, next = 0;
+    while (next < events && time[next] < edges[0]) {
+        value += rise * (time[next] - now) + step[next];
+        rise += slope[next];
+        now = time[next++];
+    }
+    if (now < edges[0]) value += rise * (edges[0] - now);
+    now = edges[0];
+    for (b = 0; b < bins; b++) {
+        integral[b] = moment[b] = 0;
+        for (;;) {
+            int inside = next < events && time[next] < edges[b + 1];
+            double until = inside ? time[next] : edges[b + 1], length = until - now, mean = value + rise * length / 2;
+            integral[b] += length * mean;
+            moment[b] += length * ((now - edges[b]) * mean + length * (value / 2 + rise * length / 3));
+            value += rise * length;
+            now = until;
+            if (!inside) break;
+            value += step[next];
+            rise += slope[next++];
+        }
     }
     return MP_OK;
 }

@@ -229,10 +229,10 @@ void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step
 }
 
 void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]) {
-    mp_real share = R(1), principal[3];
+    mp_real share = mp_finite(step, 10) ? R(1) : R(0), principal[3];
     int again, i;
     for (again = 0; again < HALVINGS; again++) {
-        for (i = 0; i < 10; i++) out[i] = theta[i] + share * step[i];
+        for (i = 0; i < 10; i++) out[i] = share > R(0) ? theta[i] + share * step[i] : theta[i];
         principal_of(out, principal);
         if (!(principal[0] < LEAST * principal[2]) && !(out[9] < theta[9] / FARTHEST)) return;
         share /= R(2);

@@ -18,7 +18,7 @@ void mp_sizes(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[10
 void mp_scales(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[10]);
 /* theta moved by a step, halved until it leads to a body; in place. */
 void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step[10]);
-/* theta moved by a step as far as that leads to a response of a body. */
+/* theta moved by a step as far as that leads to a response of a body; not at all by one that is not finite. */
 void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]);
 
 #endif

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.kernel import BINS, kernel
+from massprop_cli.kernel import BINS, kernel, pointer
 from massprop_cli.prepare.compensate import Samples
 
 KINDS = ("free", "air_bearing")
@@ -91,8 +91,3 @@ def checked(status: int) -> None:
     """:class:`StatusError` on any status but 0."""
     if status:
         raise StatusError(f"the compiled kernel ended with status {status}")
-
-
-def pointer(array: Array) -> ctypes.c_void_p:
-    """Where its numbers stand; the array must outlive the call."""
-    return ctypes.c_void_p(array.ctypes.data)

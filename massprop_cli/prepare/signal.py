@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.kernel import kernel, pointer
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,12 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
     """Of one signal: both integrals (bins,), and (1 + bins,) what a lag lets through of it before the first edge and by each bin's end."""
     order = np.argsort(signal.time_s, kind="stable")
     time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]
+    if lag_s == 0 and (library := kernel().library) is not None:
+        edges, found = np.ascontiguousarray(edges_s), np.empty((2, len(edges_s) - 1))
+        events, bins = (ctypes.c_long(len(values)) for values in (time, found[0]))
+        given = (events, *map(pointer, (time, step, slope)), bins, pointer(edges))
+        library.mp_host_bins(*given, pointer(found[0]), pointer(found[1]))
+        return found[0], found[1], np.zeros(0)
     # a bin goes on as it begins; events within it add what they change from there on
     since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
     begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))

@@ -15,7 +15,7 @@ from massprop_cli.cli.report import report
 from massprop_cli.result.read import Recorded
 from tests.commandline import massprop
 
-COMMANDS = {command.name: command.callback for command in app.registered_commands if command.callback is not None}
+COMMANDS = {str(command.name): command.callback for command in app.registered_commands if command.callback is not None}
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
