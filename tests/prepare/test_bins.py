@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from massprop_cli.kernel import Kernel, kernel
-from massprop_cli.prepare import actuators
-from massprop_cli.prepare.actuators import Signal, window_integrals
+from massprop_cli.prepare import signal
+from massprop_cli.prepare.signal import Signal, window_integrals
 
 
 @pytest.mark.skipif(kernel().library is None, reason=f"integrals run on {kernel().name}")
@@ -17,8 +17,8 @@ def test_integrals_and_moments_agree(events: int, monkeypatch: pytest.MonkeyPatc
     rng = np.random.default_rng(events)
     edges = 100 + np.concatenate([[0.0], np.cumsum(rng.uniform(0.5, 1.5, 200))])
     time = np.concatenate([rng.uniform(90, 320, events), edges[: min(events, 20)], edges[: min(events, 20)]])
-    signal = Signal(time, rng.standard_normal(len(time)), 0.1 * rng.standard_normal(len(time)))
-    own = window_integrals([signal], edges)
-    monkeypatch.setattr(actuators, "kernel", lambda: Kernel(None, "none"))
-    for mine, other in zip(own, window_integrals([signal], edges), strict=True):
+    driven = Signal(time, rng.standard_normal(len(time)), 0.1 * rng.standard_normal(len(time)))
+    own = window_integrals([driven], edges)
+    monkeypatch.setattr(signal, "kernel", lambda: Kernel(None, "none"))
+    for mine, other in zip(own, window_integrals([driven], edges), strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-11, atol=1e-11 * max(float(np.abs(other).max()), 1.0))
