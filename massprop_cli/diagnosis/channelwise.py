@@ -22,7 +22,8 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.estimate.whitening import LEVELS, Disturbance, Driven, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import Lift, products
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import integrals
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.within import motion_within
@@ -121,7 +122,7 @@ def free_response(
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
     Beside the likeliest disturbance; where some are ``likely``, one of these. With the motion within the cycles that a body
-    ``theta`` of :mod:`massprop_cli.model.lift` has, if one is given.
+    ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = design_of(log, vehicle, timing, piece, theta)
     turning, beside = whitened(design.driven, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)

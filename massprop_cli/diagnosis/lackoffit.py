@@ -23,7 +23,7 @@ from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import products
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.linearise import MU, PARAMETERS, RATE, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.align import Aligned

@@ -1,6 +1,6 @@
 """What could be wrong with log or vehicle file, as what it makes of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`.
 
-One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.lift`, and beside
+One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
 them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
 time. A :class:`Supposition` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.contest` fits them.
 """
@@ -17,7 +17,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import SWUNG, Free
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import MOMENT, MU, J, gamma, products, products_by_rate
+from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 _UNIT = np.eye(3)
 ALIKE = 1 - 1e-9

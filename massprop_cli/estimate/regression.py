@@ -1,6 +1,6 @@
 """All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
 
-The response is linear in the coefficients φ of :mod:`massprop_cli.model.lift` whatever the mass properties are, so what a small filter on
+The response is linear in the coefficients φ of :mod:`massprop_cli.model.plant` whatever the mass properties are, so what a small filter on
 all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the
 triangle of an orthogonal factorisation. The ten values are a few Gauss–Newton steps on that triangle.
 
@@ -19,9 +19,10 @@ from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import MOMENT, Lift
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, drift, prior, system_of
 from massprop_cli.prepare.compensate import Source
@@ -131,7 +132,7 @@ class Regression:
     def _renewed(self, run: Run, system: System) -> Run:
         """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
         turn = slice(-self.free, 3 - self.free or None)
-        if run.state is None or system.process is not None or self.vehicle.on_air_bearing:
+        if run.state is None or system.process is not None or self.lift.plant.pivoted:
             return run
         if np.abs(run.state.mean[:3, turn]).max() < GROWN:
             return run
@@ -196,7 +197,7 @@ class Regression:
             centre = self.lift.theta(run.centre)
             self._begun = run.centre, centre, self.lift.sizes(centre)
         _, centre, sizes = self._begun
-        cg = PULL["balanced cg" if self.vehicle.on_air_bearing else "cg"]
+        cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
         pull *= np.maximum(self.lift.sizes(theta), sizes)
         return centre, pull
@@ -244,7 +245,7 @@ class Regression:
 
     def still(self, run: Run, most: float) -> bool:
         """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
-        if not self.vehicle.on_air_bearing:
+        if not self.lift.plant.pivoted:
             run = replace(run, reference=replace(run.reference, mu=run.estimate.mu))
         return self.stands(run, most)
 

@@ -1,6 +1,6 @@
 """What a filter on the nuisance states is fed, cycle by cycle: transitions, drives, measurements and their noise.
 
-Drives and measurements have columns: the log's own, one for each coefficient φ of :mod:`massprop_cli.model.lift`, one for each assumption
+Drives and measurements have columns: the log's own, one for each coefficient φ of :mod:`massprop_cli.model.plant`, one for each assumption
 considered (:mod:`massprop_cli.model.sensitivity`). Where mass properties are said to drift, their departure from where they began is ten
 more states.
 """
