@@ -80,7 +80,7 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
                 row = np.zeros(20)
                 row[10 * half + QUANTITIES.index(name)] = 1.0
                 values, joint = condition(values, joint, row, known.value, float(row @ values), known.sigma)
-    values[[9, 19]] -= vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0
+    values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
 
 

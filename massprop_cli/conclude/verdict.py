@@ -116,7 +116,7 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         sigma = np.array([np.nan if e.sigma is None else e.sigma for e in estimates.values()])
         covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
     mass = estimates["mass"].value
-    rotating = np.nan if mass is None else mass - (vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0)
+    rotating = np.nan if mass is None else mass - vehicle.bearing_mass_kg
     hidden = ~known
     bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
     if thesis:

@@ -343,6 +343,11 @@ class Vehicle(Section):
         """Whether the body turns on a bearing under gravity."""
         return self.environment.kind == "air_bearing"
 
+    @property
+    def bearing_mass_kg(self) -> float:
+        """The part of the mass that translates with the vehicle but does not turn."""
+        return self.environment.bearing_mass_kg if self.on_air_bearing else 0.0
+
     @cached_property
     def jet_wrench(self) -> Array:
         """Torque about O [N m] and force [N] of each jet at full thrust, body axes, shape (jets, 6)."""

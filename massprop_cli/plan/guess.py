@@ -88,7 +88,7 @@ def _spread(file: GuessFile, vehicle: VehicleSource) -> Array:
         mass = body[9] * (1 + file.spread * rng.uniform(-1, 1))
         found.append(np.concatenate([elements(inertia), body[6:9] + rng.uniform(-1, 1, 3) * _cg_spread(file, vehicle), [mass]]))
     bodies = np.array([body, *sorted(found[1:], key=lambda values: -values[9])])
-    bearing = vehicle.vehicle.environment.bearing_mass_kg if vehicle.vehicle.on_air_bearing else 0.0
+    bearing = vehicle.vehicle.bearing_mass_kg
     bodies[:, 9] = np.maximum(bodies[:, 9], bearing + (body[9] - bearing) / 2)
     return bodies
 

@@ -196,7 +196,7 @@ class Scenario(Timed):
         self._check_times()
         self._check_phases()
         self._check_plan()
-        bearing = self.vehicle.environment.bearing_mass_kg if self.vehicle.on_air_bearing else 0.0
+        bearing = self.vehicle.bearing_mass_kg
         if self.truth.mass <= bearing:
             raise ValueError(f"truth.mass = {self.truth.mass:g} kg includes the bearing's {bearing:g} kg: it must be larger")
         return self
