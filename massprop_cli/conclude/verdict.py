@@ -26,6 +26,9 @@ WANTED = {
     "mass": "force, pushed one way and the other",
 }
 """The motion that informs each quantity, body axes."""
+NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
+PLANAR = ("izz", "cg_x", "cg_y", "mass")
+"""What the motion on a table depends on."""
 Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
 PRIOR = 0.5
 """Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
@@ -110,6 +113,8 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         row = latched[1] if thesis and latched else len(history.time_s) - 1
         lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
         estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
+        if vehicle.environment.kind == "planar" and name not in PLANAR:
+            estimates[name] = replace(estimates[name], reason=NO_PART)
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:

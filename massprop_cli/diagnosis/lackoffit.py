@@ -24,7 +24,7 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.linearise import MU, PARAMETERS, RATE, linearise, parameters
+from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import BLOCK, Source, blocks
@@ -102,7 +102,9 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
-    felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    felt: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    if plant_of(vehicle).tilt_sigma > 0:
+        felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     turning, pushing = _weights(here.executed, reference, vehicle)
     ignored = here.executed.ignored
     rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))

@@ -220,7 +220,8 @@ class Regression:
 
     def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
         """Without the gyroscopic coupling."""
-        return bool((self._sigmas(run, theta)[MOMENTS] < KNOWN * theta[MOMENTS]).all())
+        axes = [i for i in MOMENTS if self.lift.plant.told[i]]
+        return bool((self._sigmas(run, theta)[axes] < KNOWN * theta[axes]).all())
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
@@ -368,6 +369,7 @@ class Regression:
     def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
         """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
+        relative[:, ~self.lift.plant.told[MOMENTS]] = 0.0
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
         return found

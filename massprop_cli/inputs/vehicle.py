@@ -35,6 +35,7 @@ Vector = tuple[Real, Real, Real]
 Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
 Place = tuple[Metres, Metres, Metres]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
+EnvironmentKind = Literal["free", "air_bearing", "planar"]
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PRODUCTS = ("ixy", "ixz", "iyz")
@@ -95,12 +96,17 @@ class Imu(Section):
 
 
 class Environment(Section):
-    """Free flight, or a spherical air bearing on a base that slides on a horizontal plane."""
+    """Free flight; a spherical air bearing on a base that slides on a horizontal plane; or a table on which the vehicle slides and yaws."""
 
-    kind: Literal["free", "air_bearing"] = "free"
+    kind: EnvironmentKind = Field(
+        "free", description="planar: a table with x, y and yaw; body Z points up from it, and the accelerometer feels gravity along Z"
+    )
     gravity_m_s2: NonNegative = 9.80665
     bearing_position_m: Place = Field(ZERO, description="centre of rotation, from O")
     bearing_mass_kg: NonNegative = Field(0.0, description="translates with the vehicle, does not rotate")
+    table_tilt_sigma_rad: NonNegative = Field(
+        0.01, le=0.2, description="one sigma of each of a table's two tilts, which stand still in the world; 0: level"
+    )
     initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
     disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
@@ -111,6 +117,22 @@ class Environment(Section):
         if abs(np.linalg.norm(quaternion) - 1) > 1e-6:
             raise ValueError("is not a unit quaternion; divide it by its norm")
         return quaternion
+
+    @model_validator(mode="after")
+    def _stands_on_its_table(self) -> Environment:
+        if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
+            raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
+        return self
+
+    @property
+    def moving(self) -> Array:
+        """(6,) which torques about, and forces along, the body axes move the vehicle (1): on a table what else there is it takes up (0)."""
+        return np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]) if self.kind == "planar" else np.ones(6)
+
+    @property
+    def steady_force_m_s2(self) -> Array:
+        """(3,) specific force that is the same in body axes however the vehicle moves: on a table, of what carries its weight."""
+        return np.array([0.0, 0.0, self.gravity_m_s2 if self.kind == "planar" else 0.0])
 
 
 class Thrust(Section):
@@ -309,6 +331,8 @@ class Vehicle(Section):
             twice = configfile.repeated(names)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
+        if self.environment.kind == "planar" and self.estimator.method == "thesis":
+            raise ValueError('estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a table')
         if self.known and len(self.phases) > 1:
             raise ValueError(
                 f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "

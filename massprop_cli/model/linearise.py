@@ -14,7 +14,7 @@ Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω
 :func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
 then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
 bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
-integrated attitude turned by it).
+integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the cycle (2).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from massprop_cli.model import handed
 from massprop_cli.model.gyroscopic import products, products_by_rate
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Motion, Reference, plant_of
-from massprop_cli.model.plant.plant import J, Turning
+from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.within import STEEP, Windows, Within, motion_within, response_of, windows
 from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
@@ -137,7 +137,7 @@ def lifted(
     by_rate = response[:, -6:] @ products_by_rate(np.eye(3))
     leaving, entering = (_bounded(np.einsum("kl,lij->kij", part, by_rate)) for part in (mean.rising[:-1], mean.falling[1:]))
     solve = inverse(np.eye(3) - entering)
-    own = tensor(theta[J])
+    own = plant.turning(theta)
     to_rate = solve @ own
     states = layout.size - RATE.start
     turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
@@ -158,7 +158,7 @@ def lifted(
     if tilt.stop > tilt.start:
         by_tilt = windows(plant.moment_by_tilt(reference, motion), bin_s)
         tilting = by_tilt.whole / duration[:, None, None]
-        kept, by_error = plant.tilt_step(rate[:-1], duration[:-1])
+        kept, by_error = plant.tilt_step(rate, duration)
         transition[:, turning, tilt] = to_rate @ by_tilt.step
         transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
         drive[:, tilt, 0] = -times(by_error, here.rate_rad_s[:-1])
@@ -170,10 +170,11 @@ def lifted(
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
         (slice(3, 6), layout.torque, euler @ own),
-        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting),
     ):
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
+    if tilt.stop > tilt.start:
+        observation[:, 3:, tilt] = plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting
     measured = np.zeros((len(duration), 6, 1 + combined))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
@@ -270,6 +271,24 @@ def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
     measured = free.measured[..., 0] + free.measured[..., 1]
     return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
+
+
+def less_tilt(system: Linear, left: Array, tilt: slice) -> Array:
+    """(K, 3) specific force ``left`` over by the mass properties, without what the states ``tilt`` of an unknown beginning explain of it.
+
+    Where an error of the rate leaves them alone: what a table holds of the weight's pull along its slope.
+    """
+    carried = np.empty((len(left), 3, tilt.stop - tilt.start))
+    state: Array = np.eye(tilt.stop - tilt.start)
+    for k, seen in enumerate(system.observation[:, 3:, tilt]):
+        carried[k] = seen @ state
+        state = state if k == len(left) - 1 else system.transition[k, tilt, tilt] @ state
+    rows = np.concatenate([carried, system.observation[: len(left), 3:, PARAMETERS]], -1).reshape(-1, carried.shape[2] + 10)
+    size = np.sqrt((rows**2).sum(0))
+    size = np.where(size > 0, size, 1.0)
+    held = np.linalg.lstsq(rows / size, left.ravel(), rcond=1e-9)[0] / size
+    found: Array = left - carried @ held[: carried.shape[2]]
+    return found
 
 
 def parameters(reference: Reference) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import CG, PARAMETERS, RATE, linearise, parameters
+from massprop_cli.model.linearise import CG, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Source, blocks
 
@@ -75,6 +75,7 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
     commanded = theta.copy()
     commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
     slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
+    tilt, sloping = Layout.of(samples, vehicle).tilt, plant_of(vehicle).tilt_sigma > 0
     told, parts = np.zeros((6, 10)), []
     for part in blocks(cycles):
         system = linearise(samples, part, reference, vehicle)
@@ -83,7 +84,9 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
         told[:3] += (turning**2).sum(0) / gyro**2
         told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
         growth = np.diff(samples.part(part).rate_rad_s, axis=0)
-        parts.append((system.steps, growth - system.steps, system.measured[own, 3:] - times(pushing, theta), times(pushing, commanded)))
+        left: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], theta)
+        left = less_tilt(system, left, tilt) if sloping else left
+        parts.append((system.steps, growth - system.steps, left[own], times(pushing, commanded)))
     share = (told / np.maximum(told.sum(0), 1e-300)).T
     steps, left, felt, pushed = (np.concatenate(one) for one in zip(*parts, strict=True))
     steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)

@@ -99,6 +99,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = max(STEADY * vehicle.environment.disturbance_walk_n_m, float(jets.max()))
+    sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first
     return np.concatenate([sigma[RATE.start :], departed])
 

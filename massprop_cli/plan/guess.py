@@ -24,6 +24,8 @@ CG_SPREAD = 0.05
 """Of a free vehicle's CG, as part of sqrt(trace/mass); on a bearing it was balanced, and is off by :data:`SPREAD` of what it is."""
 DRAWN = 4
 """Bodies beside the one that is guessed: enough that no plan suits it alone (tests/plan/test_plan.py)."""
+FLAT = 1.01
+"""By how much a flat body's moments of inertia are above what they are at least."""
 NEEDED = ("ixx", "iyy", "izz", "mass")
 
 
@@ -62,6 +64,9 @@ def _of_vehicle(vehicle: VehicleSource) -> GuessFile:
     stated = vehicle.vehicle
     values = {name: stated.nominal.value(name) for name in QUANTITIES}
     values |= {name: known.value for name, known in stated.known.items()}
+    if stated.environment.kind == "planar" and values["izz"] is not None:
+        # they have no part in the motion; any that a body has will do
+        values |= {name: values["izz"] / 2 * FLAT for name in ("ixx", "iyy") if values[name] is None}
     missing = [name for name in NEEDED if values[name] is None]
     if missing:
         raise InputError(

@@ -22,7 +22,8 @@ TOUCHING = 1e-3
 
 def capability(log: Log, vehicle: Vehicle) -> Array:
     """(r, 6) wrenches that this vehicle can command."""
-    return channel_wrench(log, vehicle) if log.command_kind == "jets" else np.eye(6)[(log.command != 0).any(0)]
+    wrench = channel_wrench(log, vehicle)
+    return wrench if log.command_kind == "jets" else wrench[(log.command != 0).any(0)]
 
 
 def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
@@ -31,8 +32,8 @@ def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
-    """(C, 6) torque about O and force of each command channel at full: jets, or the components of a wrench."""
-    return vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)
+    """(C, 6) torque about O and force of each command channel at full: jets, or a wrench's components, as far as they move the vehicle."""
+    return (vehicle.jet_wrench if log.command_kind == "jets" else np.eye(6)) * vehicle.environment.moving
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Cycles:
         self.actuators = _actuators(scenario, rngs["pulses"], self.width * np.arange(bins + 1), issued)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque, self.drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
-        self.dynamics_of = dynamics_in(scenario.vehicle)
+        self.dynamics_of = dynamics_in(scenario)
         self.body = truth.bodies(scenario.truth, self.members)
         self.events = {event.at(self.period): event for event in scenario.events}
         self.records = scenario.sensors.records_per_cycle

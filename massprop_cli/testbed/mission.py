@@ -51,9 +51,10 @@ def allocation(source: ScenarioSource) -> Allocation:
     scenario = source.scenario
     share = np.full((6, 2, max(len(scenario.vehicle.jets), 6 if not scenario.vehicle.jets else 0)), np.nan)
     if scenario.vehicle.jets:
+        wrench = scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving
         for axis in range(6):
             for side in range(2):
-                share[axis, side] = _jets_for(scenario.vehicle.jet_wrench, axis, 1.0 - 2 * side)
+                share[axis, side] = _jets_for(wrench, axis, 1.0 - 2 * side)
     else:
         limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
         with np.errstate(divide="ignore"):
@@ -83,11 +84,15 @@ def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
 
 
 def _check_served(source: ScenarioSource, full: Array) -> None:
+    moving = source.scenario.vehicle.environment.moving
     for number, segment in enumerate(source.scenario.plan, 1):
         if segment.motion == "coast":
             continue
         for name in segment.driven:
-            if (full[AXES.index(name)] == 0).any():
+            axis = AXES.index(name)
+            if segment.motion == "hold" and not moving[axis]:
+                continue  # the table holds it
+            if (full[axis] == 0).any():
                 raise InputError(
                     f"{source.source}, plan segment {number}: the vehicle can't drive {name} both ways without disturbing other axes; "
                     "drop the axis from the plan, or add jets"

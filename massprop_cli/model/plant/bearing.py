@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, parallel_axis, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
@@ -33,6 +33,12 @@ class BearingBody:
     gravity: float
     channels = 15
     pivoted = True
+    tilt_sigma = 0.0
+
+    @property
+    def told(self) -> BoolArray:
+        """All."""
+        return np.ones(10, dtype=bool)
 
     @property
     def pivot(self) -> Array:
@@ -57,8 +63,8 @@ class BearingBody:
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
         """The integrated attitude turns with the measured rate, the vehicle with the true one."""
-        each = duration[:, None, None]
-        return np.eye(3) - cross_matrix(rate) * each, np.eye(3) * each
+        each = duration[:-1, None, None]
+        return np.eye(3) - cross_matrix(rate[:-1]) * each, np.eye(3) * each
 
     def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
         """(K, B, 3, 3) by an attitude error φ, which turns the vertical u into ``u + u × φ``."""
@@ -150,6 +156,10 @@ class BearingBody:
         """The vertical, and the level part of the force."""
         force = level(motion.up, motion.wrench[..., 3:]), level(motion.up, skew[..., 3:]).sum(1)
         return [(motion.up, (ups[1] - ups[0]) * bin_s[:, None] / 12), force]
+
+    def turning(self, theta: Array) -> Array:
+        """(3, 3) J."""
+        return tensor(theta[J])
 
     def swing(self, theta: Array, motion: Motion) -> Array:
         """(K, B, 3) by the acceleration that the CG's own swing gives the base: second order in κ."""

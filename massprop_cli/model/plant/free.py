@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inertia_regressor, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
@@ -29,6 +29,12 @@ class FreeBody:
 
     channels = 12
     pivoted = False
+    tilt_sigma = 0.0
+
+    @property
+    def told(self) -> BoolArray:
+        """All."""
+        return np.ones(10, dtype=bool)
 
     @property
     def pivot(self) -> Array:
@@ -53,7 +59,7 @@ class FreeBody:
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:  # noqa: ARG002
         """Of none."""
-        return np.zeros((len(rate), 0, 0)), np.zeros((len(rate), 0, 3))
+        return np.zeros((len(rate) - 1, 0, 0)), np.zeros((len(rate) - 1, 0, 3))
 
     def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
         """By none."""
@@ -120,6 +126,10 @@ class FreeBody:
     def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
         """Nothing."""
         return []
+
+    def turning(self, theta: Array) -> Array:
+        """(3, 3) J."""
+        return tensor(theta[J])
 
     def swing(self, _: Array, motion: Motion) -> Array:
         """None."""

@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import cross_matrix
 
 J, MOMENT, MU = slice(0, 6), slice(6, 9), 9
@@ -96,6 +96,10 @@ class Plant(Protocol):
         """Whether the body turns about a support under its weight, so that what acts depends on its attitude, and it is balanced."""
 
     @property
+    def told(self) -> BoolArray:
+        """(10,) which of θ any motion in this environment depends on; the others stay where they are put."""
+
+    @property
     def pivot(self) -> Array:
         """(3,) the point of the body, from O, about which its torque stands."""
 
@@ -110,17 +114,21 @@ class Plant(Protocol):
     def rotating_mass(self, reference: Reference) -> float:
         """The mass that turns, kg."""
 
+    @property
+    def tilt_sigma(self) -> float:
+        """One sigma of each of the states below in a phase's first cycle, in their unit."""
+
     def tilts(self, attitude_logged: bool) -> int:
-        """How many states the error of the attitude has."""
+        """t, the states that say where the weight pulls otherwise than it is taken to."""
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
-        """(K, t, t) these states from a cycle of (K,) s to the next, at (K, 3) mean rates, and (K, t, 3) by an error of these."""
+        """(K − 1, t, t) these from each of K cycles, (K,) s long at mean rates (K, 3), to the next; by an error of the rates."""
 
     def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
-        """(K, B, 3, t) derivative of the moment with respect to the error of the attitude."""
+        """(K, B, 3, t) derivative of the moment with respect to them."""
 
     def force_by_tilt(self, motion: Motion) -> Array:
-        """(K, B, 3, t) derivative of the specific force with respect to it."""
+        """(K, B, 3, t) derivative of the specific force with respect to them."""
 
     # --- θ
 
@@ -158,6 +166,9 @@ class Plant(Protocol):
 
         ``ups`` are the verticals (K, 3) where a cycle begins and ends, ``skew`` (K, B, 6) the wrench's first moments.
         """
+
+    def turning(self, theta: Array) -> Array:
+        """(3, 3) a moment to the angular acceleration that it makes."""
 
     def swing(self, theta: Array, motion: Motion) -> Array:
         """(K, B, 3) the angular acceleration that is not linear in φ."""
