@@ -27,7 +27,7 @@ from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.sensitivity import Consider, with_geometry
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -128,7 +128,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         log = outliers.without(log, stated)
     if log is not read:
         samples = Stream.of(log, stated, used_timing)
-    consider = uncertain_timing(log, stated, used_timing)
+    consider = with_geometry(uncertain_timing(log, stated, used_timing), log, stated, samples)
     diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
         answer = by_thesis(samples, phases, stated)
@@ -147,7 +147,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     examination, doubted = None, list[Doubt]()
     if settled and check:
         say("what the numbers rest on", 1.0)
-        examination = examined(log, used, used_timing, samples, settled)
+        examination = examined(log, used, used_timing, samples, settled, consider)
         doubted = doubts(examination, channel_names(log, used))
     if doubted and diagnosis is None and not _saturated(log):
         say("looking for the cause", 1.0)

@@ -75,7 +75,7 @@ class Run:
     state: State | None
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
-    """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
+    """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
 
 
 class Regression:
@@ -90,12 +90,14 @@ class Regression:
         """m, the states whose beginning is unknown."""
         self.assumed = consider.columns(len(samples.wrench))
         """e, the assumptions."""
+        self.uncertain = len(consider.kinds)
+        """u, the unknowns of the geometry, each in its own sigmas."""
         self._last: tuple[Run, Array, Array, Array] | None = None
         self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        size = self.free + self.lift.size + 1 + self.assumed
+        size = self.free + self.lift.size + 1 + self.assumed + self.uncertain
         known = known_rows(self.prior, size)
         triangle = np.vstack([known, np.zeros((size - len(known), size))])
         return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
@@ -144,24 +146,26 @@ class Regression:
         return replace(run, state=State(mean, run.state.root), triangle=triangle)
 
     def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
-        """Rows (…, M + 1 + e) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
+        """Rows (…, M + 1 + e + u) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
 
-        Nuisances are the beginnings and, unless ``bound``, the coefficients of the gyroscopic coupling (their departure over ``LOOSE``).
+        Nuisances are the beginnings, unless ``bound`` the coefficients of the gyroscopic coupling (their departure over ``LOOSE``), and
+        what is uncertain of the geometry.
         """
         phi, slopes = self.lift.coefficients(theta)
         by_phi = rows[..., self.free : self.free + self.lift.size]
         left = rows[..., self.free + self.lift.size :].copy()
         left[..., 0] -= by_phi @ phi
-        parts = [rows[..., : self.free], by_phi @ (slopes * scale), left]
+        left, geometry = left[..., : 1 + self.assumed], -left[..., 1 + self.assumed :]
+        parts = [rows[..., : self.free], geometry, by_phi @ (slopes * scale), left]
         if not bound:
             coupling = self.lift.coupling
             held = slopes * scale
             held[coupling] = 0.0
-            parts[1:2] = [LOOSE * by_phi[..., coupling], by_phi @ held]
+            parts[1:3] = [LOOSE * by_phi[..., coupling], geometry, by_phi @ held]
         return np.concatenate(parts, -1)
 
     def _nuisances(self, bound: bool) -> int:
-        return self.free if bound else self.free + len(self.lift.coupling)
+        return self.free + self.uncertain + (0 if bound else len(self.lift.coupling))
 
     def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
         """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
@@ -178,16 +182,16 @@ class Regression:
         theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
         response: Array | None = None
         if not bound:
-            theta, beginnings, response, chi_square = self._searched(run, theta, bound=False)
+            theta, others, response, chi_square = self._searched(run, theta, bound=False)
             bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
         tied, begun, _, chi_square = self._searched(run, theta, bound=True)
         if bound or chi_square < most:
-            theta, beginnings, response = tied, begun, None
+            theta, others, response = tied, begun, None
         block, bias = Layout.of(self.samples, self.vehicle).gyro_bias, run.reference.gyro_bias
         if block.stop > block.start and run.state is not None:
             mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
             phi, _ = lift.coefficients(theta)
-            bias = mean[:, 0] + mean[:, 1 : 1 + lift.size] @ phi + mean[:, mean.shape[1] - self.free :] @ beginnings
+            bias = mean[:, 0] + mean[:, 1 : 1 + lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
         estimate = replace(lift.reference(theta, bias), response=response)
         return replace(run, estimate=estimate, bound=bound)
 
@@ -203,7 +207,7 @@ class Regression:
         return centre, pull
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
-        """Gauss–Newton on the triangle from ``theta``: θ, the states' beginnings, Φ (3, C), and chi-square of what is left."""
+        """Gauss–Newton on the triangle from ``theta``: θ, the geometry and the states' beginnings, Φ (3, C), chi-square of the rest."""
         count = self._nuisances(bound)
         for _ in range(STEPS):
             centre, scale = self._pull(theta, run)
@@ -214,9 +218,10 @@ class Regression:
                 break
         phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
         if not bound:
-            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count]
+            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
         response = phi[: 3 * self.lift.channels].reshape(3, -1)
-        return theta, solved[: self.free], response, float(triangle[count + 10, count + 10] ** 2)
+        others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
+        return theta, others, response, float(triangle[count + 10, count + 10] ** 2)
 
     def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
         """Without the gyroscopic coupling."""
@@ -282,7 +287,20 @@ class Regression:
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
-        return Response(self.lift.slopes(theta) @ shift, left.T @ left)
+        return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]))
+
+    def _added(self, theta: Array, scale: Array, triangle: Array) -> dict[str, Array]:
+        """(10,) variance of the state parameters that each kind of uncertain geometry adds: beside its being known exactly."""
+        slopes, first = self.lift.slopes(theta) * scale, len(triangle) - 10 - self.uncertain
+        kinds = np.array(self.consider.kinds)
+
+        def variance(kept: BoolArray) -> Array:
+            columns = np.concatenate([np.ones(first, dtype=bool), kept, np.ones(10, dtype=bool)])
+            root = slopes @ np.linalg.inv(triangle_of(triangle[:, columns])[-10:, -10:])
+            found: Array = (root**2).sum(1)
+            return found
+
+        return {kind: variance(kinds == kinds) - variance(kinds != kind) for kind in dict.fromkeys(self.consider.kinds)}
 
     def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
         """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""
@@ -353,7 +371,9 @@ class Regression:
             given = np.stack([state.mean[-10:] for state in states])
             by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
             assumed = given[..., 1 + self.lift.size : given.shape[2] - self.free]
-            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], assumed], -1), theta, scale, run.bound)
+            assumed, geometry = assumed[..., : self.assumed], -assumed[..., self.assumed :]
+            among = np.concatenate([by_beginning, by_phi, -given[..., :1], assumed, geometry], -1)
+            affine = self._reduced(among, theta, scale, run.bound)
             among = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
             moved = among @ triangles[..., count + 10 :]
             mean = mean + moved[..., 0] - affine[..., count + 10]

@@ -68,7 +68,9 @@ class Imu(Section):
         description="by how much the IMU's clock runs faster than that of the commands; they agree where the log begins",
     )
     position_m: Place = Field(ZERO, description="from O, body axes")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of position_m, along each axis")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
+    mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of body_from_imu, about each axis")
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     gyro_bias_sigma_rad_s: NonNegative = 0.0
@@ -160,6 +162,9 @@ class Jet(Section):
     force_n: Vector
     rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")
     fall_s: NonNegative = Field(0.0, description="linear fall from full thrust")
+    thrust_sigma: NonNegative = Field(0.0, le=0.3, description="relative uncertainty of its thrust, beside the one that all have in common")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of its place, along each axis")
+    direction_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of its direction, about each axis across it")
 
 
 class Nominal(Section):
@@ -366,6 +371,12 @@ class Vehicle(Section):
     def on_air_bearing(self) -> bool:
         """Whether the body turns on a bearing under gravity."""
         return self.environment.kind == "air_bearing"
+
+    @property
+    def uncertain_geometry(self) -> bool:
+        """Whether anything is said to be uncertain of where jets and IMU sit and how single jets push."""
+        jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)
+        return jets or self.imu.position_sigma_m > 0 or self.imu.mounting_sigma_rad > 0
 
     @property
     def bearing_mass_kg(self) -> float:

@@ -62,7 +62,7 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     """The system of ``cycles`` about ``reference``. Noise levels must be set in ``vehicle``."""
     free, executed = lifted(samples, cycles, reference, vehicle), samples.part(cycles).executed
     drive, measured = free.drive, free.measured
-    if consider.variants or consider.scales:
+    if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation

@@ -179,6 +179,17 @@ class BearingBody:
         offset = weight + times(turning.centripetal, arm) - times(onto_level @ along, turning.rate_dot)
         return Felt(euler, own, offset)
 
+    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
+        """(K, 3, g) moment about the bearing, and (K, 3, g) specific force: the level part of a push moves body and base."""
+        theta = self.theta(reference)
+        along = theta[MU] * cross_matrix(theta[MOMENT])
+        onto_level = np.eye(3) - up[:, :, None] * up[:, None, :]
+        pull = onto_level @ wrench[:, 3:].T
+        moment = self.commanded(wrench).T - along @ pull
+        turning = self.turning(theta) @ moment
+        felt = theta[MU] * pull + onto_level @ along @ turning - cross_matrix(position - self.bearing) @ turning
+        return moment, felt
+
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:
         """(K, 6, 10) what torque and specific force tell of the parameters; the weight, not the lever arm, shows the CG."""
         rows = turned_rows(rate, rate_dot)

@@ -143,6 +143,14 @@ class FreeBody:
         offset = times(turning.centripetal, position) + cross(turning.rate_dot, reference.cg)
         return Felt(euler, own, offset)
 
+    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
+        """(K, 3, g) moment, and (K, 3, g) specific force: the same at any attitude."""
+        moment = self.jet_moment(reference) @ wrench.T
+        turning = self.turning(self.theta(reference)) @ moment
+        felt = reference.mu * wrench[:, 3:].T - cross_matrix(position - reference.cg) @ turning
+        shape = (len(up), 3, len(wrench))
+        return np.broadcast_to(moment, shape), np.broadcast_to(felt, shape)
+
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:  # noqa: ARG002
         """(K, 6, 10) what torque and specific force tell of the parameters."""
         rows = turned_rows(rate, rate_dot)

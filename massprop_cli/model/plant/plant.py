@@ -176,5 +176,8 @@ class Plant(Protocol):
     def felt(self, reference: Reference, motion: Motion, turning: Turning, position: Array) -> Felt:
         """The specific force at ``position`` (3,) [m, from O]."""
 
+    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
+        """(K, 3, g) moment, and (K, 3, g) specific force at ``position``, by g wrenches (g, 6) at K verticals (K, 3)."""
+
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:
         """(K, 6, 10) what torque and specific force tell of the parameters in K unlike motions, the vertical along ``up`` (K, 3)."""
