@@ -33,7 +33,7 @@ THRUST, POSITION_M, DIRECTION_RAD, IMU_M, MOUNTING_RAD = 0.01, 0.001, 0.01, 0.00
 
 @dataclass(frozen=True)
 class Run:
-    """Of one seed: z values (10,), NaN where nothing is told; sigmas over those of a vehicle that is as stated, exactly; codes of what was warned of."""
+    """Of one seed: z (10,), NaN where nothing is told; sigmas over those of a vehicle that is just as stated; codes of warnings."""
 
     z: Array
     widened: Array

@@ -82,6 +82,7 @@ def combine_docked(before: Sequence[Path], after: Sequence[Path]) -> Result:
 def _read(paths: Sequence[Path]) -> list[Recorded]:
     recorded = [read(path) for path in {path.resolve(): path for path in paths}.values()]
     _check_twice(recorded)
+    _check_exact(recorded)
     return recorded
 
 
@@ -92,6 +93,17 @@ def _check_twice(recorded: Sequence[Recorded]) -> None:
         if digest in seen:
             raise InputError(f"{one.path}: is of the same log as {seen[digest].path}; its information would count twice. Name it once")
         seen[digest] = one
+
+
+def _check_exact(recorded: Sequence[Recorded]) -> None:
+    """What is uncertain of jets and IMU is the same in all logs, and no result says how each of its values follows it."""
+    for one in recorded:
+        uncertain = [assumption.code for assumption in one.result.assumptions if assumption.code.startswith("uncertain-")]
+        if len(recorded) > 1 and uncertain:
+            raise InputError(
+                f"{one.path}: its sigmas hold an uncertain geometry ({', '.join(dict.fromkeys(uncertain))}), which all logs have in common "
+                "and which would count as if it were another in each; estimate them without the sigmas of jets and imu to combine them"
+            )
 
 
 def _chosen(one: Recorded, side: str) -> PhaseItem:
