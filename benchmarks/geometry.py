@@ -25,7 +25,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 
-CASES = {"free-flyer": 24.0, "testbed": 24.0, "planar": 24.0}
+CASES = {"free-flyer": 24.0, "planar": 24.0}
 """Scenarios, and how much of each is flown, s."""
 THRUST, POSITION_M, DIRECTION_RAD, IMU_M, MOUNTING_RAD = 0.01, 0.001, 0.01, 0.002, 0.003
 """One sigma of each jet's thrust, place and direction, of the IMU's place and mounting."""

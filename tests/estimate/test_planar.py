@@ -1,6 +1,6 @@
 """The estimate on a table that is out of level, against the Cramér–Rao bound and without what the slope would do to it.
 
-Over 100 seeds: benchmarks/planar.py, docs/planar-accuracy.md.
+Over many seeds: benchmarks/planar.py, docs/planar-accuracy.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sigmas where jets and IMU are as uncertain as the vehicle file says; over 100 vehicles: benchmarks/geometry.py."""
+"""Sigmas where jets and IMU are as uncertain as the vehicle file says; over many vehicles: benchmarks/geometry.py."""
 
 from __future__ import annotations
 
