@@ -25,7 +25,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from massprop_cli.campaign import baseline as baselines
-from massprop_cli.campaign import discover, location, run, summary, urlplace
+from massprop_cli.campaign import discover, joining, location, run, summary, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
@@ -146,6 +146,7 @@ def run_campaign(
     require: str | Sequence[str] = (),
     settings: Mapping[str, object] | None = None,
     report: bool = False,
+    check: bool = False,
     baseline: Where | None = None,
     told: Callable[[Step], None] | None = None,
     map_file: Where | None = None,
@@ -154,6 +155,8 @@ def run_campaign(
 
     ``cluster`` is the address of a dask scheduler whose workers do it instead. Paths, ``out``, ``vehicle``, ``map_file``, ``expected`` and
     ``baseline`` (a campaign.json, or the folder that holds it) may be URLs.
+
+    ``check`` says of each log whether it is fit, and estimates nothing; then ``out`` holds check.json in place of results.
 
     Results of an earlier run in ``out`` that still hold are kept. A log that can't be used doesn't raise: it is an outcome with
     exit_code 3. ``told`` hears of each log as it is done. Raises :class:`massprop_cli.InputError` where no log is found, or
@@ -167,6 +170,7 @@ def run_campaign(
         expect=None if expected is None else str(expected),
         require=requirements(require),
         report=report,
+        check=check,
     )
     name, planned = discover.plan([str(path) for path in named], over)
     earlier = None if baseline is None else baselines.read(str(baseline))
@@ -182,6 +186,7 @@ def run_campaign(
             fail_fast=fail_fast,
             baseline=None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate()),
             told=told,
+            joinings=[] if check else joining.joinings([str(path) for path in named], planned),
         )
     return Campaign(str(out), found)
 

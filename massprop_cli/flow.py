@@ -17,9 +17,10 @@ from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import Doubt, by_doubts, doubts
 from massprop_cli.conclude.verdict import Conclusion, conclude, contradicted
-from massprop_cli.diagnosis import delay, outliers
+from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
+from massprop_cli.diagnosis.ready import ready
+from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate.history import History, phases_of
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs import clipped, vehiclefile
@@ -27,7 +28,7 @@ from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider, with_geometry
+from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -117,24 +118,14 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
     """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
-    detected = found_timing(log, source, say)
-    used_timing = stated_timing(source.vehicle) if detected is None else detected.at
-    stated = with_timing(source.vehicle, used_timing, detected)
-    samples = Stream.of(log, stated, used_timing)
-    phases = phases_of(log, stated, samples)
-    read, told = log, list[Notice]()
-    if stated.estimator.method == "default":
-        stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log = outliers.without(log, stated)
-    if log is not read:
-        samples = Stream.of(log, stated, used_timing)
-    consider = with_geometry(uncertain_timing(log, stated, used_timing), log, stated, samples)
+    read = log
+    log, stated, samples, phases, used_timing, detected, consider, told = ready(log, source, say)
     diagnosis: Diagnosis | None = None
     if stated.estimator.method == "thesis":
         answer = by_thesis(samples, phases, stated)
     else:
         plain = as_stated(samples, phases, stated, consider)
-        if check and plain.dubious and not _saturated(log):
+        if check and plain.dubious and not _saturated(log) and _diagnosable(stated):
             say("looking for the cause", 1.0)
             from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
 
@@ -149,7 +140,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled, consider)
         doubted = doubts(examination, channel_names(log, used))
-    if doubted and diagnosis is None and not _saturated(log):
+    if doubted and diagnosis is None and not _saturated(log) and _diagnosable(stated):
         say("looking for the cause", 1.0)
         from massprop_cli.diagnosis.diagnose import diagnose
 
@@ -187,6 +178,11 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         unknown=unknown,
         doubts=tuple(doubted),
     )
+
+
+def _diagnosable(stated: Vehicle) -> bool:
+    """Whether causes have been thought of: not yet those of wheels and rotors."""
+    return not (stated.spinning or stated.rotors)
 
 
 def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:

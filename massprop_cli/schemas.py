@@ -83,6 +83,7 @@ def _log() -> dict[str, Any]:
         **columns(names.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
         **columns(names.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
         **columns(names.QUATERNION, number, "attitude at time_s, world from body"),
+        names.SUPPLY: {**number, "description": "supply voltage over the record, for rotors that state nominal_v, V"},
         "event": {"type": ["string", "null"], "description": 'text, e.g. "dock"'},
     }
 
@@ -94,7 +95,13 @@ def _log() -> dict[str, Any]:
         "description": _log.__doc__,
         "type": "object",
         "properties": properties,
-        "patternProperties": {"^jet_.+_s$": {**command, "minimum": 0, "description": "commanded on-time in this control cycle, s"}},
+        "patternProperties": {
+            "^jet_.+_s$": {**command, "minimum": 0, "description": "commanded on-time in this control cycle, s"},
+            "^rotor_.+_command$": {**command, "description": "what a rotor is told in this control cycle, as its thrust_n takes it"},
+            "^rotor_.+_rad_s$": {**number, "description": "a rotor's speed at time_s, rad/s"},
+            "^wheel_.+_rad_s$": {**command, "description": "a wheel's speed relative to the body at time_s, rad/s"},
+            "^wheel_.+_n_m$": {**command, "description": "torque on a wheel over this control cycle, N m; the body feels the opposite"},
+        },
         "required": ["time_s"],
         "allOf": [either(names.DELTA_THETA, names.GYRO), either(names.DELTA_V, names.ACCEL)],
     }

@@ -146,7 +146,7 @@ def _explain(model: type[BaseModel], error: Any, path: list[str]) -> str:
     if error["type"] == "extra_forbidden":
         return f"unknown key {key!r}{nearest(path[-1], _known_keys(model, path[:-1]), 'the nearest known key is')}"
     if error["type"] == "missing":
-        return f"key {key!r} is missing; add it"
+        return f"key {key!r} is missing; add it{_described(model, path)}"
     if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
         return f"{key} = {error['input']!r}: must be a table of keys; write [{key}] with its keys below"
     if error["type"] == "literal_error":
@@ -173,8 +173,19 @@ def nearest(name: str, known: Iterable[str], words: str) -> str:
     return f"; {words} {near[0]!r}" if near else ""
 
 
+def _described(model: type[BaseModel], path: list[str]) -> str:
+    """What a key is for, where its model says so."""
+    said = [node["properties"].get(path[-1], {}).get("description") for node in _nodes(model, path[:-1]) if "properties" in node]
+    return next((f": {text}" for text in said if text), "")
+
+
 def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
-    """The keys allowed at ``path``, found in the model's JSON Schema."""
+    """The keys allowed at ``path``."""
+    return sorted({key for node in _nodes(model, path) for key in node.get("properties", {})})
+
+
+def _nodes(model: type[BaseModel], path: list[str]) -> list[dict[str, Any]]:
+    """What may stand at ``path``, found in the model's JSON Schema."""
     schema = model.model_json_schema()
     definitions = schema.get("$defs", {})
     nodes = [schema]
@@ -191,7 +202,7 @@ def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
             elif isinstance(node.get("additionalProperties"), dict):
                 children.append(node["additionalProperties"])
         nodes = children or nodes
-    return sorted({key for node in nodes for key in node.get("properties", {})})
+    return nodes
 
 
 def _alternatives(node: dict[str, Any], definitions: dict[str, Any]) -> list[dict[str, Any]]:

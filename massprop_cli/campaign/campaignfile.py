@@ -7,13 +7,13 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import Field, StringConstraints, model_validator
 
 from massprop_cli.base import configfile
 from massprop_cli.campaign import location
 from massprop_cli.campaign.plan import Found, Settings
 from massprop_cli.inputs.require import Stated
-from massprop_cli.inputs.vehicle import NonNegative, Section
+from massprop_cli.inputs.section import NonNegative, Section
 
 Text = Annotated[str, StringConstraints(min_length=1)]
 
@@ -37,6 +37,22 @@ class Match(Said):
     logs: tuple[Text, ...] = Field(min_length=1, description="patterns of paths from this file's folder; * fits / too")
 
 
+class Combine(Section):
+    """Logs whose results become one, as `massprop combine` makes it."""
+
+    name: Text = Field(description="of its result folder")
+    logs: tuple[Text, ...] = Field((), description="patterns of paths from this file's folder: two logs or more of one vehicle")
+    before: tuple[Text, ...] = Field((), description="the same of the vehicle alone; with after, instead of logs")
+    after: tuple[Text, ...] = Field((), description="the same of the vehicle with the docked object")
+    require: Stated | None = Field(None, description="what must converge in every phase of it, and how precisely")
+
+    @model_validator(mode="after")
+    def _has_one_of_both(self) -> Combine:
+        if bool(self.logs) == bool(self.before or self.after) or bool(self.before) != bool(self.after):
+            raise ValueError("name logs alone, or before and after")
+        return self
+
+
 class CampaignFile(Said):
     """A whole campaign file."""
 
@@ -45,6 +61,7 @@ class CampaignFile(Said):
     logs: tuple[Text, ...] = Field(min_length=1, description="files, folders (with all below) and globs, from this file's folder")
     report: bool = Field(False, description="render report.html of each log")
     match: tuple[Match, ...] = ()
+    combine: tuple[Combine, ...] = ()
 
 
 def load(place: str) -> CampaignFile:
@@ -53,14 +70,14 @@ def load(place: str) -> CampaignFile:
     return configfile.validate(CampaignFile, configfile.parse_toml(text, place), place, text)
 
 
-def fits(rule: Match, below: str) -> bool:
-    """Whether a rule is for the log with this path from the campaign file's folder."""
-    return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in rule.logs)
+def fits(patterns: Sequence[str], below: str) -> bool:
+    """Whether patterns are for the log with this path from the campaign file's folder."""
+    return any(fnmatchcase(below, pattern.removeprefix("./")) for pattern in patterns)
 
 
 def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
     """The log with what the file says of it."""
-    said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule, below))]
+    said: Sequence[Said] = [file, *(rule for rule in file.match if fits(rule.logs, below))]
     vehicle = _last([one.vehicle for one in said])
     mapped = _last([one.map for one in said])
     expect = _last([one.expect for one in said])

@@ -46,6 +46,7 @@ def overlaid(under: Settings, over: Settings) -> Settings:
         expect=under.expect if over.expect is None else over.expect,
         require=over.require or under.require,
         report=under.report or over.report,
+        check=over.check,
     )
 
 
@@ -55,7 +56,7 @@ def _campaign(place: str) -> tuple[str, list[Found]]:
     logs = [log for named in file.logs for log in _expanded(location.join(base, named))]
     paths = [location.below(log.location, base) for log in logs]
     for number, rule in enumerate(file.match):
-        if not any(campaignfile.fits(rule, path) for path in paths):
+        if not any(campaignfile.fits(rule.logs, path) for path in paths):
             raise InputError(f"{place}: match.{number}.logs = {list(rule.logs)}: fits none of the {len(logs)} logs; mend the pattern")
     title = file.name or location.stem(place)
     return title, [campaignfile.applied(file, base, log, path) for log, path in zip(logs, paths, strict=True)]

@@ -1,12 +1,15 @@
-"""A campaign as JUnit XML: a suite for each log; an error where it has no result, failures where it missed what was demanded."""
+"""A campaign as JUnit XML: a suite for each log; an error where it has no result, failures where it misses a demand or is not fit."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from massprop_cli.base import exits
+from massprop_cli.campaign.outcome import CHECKED
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.summary import Summary
+from massprop_cli.check import junit as checked
+from massprop_cli.check.finding import Check
 from massprop_cli.report import junit
 from massprop_cli.result.schema import Result
 
@@ -17,13 +20,16 @@ def text(place: Place, found: Summary) -> str:
 
 
 def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
-    for row in found.logs:
+    for row in (*found.logs, *found.combined):
         if row.outcome is None:
             yield junit.Outcome(row.name, error="not tried, after --fail-fast", kind="not tried")
         elif "result.json" in row.outcome.files:
             content = place.read(f"{RESULTS}/{row.name}/result.json")
             unmet = row.outcome.message if row.outcome.exit_code == exits.NOT_CONVERGED else None
             yield junit.Outcome(row.name, Result.model_validate_json(content), unmet=unmet)
+        elif CHECKED in row.outcome.files:
+            found_wrong = Check.model_validate_json(place.read(f"{RESULTS}/{row.name}/{CHECKED}"))
+            yield junit.Outcome(row.name, suite=checked.suite(found_wrong, row.name))
         else:
             kind = "internal error" if row.outcome.exit_code == exits.BUG else "unusable input"
             yield junit.Outcome(row.name, error=row.outcome.message, kind=kind)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
+from massprop_cli.check.finding import Expected
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
 
 
@@ -23,6 +27,21 @@ def vehicle(found: Result) -> outcome.Vehicle:
     )
 
 
+def stated(source: VehicleSource) -> outcome.Vehicle:
+    """The same of a vehicle file, where there is no result."""
+    of = source.vehicle
+    bearing = of.environment.bearing_mass_kg if of.on_air_bearing else 0.0
+    return outcome.Vehicle(name=of.name, sha256=source.sha256, environment=of.environment.kind, bearing_mass_kg=bearing)
+
+
+def expected(found: Sequence[Expected]) -> list[Body]:
+    """What a check expects of each phase: sigmas and verdicts, and no values."""
+    phases: dict[str, dict[str, Value]] = {}
+    for one in found:
+        phases.setdefault(one.phase, {})[one.quantity] = Value(value=None, sigma=one.sigma, verdict=one.verdict, met=one.reached)
+    return [Body(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
+
+
 def bodies(found: Result, used: Vehicle) -> list[Body]:
     """Phases and docked object."""
     thesis = used.estimator.method == "thesis"
@@ -34,6 +53,13 @@ def bodies(found: Result, used: Vehicle) -> list[Body]:
         name = f"{docked.after} less {docked.before}"
         kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(found, docked, used))))
     return kept
+
+
+def joint_bodies(found: Result) -> list[Body]:
+    """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
+    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None)) for phase in found.phases]
+    docked = found.docked_object
+    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None))])
 
 
 def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, Value]:

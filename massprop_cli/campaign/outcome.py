@@ -13,6 +13,8 @@ from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.vehicle import EnvironmentKind
 
 FILE = "outcome.json"
+CHECKED = "check.json"
+"""Beside it, instead of a result, where a campaign runs the check alone."""
 UNKEPT = ""
 """Fingerprint of an outcome that is tried again whatever happens: what failed was not the log."""
 

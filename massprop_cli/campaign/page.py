@@ -9,11 +9,12 @@ import base64
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
-from massprop_cli.campaign.outcome import STATES, Body, Outcome, Value, contradicted, state
+from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.summary import Pool, Pooled, Row, Summary
 from massprop_cli.report import digits, html, view, vocabulary
@@ -94,6 +95,7 @@ def page(found: Summary) -> Iterator[str]:
             counts=counts(found),
             quantities=[(vocabulary.SYMBOLS[name], vocabulary.unit(UNITS[name])) for name in QUANTITIES],
             pools=[_pool(pool) for pool in found.pooled],
+            combined=[(entry, told_of(row)) for entry, row in zip(map(partial(_entry, 0), found.combined), found.combined, strict=True)],
             verdicts=verdicts,
             view_title=title,
             doubts=doubts,
@@ -111,6 +113,12 @@ def counts(found: Summary) -> str:
     codes = ", ".join(f"{code} {count}" for code, count in found.warnings.items())
     said += [f"{found.warned} with warnings ({codes})"] if found.warned else []
     return "; ".join(said)
+
+
+def told_of(row: Row) -> str:
+    """What came of a result of several logs, in words."""
+    doubts = f" ({', '.join(dict.fromkeys(row.outcome.warnings))})" if row.outcome and row.outcome.warnings else ""
+    return f"{state(row.outcome)}{doubts}" + (f": {row.outcome.message}" if row.outcome and row.outcome.message else "")
 
 
 def _entries(found: Summary) -> Iterator[Entry]:
@@ -147,7 +155,7 @@ def _entry(number: int, row: Row) -> Entry:
 
 
 def _link(name: str, found: Outcome | None) -> str:
-    file = next((file for file in ("report.html", "result.json") if found and file in found.files), None)
+    file = next((file for file in ("report.html", "result.json", CHECKED) if found and file in found.files), None)
     return f"{RESULTS}/{quote(name)}/{file}" if file else ""
 
 
@@ -158,6 +166,8 @@ def title(body: Body | Pool) -> str:
 
 def _cell(item: Value) -> Cell:
     value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    if item.value is None and item.sigma is not None:  # of a check
+        sigma = digits.figures(item.sigma)
     key = "" if item.value is None else repr(item.value)
     return Cell(item.verdict, vocabulary.SIGNS[item.verdict], value, sigma, key, item.met is False, item.verdict not in INFORMED)
 

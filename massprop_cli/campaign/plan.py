@@ -26,6 +26,8 @@ class Settings:
     """Whether to render report.html."""
     map: str | None = None
     """Location of a map file; None: the log's own, if it has one."""
+    check: bool = False
+    """Whether to say if the log is fit, and no more."""
 
 
 @dataclass(frozen=True)

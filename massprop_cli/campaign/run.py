@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from massprop_cli.campaign import outcome, summary
+from massprop_cli.campaign import joining, outcome, summary
+from massprop_cli.campaign.joining import Joining
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.runner import Executor, Task
-from massprop_cli.campaign.summary import Baseline, Rows, Summary
+from massprop_cli.campaign.summary import Baseline, Row, Rows, Summary
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,12 @@ def work(
     return found
 
 
+def _joined(one: Joining, place: Place) -> Row:
+    produced = joining.joined(one, place)
+    place.put_folder(one.name, produced.files)
+    return Row(name=one.name, log=", ".join(job.shown for job in one.jobs), tags=["combined"], outcome=produced.outcome)
+
+
 def _kept(jobs: Sequence[Job], place: Place) -> dict[int, tuple[str, bytes]]:
     """Fingerprints and packed outcomes of the whole results that are in place, by the index of their job."""
     there = place.folders()
@@ -74,12 +81,14 @@ def campaign(
     fail_fast: bool = False,
     baseline: Callable[[Rows], Baseline] | None = None,
     told: Told | None = None,
+    joinings: Sequence[Joining] = (),
 ) -> Summary:
-    """Work all jobs and write the campaign's tables and page, campaign.json last; the place's lock is held."""
+    """Work all jobs, combine, and write the campaign's tables and page, campaign.json last; the place's lock is held."""
     from massprop_cli.campaign import page, parquet
 
     rows = work(jobs, place, executor, force=force, fail_fast=fail_fast, told=told)
-    found = summary.summary(name, rows, None if baseline is None else baseline(rows))
+    combined = [_joined(one, place) for one in joinings]
+    found = summary.summary(name, rows, None if baseline is None else baseline(rows), combined)
     place.put_file("campaign.parquet", [parquet.parquet(found)])
     place.put_file("campaign.html", map(str.encode, page.page(found)))
     place.put_file("campaign.json", map(str.encode, summary.to_json(found)))

@@ -145,10 +145,11 @@ class Summary(Item):
     warnings: dict[str, int] = Field({}, description="how many logs have a warning of which code, the most frequent first")
     logs: Annotated[Sequence[Row], WrapValidator(_held), WrapSerializer(_open)]
     pooled: list[Pool]
+    combined: list[Row] = Field([], description="results of several logs, as the campaign file asks for")
     baseline: Baseline | None = None
 
 
-def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) -> Summary:
+def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None, combined: Sequence[Row] = ()) -> Summary:
     """Count, pool, and decide the campaign's exit code."""
     logs = rows if isinstance(rows, Rows) else Rows(rows)
     codes: list[int | None] = []
@@ -159,7 +160,8 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
         said = set(found.warnings) if found is not None else set()
         warned += bool(said)
         warnings.update(said)
-    worst = next((code for code in exits.GRAVITY if code in codes), 0)
+    every = {*codes, *(row.outcome.exit_code for row in combined if row.outcome is not None)}
+    worst = next((code for code in exits.GRAVITY if code in every), 0)
     counted = {"none" if code is None else str(code): codes.count(code) for code in (0, *exits.GRAVITY, None) if code in codes}
     return Summary(
         schema="massprop/summary/1",
@@ -172,6 +174,7 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None) ->
         warnings=dict(sorted(warnings.items(), key=lambda one: (-one[1], one[0]))),
         logs=logs,
         pooled=pooled(logs),
+        combined=[*combined],
         baseline=baseline,
     )
 
@@ -288,7 +291,7 @@ def parse(content: bytes, place: str) -> Summary:
 
 def lines(found: Summary) -> Iterator[str]:
     """What is wrong with each log that isn't done, a line each."""
-    for one in found.logs:
+    for one in (*found.logs, *found.combined):
         if one.outcome is not None and one.outcome.exit_code:
             yield f"{one.name}: {one.outcome.message}"
 

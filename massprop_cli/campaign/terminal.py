@@ -32,6 +32,8 @@ def show(found: Summary, console: Console) -> None:
         console.print(
             "Scatter over claimed sigma is 1 where sigmas are honest and the vehicle did not change; p is the chance of as much or more."
         )
+    for row in found.combined:
+        console.print(escape.rich(f"combined into {row.name} ({row.log}): {page.told_of(row)}"))
     style = "bold red" if found.contradicted else ""
     console.print(escape.rich(f"{len(found.logs)} log{'s' if len(found.logs) != 1 else ''}: {page.counts(found)}"), style=style)
 

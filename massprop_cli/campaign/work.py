@@ -22,7 +22,9 @@ from massprop_cli.inputs.formats import recording
 
 if TYPE_CHECKING:
     from massprop_cli.flow import Analysis
+    from massprop_cli.inputs.expect import Expectations
     from massprop_cli.inputs.formats.mapfile import MapSource
+    from massprop_cli.inputs.tablefile import Table
     from massprop_cli.inputs.vehiclefile import VehicleSource
     from massprop_cli.job import Judged
 
@@ -64,7 +66,7 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
         mark = fingerprint(job, inputs)
         if mark == known:
             return None
-        return _worked(job, inputs, mark)
+        return _checked(job, inputs, mark) if job.settings.check else _worked(job, inputs, mark)
     except InputError as error:
         return failed(job, exits.INPUT, str(error), mark, sha256)
     except Exception as error:
@@ -139,6 +141,7 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
         [] if inputs.map is None else [b"map", _base(inputs.map[0]), inputs.map[1], b"named" if settings.map is not None else b"beside"]
     )
     said = (settings.assignments, [str(item) for item in settings.require], settings.report, sorted(versions(settings.report).items()))
+    parts += [b"check"] if settings.check else []
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
         digest.update(len(part).to_bytes(8, "big") + part)
@@ -163,22 +166,60 @@ def versions(report: bool = False) -> dict[str, str]:
 
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
-    from massprop_cli.inputs import expect, tablefile
     from massprop_cli.job import Demands, of_table
     from massprop_cli.result import schema
 
-    settings = job.settings
-    expected = None
-    if inputs.expect is not None and settings.expect is not None:
-        expected = expect.parse(location.text(inputs.expect, settings.expect, "expect file"), location.path(settings.expect))
-    table = tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
-    source = _vehicle(job, inputs, table.embedded_vehicle)
+    settings, expected = job.settings, _expected(job, inputs)
+    table = table_of(job, inputs)
+    source = vehicle_of(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
     files = {"result.json": schema.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
     told = _outcome(judged, mark, sorted(files))
     return Produced(told, files | {outcome.FILE: outcome.to_json(told)})
+
+
+def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
+    """The check alone: check.json, and what it expects of each quantity without its value."""
+    from massprop_cli.campaign import kept
+    from massprop_cli.check import finding, flow
+
+    table = table_of(job, inputs)
+    source = vehicle_of(job, inputs, table.embedded_vehicle)
+    expected = _expected(job, inputs)
+    wants = job.settings.require + (() if expected is None else expected.required)
+    found = flow.of_table(table, source, wants, job.settings.assignments)
+    told = Outcome(
+        schema="massprop/outcome/1",
+        fingerprint=mark,
+        exit_code=found.exit_code,
+        message=line(flow.message(found)),
+        input_sha256=found.input_sha256,
+        vehicle=kept.stated(source),
+        method="check",
+        warnings=list(dict.fromkeys(one.code for one in found.findings if one.grade != "note")),
+        missed=[one.reason for one in found.expected if one.reached is False],
+        bodies=kept.expected(found.expected),
+        files=[outcome.CHECKED],
+    )
+    return Produced(told, {outcome.CHECKED: finding.to_json(found).encode(), outcome.FILE: outcome.to_json(told)})
+
+
+def _expected(job: Job, inputs: Inputs) -> Expectations | None:
+    if inputs.expect is None or job.settings.expect is None:
+        return None
+    from massprop_cli.inputs import expect
+
+    place = job.settings.expect
+    return expect.parse(location.text(inputs.expect, place, "expect file"), location.path(place))
+
+
+def table_of(job: Job, inputs: Inputs) -> Table:
+    """The log's table, called as the campaign shows it."""
+    from massprop_cli.inputs import tablefile
+
+    return tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
 
 
 def _map(job: Job, inputs: Inputs) -> MapSource | None:
@@ -190,7 +231,7 @@ def _map(job: Job, inputs: Inputs) -> MapSource | None:
     return mapfile.parse(location.text(content, place, "map file"), place, named=job.settings.map is not None)
 
 
-def _vehicle(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
+def vehicle_of(job: Job, inputs: Inputs, embedded: str | None) -> VehicleSource:
     """By the contract's order: the named one, the log's own, the one beside it."""
     from massprop_cli.inputs import vehiclefile
 

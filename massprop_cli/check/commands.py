@@ -10,6 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.check.finding import Finding, rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.wheel import WheelLog
 
 ALWAYS = 0.98
 """Part of the cycles, and of each, from which on a jet counts as never off."""
@@ -21,7 +22,7 @@ Place = Callable[[int], str]
 
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of jets or wrench; ``place`` names a row."""
-    if not log.command.any():
+    if not log.command.any() and not any(spun(wheel) for wheel in log.wheels):
         return [
             _finding(
                 "nothing-commanded",
@@ -52,12 +53,19 @@ def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
 
 def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
     """Jets, or components of the wrench, that were not commanded once."""
-    names = (
-        [jet.name for jet in vehicle.jets]
-        if log.command_kind == "jets"
-        else [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"]
-    )
-    return [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
+    by_kind = {
+        "jets": [jet.name for jet in vehicle.jets],
+        "wrench": [f"{kind} {axis}" for kind in ("torque", "force") for axis in "xyz"],
+        "rotors": [rotor.name for rotor in vehicle.rotors],
+    }
+    names = by_kind[log.command_kind]
+    idle = [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
+    return [*idle, *(wheel.name for wheel, said in zip(vehicle.spinning, log.wheels, strict=True) if not spun(said))]
+
+
+def spun(wheel: WheelLog) -> bool:
+    """Whether anything was asked of a wheel: a torque, or another speed."""
+    return bool(wheel.torque_n_m.any()) if wheel.torque_n_m is not None else bool(np.ptp(np.asarray(wheel.speed_rad_s)) > 0)
 
 
 def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:

@@ -22,10 +22,13 @@ from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import vocabulary
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
 
+IMU = ("gyro", "accel", "imu", "outliers")
+"""How codes of notices about the IMU begin."""
 TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval")
 """Codes of notices that are about time."""
 NOTES = ("noise-floor", "long-interval", "unphysical-inertia", "no-docked-object", "docked-mass", "known-mismatch")
@@ -41,11 +44,23 @@ def check(
     wants: Sequence[Requirement],
     assignments: Sequence[str],
     say: flow.Progress | None = None,
+    map_file: Path | None = None,
 ) -> Check:
     """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
     files.check_name(str(log_path))
-    table = tablefile.read_table(log_path)
+    table = tablefile.read_table(log_path, map_file)
     source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
+    return of_table(table, source, wants, assignments, say)
+
+
+def of_table(
+    table: Table,
+    source: VehicleSource,
+    wants: Sequence[Requirement],
+    assignments: Sequence[str] = (),
+    say: flow.Progress | None = None,
+) -> Check:
+    """The same of a table and a vehicle at hand."""
     vehicle, place = source.vehicle, table.places.of
     found = sampling(_times(table, vehicle), place)
     if any(one.grade == "unusable" for one in found):
@@ -60,7 +75,7 @@ def check(
                 told = build.result(estimated)
         except InputError as error:
             return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
-    found += _noticed(estimated, {one.code for one in found})
+    found += noticed(estimated, {one.code for one in found})
     found += [] if any(one.grade == "fault" for one in found) else _too_quiet(told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)
@@ -84,14 +99,16 @@ def _unusable(message: str) -> Finding:
     return Finding(subject="sampling", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
 
 
-def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
+def noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
     """Warnings of the estimate, but for what is told with its rows already."""
     named = {fault.notice.code for fault in estimated.faults}
-    return [_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in said]
+    # of a log without commands there is no cause to look for but that
+    told = said | ({"cause-unknown"} if "nothing-commanded" in said else set())
+    return [_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in told]
 
 
 def _of_notice(notice: Notice, named: bool) -> Finding:
-    subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(("gyro", "accel", "imu")) else "model"
+    subject: Subject = "timing" if notice.code in TIMING else "imu" if notice.code.startswith(IMU) else "model"
     what, _, cure = notice.message.partition(". ")
     return Finding(
         subject=subject,

@@ -5,25 +5,32 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from massprop_cli.base.escape import line
-from massprop_cli.check.finding import SUBJECTS, Check
+from massprop_cli.check.finding import SUBJECTS, Check, Expected
 
 
 def text(found: Check) -> str:
     """One document; same check, same bytes."""
-    cases = [_subject(found, subject) for subject in SUBJECTS]
-    cases += [_wanted(found, f"{one.phase}.{one.quantity}", one.reached, one.reason) for one in found.expected if one.reached is not None]
-    failed = sum(case.find("failure") is not None for case in cases)
-    errors = sum(case.find("error") is not None for case in cases)
-    counts = {"tests": str(len(cases)), "failures": str(failed), "errors": str(errors)}
-    suites = ET.Element("testsuites", {"name": "massprop check", **counts})
-    suite = ET.SubElement(suites, "testsuite", {"name": line(found.log), **counts})
-    suite.extend(cases)
+    own = suite(found, found.log)
+    suites = ET.Element("testsuites", {"name": "massprop check", **{key: own.get(key, "0") for key in ("tests", "failures", "errors")}})
+    suites.append(own)
     ET.indent(suites, " ")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
 
 
-def _subject(found: Check, subject: str) -> ET.Element:
-    case = _case(found, "check", subject)
+def suite(found: Check, name: str) -> ET.Element:
+    """The test suite of a check, by the name that its log goes by."""
+    cases = [_subject(found, name, subject) for subject in SUBJECTS]
+    cases += [_wanted(name, one) for one in found.expected if one.reached is not None]
+    failed = sum(case.find("failure") is not None for case in cases)
+    errors = sum(case.find("error") is not None for case in cases)
+    counts = {"tests": str(len(cases)), "failures": str(failed), "errors": str(errors), "skipped": "0"}
+    made = ET.Element("testsuite", {"name": line(name), **counts})
+    made.extend(cases)
+    return made
+
+
+def _subject(found: Check, name: str, subject: str) -> ET.Element:
+    case = _case(name, "check", subject)
     for one in found.findings:
         if one.subject != subject:
             continue
@@ -35,12 +42,12 @@ def _subject(found: Check, subject: str) -> ET.Element:
     return case
 
 
-def _wanted(found: Check, name: str, reached: bool, reason: str) -> ET.Element:
-    case = _case(found, "wanted", name)
-    if not reached:
-        ET.SubElement(case, "failure", {"message": line(reason), "type": "not reached"}).text = line(reason)
+def _wanted(log: str, one: Expected) -> ET.Element:
+    case = _case(log, "wanted", f"{one.phase}.{one.quantity}")
+    if not one.reached:
+        ET.SubElement(case, "failure", {"message": line(one.reason), "type": "not reached"}).text = line(one.reason)
     return case
 
 
-def _case(found: Check, part: str, name: str) -> ET.Element:
-    return ET.Element("testcase", {"classname": line(f"{found.log.replace('.', '_')}.{part}"), "name": line(name)})
+def _case(log: str, part: str, name: str) -> ET.Element:
+    return ET.Element("testcase", {"classname": line(f"{log.replace('.', '_')}.{part}"), "name": line(name)})

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from massprop_cli.campaign.summary import Summary
 
 
+CHECKS = "checks"
+"""Folder in the campaign's own, for --check."""
+
+
 @guarded
 def batch(
     context: typer.Context,
@@ -75,6 +79,9 @@ def batch(
         typer.Option(metavar="FILE", help="What is allowed of the baseline instead, quantity by quantity.", show_default=False),
     ] = None,
     junit: Annotated[Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False)] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Only say whether each log is fit, as massprop check does, into FOLDER/checks.")
+    ] = False,
     report: Annotated[bool, typer.Option("--report", help="Render report.html of each log (1 to 2 s each).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print campaign.json on stdout and nothing else.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no line per log.")] = False,
@@ -83,8 +90,9 @@ def batch(
     """Estimate a campaign of logs in parallel; killed or stopped, it goes on where it was.
 
     Writes results/NAME of each log, campaign.html, campaign.parquet and campaign.json. A log whose content, vehicle, settings and
-    massprop have not changed is not done again. A log that fails is a row with its error. Exit, after all logs have been tried, the worst
-    of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
+    massprop have not changed is not done again. A log that fails is a row with its error. With --check each log's check.json says what
+    is wrong with it and what sigmas it can give, no values, and all stands in FOLDER/checks. Exit, after all logs have been tried, the
+    worst of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
     """
     said = context.get_parameter_source("jobs")
     if cluster is not None and said is not None and said.name == "COMMANDLINE":
@@ -92,15 +100,19 @@ def batch(
     from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
-    from massprop_cli.campaign import urlplace
+    if check:
+        _without_values({"--expect": expect, "--baseline": baseline, "--report": report or None})
+    from massprop_cli.campaign import location, urlplace
     from massprop_cli.campaign.place import LocalPlace
 
+    # a check takes the place of no result
+    out = location.join(out, CHECKS) if check else out
     folder = urlplace.at(out)
     folder_of_its_own(folder.folder if isinstance(folder, LocalPlace) else None)
     _not_a_folder(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
     from massprop_cli.campaign import baseline as baselines
-    from massprop_cli.campaign import discover, location, run, summary
+    from massprop_cli.campaign import discover, joining, run, summary
     from massprop_cli.campaign import junit as suites
     from massprop_cli.campaign.cluster import ClusterExecutor
     from massprop_cli.campaign.plan import Settings
@@ -115,9 +127,11 @@ def batch(
         expect=expect,
         require=required,
         report=report,
+        check=check,
     )
     name, planned = discover.plan(paths, over)
     _check(planned)
+    wanted = [] if check else joining.joinings(paths, planned)
     earlier = baselines.read(baseline) if baseline is not None else None
     allowed = tolerancefile.load(tolerance, max_sigma)
     if earlier is not None:
@@ -129,7 +143,9 @@ def batch(
     with folder.lock():
         try:
             with steps(planned, quiet) as told:
-                found = run.campaign(name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told)
+                found = run.campaign(
+                    name, planned, folder, executor, force=force, fail_fast=fail_fast, baseline=against, told=told, joinings=wanted
+                )
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
         if junit is not None:
@@ -143,6 +159,13 @@ def batch(
         terminal.show(found, console(no_color))
         put(location.join(out, "campaign.html"))
     _leave(found)
+
+
+def _without_values(given: dict[str, object]) -> None:
+    """Refuse with --check what holds values against something: a check gives none."""
+    for option, value in given.items():
+        if value is not None:
+            raise UsageError(f"{option}: a check gives no values; leave it out, or run batch without --check")
 
 
 def _not_a_folder(junit: Path | None) -> None:

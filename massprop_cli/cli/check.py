@@ -20,8 +20,14 @@ if TYPE_CHECKING:
 @guarded
 def check(
     context: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv.", show_default=False)],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
+    ],
     vehicle: Annotated[Path | None, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="Map file (TOML) of another recording.", envvar="MASSPROP_MAP", show_default=False),
+    ] = None,
     want: Annotated[
         str | None,
         typer.Option(
@@ -49,7 +55,7 @@ def check(
     from massprop_cli.check import finding, flow
 
     with progress(quiet or as_json) as told:
-        found = flow.check(log, vehicle, wants, assignments, told)
+        found = flow.check(log, vehicle, wants, assignments, told, map_file)
     if junit is not None:
         _write(junit, found)
     if as_json:

@@ -3,52 +3,40 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import platform
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES, UNITS, __version__
+from massprop_cli import __version__
 from massprop_cli.base import files
-from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
-from massprop_cli.conclude import docking
-from massprop_cli.conclude.physical import nearest_consistent, physical_note
-from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
-from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.combine import logs
+from massprop_cli.combine.docked import docked_object
+from massprop_cli.combine.phase import Part, Phased, together_phase
+from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.report.labels import labels
 from massprop_cli.result import rendered
 from massprop_cli.result import schema as results
 from massprop_cli.result.read import Recorded, read
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Physical, Result, WarningItem
-from massprop_cli.testbed.bound import natural_sizes
+from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
-INFORMED = 0.5
-"""Part of the natural size above which a sigma says nothing."""
-SETTLED = 0.01
-"""Part of the natural size that is the tolerance of convergence: a quarter of it is settled without a history."""
-CHANCE = 1e-3
-"""Chance of as much disagreement as there is, below which it is told."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """A result with the one of its phases that counts."""
-
-    label: str
-    recorded: Recorded
-    phase: PhaseItem
+MISFIT = ("cause-unknown", "contradicted", "disturbance-torque", "accelerometer-misfit", "model-misfit")
+"""Codes of warnings that a log's own fit doesn't explain it: void where the others' body does."""
 
 
 def combine(paths: Sequence[Path]) -> Result:
     """One result of several of one vehicle, phase by phase; :class:`InputError` where they are not of one vehicle."""
-    recorded = _read(paths)
+    return together(_read(paths))
+
+
+def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
+    """The same of results at hand; ``ready`` has the log of each."""
+    _check_twice(recorded)
+    _check_exact(recorded)
     names = labels(recorded)
     _check_alike(recorded, bearing=True)
     own = [[phase.name for phase in one.result.phases] for one in recorded]
@@ -58,32 +46,41 @@ def combine(paths: Sequence[Path]) -> Result:
             f"{recorded[other].path}: has phases {', '.join(own[other])}, and {recorded[0].path} {', '.join(own[0])}; combine results with "
             "the same phases, or name those before and after docking by --before and --after"
         )
-    parts = [[Part(label, one, one.result.phases[i]) for label, one in zip(names, recorded, strict=True)] for i in range(len(own[0]))]
-    phases, notes = zip(*[_phase(own[0][i], part) for i, part in enumerate(parts)], strict=True)
-    return _result(recorded, names, list(phases), None, [note for some in notes for note in some])
+    parts = [
+        [Part(label, one, one.result.phases[i], partial(ready, one)) for label, one in zip(names, recorded, strict=True)]
+        for i in range(len(own[0]))
+    ]
+    return _result(recorded, names, [together_phase(own[0][i], part) for i, part in enumerate(parts)], None)
 
 
 def combine_docked(before: Sequence[Path], after: Sequence[Path]) -> Result:
     """The vehicle alone, with the object, and the object itself, each of any number of results."""
+    return together_docked(_read(before), _read(after))
+
+
+def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
+    """The same of results at hand; ``ready`` has the log of each."""
     # a log may hold both: its phases are told apart
-    sides = _read(before), _read(after)
+    sides = before, after
+    for side in sides:
+        _check_twice(side)
+        _check_exact(side)
     recorded = [*sides[0], *sides[1]]
     names = labels(recorded)
     _check_alike(recorded, bearing=False)
     found = []
     for name, first, stop in (("before", 0, len(sides[0])), ("after", len(sides[0]), len(recorded))):
-        chosen = [Part(label, one, _chosen(one, name)) for label, one in zip(names[first:stop], recorded[first:stop], strict=True)]
-        found.append((chosen, *_phase(name, chosen)))
-    (alone, single, first_notes), (joined, combined, more_notes) = found
-    docked = _docked(alone, single, joined, combined)
-    return _result(recorded, names, [single, combined], docked, [*first_notes, *more_notes])
+        chosen = [
+            Part(label, one, _chosen(one, name), partial(ready, one))
+            for label, one in zip(names[first:stop], recorded[first:stop], strict=True)
+        ]
+        found.append((chosen[0].vehicle, together_phase(name, chosen)))
+    (alone, single), (joined, combined) = found
+    return _result(recorded, names, [single, combined], docked_object((alone, joined), single.item, combined.item))
 
 
 def _read(paths: Sequence[Path]) -> list[Recorded]:
-    recorded = [read(path) for path in {path.resolve(): path for path in paths}.values()]
-    _check_twice(recorded)
-    _check_exact(recorded)
-    return recorded
+    return [read(path) for path in {path.resolve(): path for path in paths}.values()]
 
 
 def _check_twice(recorded: Sequence[Recorded]) -> None:
@@ -143,140 +140,9 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
                 )
 
 
-def _piece(part: Part) -> Piece:
-    values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in part.phase.estimates.values()])
-    covariance = np.array(part.phase.covariance, dtype=float)
-    return Piece(part.label, values, covariance, part.phase.known, part.recorded.result.vehicle.thrust_scale_sigma)
-
-
-def _phase(name: str, parts: Sequence[Part]) -> tuple[PhaseItem, list[WarningItem]]:
-    found = joint([_piece(part) for part in parts])
-    bearing = parts[0].recorded.result.vehicle.bearing_mass_kg
-    notes = _contradictions(name, parts, found)
-    estimates = {quantity: _estimate(i, quantity, parts, found) for i, quantity in enumerate(QUANTITIES)}
-    duration = sum(part.phase.end_s - part.phase.start_s for part in parts)
-    phase = Phase(name=name, start_s=0.0, end_s=duration)
-    plain = {quantity: Estimate(item.value, item.sigma, item.unit, item.verdict, None, item.reason) for quantity, item in estimates.items()}
-    whole = Conclusion(phase, plain, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
-    known = bool(np.isfinite(whole.principal_moments).all())
-    note = physical_note(whole)
-    about = whole.inertia_about_origin
-    contradicted = any(item.verdict == "contradicted" for item in estimates.values())
-    item = PhaseItem(
-        name=name,
-        start_s=0.0,
-        end_s=duration,
-        estimates=estimates,
-        covariance=_matrix(found.covariance),
-        inertia_about_origin=_matrix(about) if np.isfinite(about).all() else None,
-        physical=Physical(
-            consistent=not note if known else None,
-            principal_moments=[float(moment) for moment in whole.principal_moments] if known else None,
-            note=note,
-            nearest_consistent=_matrix(nearest_consistent(whole.inertia)) if note else None,
-        ),
-        innovations=None,
-        contradiction="; ".join(note.message for note in notes) if contradicted else "",
-        known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
-    )
-    return item, notes
-
-
-def _contradictions(name: str, parts: Sequence[Part], found: Joint) -> list[WarningItem]:
-    notes = []
-    for part, apart in zip(parts, found.apart, strict=True):
-        strange = [f"{quantity} by {z:+.3g} sigma" for quantity, z in zip(QUANTITIES, apart, strict=True) if abs(z) > BEYOND]
-        if strange:
-            message = f"phase {name}: {part.label} differs from the others together: {', '.join(strange)}; was the vehicle the same?"
-            notes.append(WarningItem(code="results-disagree", message=message))
-    chance = _chance(found.chi_square, found.freedom)
-    if not notes and chance < CHANCE:
-        message = f"phase {name}: the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})"
-        notes.append(WarningItem(code="results-disagree", message=message))
-    return notes
-
-
-def _chance(chi_square: float, freedom: int) -> float:
-    """Of as much or more, by chance alone."""
-    from scipy.special import gammaincc
-
-    return float(gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else 1.0
-
-
-def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> EstimateItem:
-    value, variance = found.values[i], found.covariance[i, i]
-    told = bool(np.isfinite(value) and variance > 0)
-    own = [part.phase.estimates[quantity].verdict for part in parts]
-    sigma = math.sqrt(variance) if told else None
-    verdict, reason = _verdict(i, own, found, sigma)
-    bad = [part.label for part, apart in zip(parts, found.apart, strict=True) if abs(apart[i]) > BEYOND]
-    bad += [part.label for part, one in zip(parts, own, strict=True) if one == "contradicted"]
-    if bad:
-        verdict, reason = "contradicted", f"contradicted by or in {', '.join(dict.fromkeys(bad))}"
-    return EstimateItem(
-        value=float(value) if told else None, sigma=sigma, unit=UNITS[quantity], verdict=verdict, final_at_s=None, reason=reason
-    )
-
-
-def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, str]:
-    if all(one == "unobservable" for one in own):
-        return "unobservable", "no motion of this vehicle could tell it in any of the logs"
-    # a moment of inertia that nothing told, as on a table, adds nothing to the body's size
-    size = natural_sizes(np.concatenate([np.nan_to_num(found.values[:6]), found.values[6:]]))[i]
-    if sigma is None or not sigma <= INFORMED * size:
-        return "not_excited", "no log's motion told it, nor do all together"
-    if "converged" in own or sigma < SETTLED / 4 * size:
-        return (
-            "converged",
-            f"{own.count('converged')} of {len(own)} logs converged; together ± {100 * sigma / size:.2g} % of its natural size",
-        )
-    return "not_converged", "informed, but converged in no log, and together above a quarter of the tolerance"
-
-
-def _docked(alone: Sequence[Part], single: PhaseItem, joined: Sequence[Part], combined: PhaseItem) -> DockedObject:
-    """Combined less alone, with one thrust scale for both; each rotating mass is without its bearing's."""
-    bearings = [side[0].recorded.result.vehicle.bearing_mass_kg for side in (alone, joined)]
-    scale = alone[0].recorded.result.vehicle.thrust_scale_sigma
-    values, joint_covariance = np.empty(20), np.zeros((20, 20))
-    for half, phase in enumerate((single, combined)):
-        part = slice(10 * half, 10 * half + 10)
-        values[part] = [np.nan if item.value is None else item.value for item in phase.estimates.values()]
-        joint_covariance[part, part] = np.array(phase.covariance, dtype=float)
-    if not single.known and not combined.known:
-        # known values calibrate each side's scale for itself; without, it is common
-        scaled = np.array([value if name not in CG else 0.0 for value, name in zip(values, (*QUANTITIES, *QUANTITIES), strict=True)])
-        joint_covariance[:10, 10:] = scale**2 * np.outer(scaled[:10], scaled[10:])
-        joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
-    values[[9, 19]] -= bearings
-    found = docking.difference(values[:10], values[10:])
-    slope = docking.difference_slope(values[:10], values[10:])
-    covariance = slope @ joint_covariance @ slope.T
-    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
-    verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
-    verdict: Verdict = "contradicted" if "contradicted" in verdicts else "converged" if set(verdicts) == {"converged"} else "not_converged"
-    reason = {"converged": "both sides converged", "contradicted": "a side is contradicted"}.get(
-        verdict, "not every quantity of both sides converged"
-    )
-    estimates = {
-        name: EstimateItem(
-            value=float(found[i]) if told else None,
-            sigma=float(np.sqrt(covariance[i, i])) if told else None,
-            unit=UNITS[name],
-            verdict=verdict,
-            final_at_s=None,
-            reason=reason,
-        )
-        for i, name in enumerate(QUANTITIES)
-    }
-    contradiction = "; ".join(f"phase {phase.name}: {phase.contradiction}" for phase in (single, combined) if phase.contradiction)
-    return DockedObject(
-        before=single.name, after=combined.name, estimates=estimates, covariance=_matrix(covariance), contradiction=contradiction
-    )
-
-
-def _result(
-    recorded: Sequence[Recorded], names: Sequence[str], phases: list[PhaseItem], docked: DockedObject | None, notes: list[WarningItem]
-) -> Result:
+def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:
+    notes = [note for one in found for note in one.notes]
+    explained = frozenset(names) & frozenset.intersection(*(one.explained for one in found))
     first, logs = recorded[0].result, [one.result.log for one in recorded]
     digest = hashlib.sha256("".join(sorted(one.sha256 for one in recorded)).encode()).hexdigest()
     delays = {one.result.delay.cycles for one in recorded}
@@ -293,6 +159,7 @@ def _result(
         WarningItem(code=warning.code, message=f"{name}: {warning.message}")
         for name, one in zip(names, recorded, strict=True)
         for warning in one.result.warnings
+        if name not in explained or warning.code not in MISFIT
     ]
     provenance = first.provenance.model_copy(
         update={
@@ -314,7 +181,7 @@ def _result(
     update = {
         "provenance": provenance,
         "log": log,
-        "phases": phases,
+        "phases": [one.item for one in found],
         "docked_object": docked,
         "expectations": None,
         "mended": [],
@@ -322,10 +189,6 @@ def _result(
         "warnings": [*notes, *told],
     }
     return Result.model_validate(first.model_copy(update=update).model_dump(by_alias=True))
-
-
-def _matrix(values: Array) -> list[list[float | None]]:
-    return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]
 
 
 def write(folder: Path, found: Result, paths: Sequence[Path]) -> None:

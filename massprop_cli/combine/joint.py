@@ -49,6 +49,10 @@ class Joint:
     """Equations beyond the unknowns."""
     apart: tuple[Array, ...]
     """(10,) of each piece: its deviate from all others together; NaN where either says nothing."""
+    alone: tuple[tuple[float, int], ...] = ()
+    """Of each log that was fitted with the others: how much less chi-square it has with a body of its own, and of how many directions."""
+    strange: tuple[bool, ...] = ()
+    """Of the same: whether its stated noise doesn't explain it, whatever the body."""
 
 
 def joint(pieces: Sequence[Piece]) -> Joint:
@@ -66,7 +70,7 @@ def joint(pieces: Sequence[Piece]) -> Joint:
         ranks += int(at.sum())
     apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
     back, spread = _to_quantities(values, covariance, curved)
-    back, spread = _with_shared(back, spread, pieces)
+    back, spread = with_shared(back, spread, pieces)
     return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart)
 
 
@@ -159,7 +163,7 @@ def _apart(number: int, linear: Sequence[tuple[Array, Array]], told: Sequence[tu
     return found
 
 
-def _with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:
+def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:
     """With the thrust's common uncertainty, and each thing that is known, once."""
     scaled = np.nan_to_num(np.concatenate([values[:6], np.zeros(3), values[9:]]))
     covariance = covariance + pieces[0].scale_sigma ** 2 * np.outer(scaled, scaled)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.engine import respond
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.rows import Response
+from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.wheel import Wheel
 from massprop_cli.model.linearise import MU
 from massprop_cli.model.sensitivity import Consider, Side, Variant, late
 from massprop_cli.prepare.actuators import channel_names
@@ -33,6 +35,7 @@ UNSEEN = 5.0
 SHOWN = 0.01
 """A change below this part of a sigma is none."""
 AXES = "XYZ"
+Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ def assumptions(
     found: Examined, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
     """All of a log. Without a reference in any phase only what needs none."""
-    listed = _thrust_scale(vehicle, conclusions)
+    listed = _thrust_scale(vehicle, conclusions) if not vehicle.spinning else []
     effects: list[list[Effect]] = [[] for _ in found.taken]
     for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):
         if response is None:
@@ -187,6 +190,7 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
 def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int) -> list[Assumption]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
     fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
+    fired[len(fired) - len(vehicle.spinning) :] = False  # and wheels don't push
     chosen = np.zeros(len(fired), dtype=bool)
     chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
     if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():
@@ -283,8 +287,22 @@ def _taken(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Itera
     scaled = Variant(here, Side(samples.changed(gyro=1.01)), 0.01)
     yield Taken("gyro-scale", "the gyro's scale is taken as exact", "1 %", False, scaled, 0.01)
     yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
+    if vehicle.spinning:
+        yield _wheel_inertia(log, vehicle, timing, here)
     if vehicle.on_air_bearing:
         yield from _on_bearing(vehicle, here, samples)
+
+
+def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Taken:
+    used = vehicle.model_copy(update={"wheels": tuple(map(_heavier, vehicle.wheels)), "rotors": tuple(map(_heavier, vehicle.rotors))})
+    uncertain = any(wheel.spin_inertia_sigma_kg_m2 > 0 for wheel in vehicle.spinning)
+    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
+    message = f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
+    return Taken("wheel-inertia", message, "1 %", True, Variant(here, Side(Stream.of(log, used, timing), used), 0.01), 0.01)
+
+
+def _heavier(one: Spinner) -> Spinner:
+    return one if one.spin_inertia_kg_m2 is None else one.model_copy(update={"spin_inertia_kg_m2": 1.01 * one.spin_inertia_kg_m2})
 
 
 def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken]:

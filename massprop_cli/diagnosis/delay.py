@@ -121,6 +121,8 @@ def _unexplained(samples: Samples, piece: slice, vehicle: Vehicle) -> float:
     executed = samples.executed
     rate = samples.rate_rad_s[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
+    if executed.stored is not None:
+        products = np.hstack([products, executed.stored.precession(samples.rate_rad_s)[piece]])
     channels = executed.channels
     rising, whole = channels.rising[piece], channels.whole[piece]
     impulse = rising[:-1] + (whole - rising)[1:]

@@ -105,6 +105,8 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
     felt: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    if len(reference.scale):
+        felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     if plant_of(vehicle).tilt_sigma > 0:
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     turning, pushing = _weights(here.executed, reference, vehicle)

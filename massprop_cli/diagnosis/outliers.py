@@ -23,7 +23,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.stream import Stream
 
@@ -45,6 +45,8 @@ RUN = 2
 """Outliers in a row at most: more are motion."""
 LAGS = (0, 1, 2)
 """Cycles by which commands may come later than stated."""
+LEAST = 3
+"""Cycles of known commands in which one can stand out."""
 SPARE = 3
 """Cycles that there must be for each regressor."""
 STRETCH = 1024
@@ -173,7 +175,8 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
     def left(rate: Array, used: BoolArray) -> Array:
         usual = _usual(rate)
         middle = (usual[1:] + usual[:-1]) / 2
-        beside = np.hstack([products(middle) * lasting, middle * lasting, up, lasting])
+        pulled = _precession(here, usual)
+        beside = np.hstack([products(middle) * lasting, middle * lasting, (pulled[1:] + pulled[:-1]) * lasting, up, lasting])
         return _residual(np.diff(rate, axis=0), windowed, falling[:1], beside, used[1:] & used[:-1])
 
     def size(rest: Array) -> tuple[Array, BoolArray]:
@@ -191,7 +194,7 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
     whole = executed.channels.whole / executed.duration_s[:, None]
     up = (here.up_b[1:] + here.up_b[:-1]) / 2
     usual = _usual(rate)
-    beside = np.hstack([products(usual), usual, up, np.ones((len(rate), 1))])
+    beside = np.hstack([products(usual), usual, _precession(here, usual), up, np.ones((len(rate), 1))])
 
     def left(force: Array, used: BoolArray) -> Array:
         return _residual(force, whole, np.zeros_like(whole[:1]), beside, used)
@@ -201,6 +204,12 @@ def _of_accelerometer(here: Samples, noise: float, first: int) -> Array:
         return rest - around, np.ones(rest.shape, dtype=bool)
 
     return _taken_out(here.specific_force_m_s2, left, size, _busy(whole)[:-1], noise, first)
+
+
+def _precession(here: Samples, rate: Array) -> Array:
+    """(K, 3) torque that the wheels' momentum makes of rates (K, 3); no columns where there are none."""
+    stored = here.executed.stored
+    return np.zeros((len(rate), 0)) if stored is None else stored.precession(rate)
 
 
 def _usual(rate: Array) -> Array:
@@ -245,12 +254,15 @@ def _taken_out(
     first: int,
 ) -> Array:
     """(K,) sigmas of what had to be taken out of ``measured`` (K, 3), and of what is left."""
+    if len(measured) < first + LEAST:
+        return np.zeros(len(measured))
     mended, total, outlying = measured.copy(), np.zeros_like(measured), np.zeros(measured.shape, dtype=bool)
     least = max(1.2 * noise, RESOLUTION * float(np.sqrt((measured**2).mean())))
     known = np.arange(len(measured)) >= first
     for _ in range(ROUNDS):
-        found, alone = size(left(mended, known & ~outlying.any(1)))
-        found = np.where(known[:, None], found, 0.0)
+        # what a regression makes of rows that it didn't see is nothing to hold the first ones against
+        found, alone = size(left(mended, known & ~outlying.any(1))[first:])
+        found, alone = np.pad(found, ((first, 0), (0, 0))), np.pad(alone, ((first, 0), (0, 0)))
         scale = np.maximum(_scales(found, busy), least)
         taken = np.where(outlying, found, 0.0)
         if (np.abs(taken) < scale).all():  # what was taken out before is all that it was

@@ -18,7 +18,7 @@ from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import PARAMETERS, RATE, linearise, parameters, stepped
+from massprop_cli.model.linearise import PARAMETERS, RATE, Layout, linearise, parameters, stepped
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered
 
@@ -34,8 +34,9 @@ would be 10 % too small, and chance does that once in a billion. Below it the fi
 EXCESS_SIZED, CERTAIN_SIZED = EXCESS / 4, 3.0
 """The same of a disturbance that was sized here: nobody stated it, so it is held to 2.5 % of sigma."""
 EXCESS_SLOW = 0.5
-"""The same of the long-run variance, whose own sigma is √(4/3 lags / N) for a Bartlett window (M. B. Priestley, Spectral Analysis and Time
-Series, 1981): it matters to what is told by slow motion alone, whose sigmas would be a fifth too small."""
+"""The same of the long-run variance: it matters to what is told by slow motion alone, whose sigmas would be a fifth too small. Under a
+Bartlett window it is a chi-square of ν = 3/2 N / lags degrees of freedom over ν (M. B. Priestley, Spectral Analysis and Time Series, 1981);
+ν is small, and its tail far from a normal one's. Where something was sized already, a normal one's counts: the log is no clean one."""
 LEAST = 20
 """Cycles that say anything of a variance: it scatters by a third of itself over so many."""
 CLIP = 4.0
@@ -113,7 +114,7 @@ def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
         used = ~samples.part(stretch).executed.ignored[:, 1]
-        found.append(_fit(system.observation[:, 3:, PARAMETERS], system.measured[:, 3:], used)[1])
+        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.measured[:, 3:], used)[1])
     return np.concatenate(found)
 
 
@@ -151,11 +152,19 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
     least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if adapted else (EXCESS, CERTAIN)
     over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
-    over_long = np.where(long_run > 1 + max(EXCESS_SLOW, CERTAIN * np.sqrt(4 * lags / 3 / count)), long_run, 0.0)
+    sized = adapted or vehicle.estimator.accel_noise_scale is not None
+    by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _by_chance(1.5 * count / lags)
+    over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
     if adapted:
         over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
     return np.where(excess > 0, excess, np.nan)
+
+
+def _by_chance(freedom: float) -> float:
+    """What a chi-square over its ``freedom`` exceeds as rarely as a normal deviate does :data:`CERTAIN` (Wilson and Hilferty 1931)."""
+    spread = 2 / 9 / freedom
+    return float((1 - spread + CERTAIN * np.sqrt(spread)) ** 3)
 
 
 def _long_run(z: Array, lags: int) -> Array:
@@ -270,10 +279,16 @@ def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehic
         growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)
-            step, left = _fit(system.transition[:, RATE, PARAMETERS], growth - system.steps, used[1:] & used[:-1])
-            near = stepped(near, parameters(near) + step) or near
+            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used[1:] & used[:-1])
+            near = stepped(near, parameters(near) + step[PARAMETERS]) or near
         found.append(left)
     return np.concatenate(found)
+
+
+def _told(samples: Source, vehicle: Vehicle) -> list[int]:
+    """Which states explain motion for good: mass properties, and scales beside wheels."""
+    scale = Layout.of(samples, vehicle).scale
+    return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
 
 
 def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:

@@ -184,7 +184,7 @@ def settle(
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
     told = _Told(cycles, vehicle, every=vehicle.estimator.refine)
-    for before, taken, after in last.held or _blocks(regression, last.begun):
+    for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
@@ -223,7 +223,7 @@ def _last_pass(regression: Regression, reference: Reference, passes: int, bound:
     for _ in range(passes):
         begun = run = replace(regression.begin(reference), bound=bound)
         held = []
-        for block in _blocks(regression, begun):
+        for block in blocks(regression, begun):
             run = block.after
             held += [block] if short else []
         run = regression.improved(run)
@@ -242,7 +242,7 @@ class _Block(NamedTuple):
     after: Run
 
 
-def _blocks(regression: Regression, run: Run) -> Iterator[_Block]:
+def blocks(regression: Regression, run: Run) -> Iterator[_Block]:
     """All cycles from a run on."""
     while run.at < regression.cycles.stop:
         before, (run, taken) = run, regression.take(run, min(run.at + WHOLE, regression.cycles.stop))
@@ -253,7 +253,7 @@ def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
     """What each assumption does, about ``reference``."""
     regression = Regression(samples, cycles, vehicle, consider)
     run = replace(regression.begin(reference), bound=True)
-    for block in _blocks(regression, run):
+    for block in blocks(regression, run):
         run = block.after
     return regression.response(run)
 

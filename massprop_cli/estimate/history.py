@@ -11,7 +11,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
-from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.stream import Stream
 
 

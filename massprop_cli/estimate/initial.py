@@ -34,6 +34,8 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     impulse = here.executed.rising[:-1] + here.executed.falling[1:]
     plant = plant_of(vehicle)
     torque: Array = plant.commanded(impulse)[:, :3]
+    if here.executed.stored is not None:
+        torque = torque + _mean_step(here.executed.stored.precession(rate), duration)
     load: Array = impulse[:, 3:]
     products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
     if plant.pivoted:

@@ -69,9 +69,34 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
     used, notices = disturbances.with_noise_levels(samples, pieces, stated)
-    fits = _fits(samples, phases, _first(samples, phases, used), used, consider, SIZING)
-    excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
-    return AsStated(used, fits, excess, disturbances.gross_misfit(samples, pieces, used), notices)
+    starts = _first(samples, phases, used)
+    fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
+    gross = disturbances.gross_misfit(samples, pieces, used)
+    if not (np.isnan(excess).all() and np.isnan(gross).all()):
+        # a fit that is still on its way leaves what isn't in the log, as that first look does
+        if not _stand(fits):
+            fits, excess = _misfit(samples, phases, starts, used, consider, engine.SETTLINGS)
+        if _stand(fits) and np.isnan(excess).all():
+            gross = np.full_like(gross, np.nan)
+    return AsStated(used, fits, excess, gross, notices)
+
+
+def _stand(fits: Sequence[engine.Settled | None]) -> bool:
+    """Whether another pass would change none of those that there are."""
+    return all(fit is None or fit.stands for fit in fits)
+
+
+def _misfit(
+    samples: Source,
+    phases: Sequence[tuple[Phase, slice]],
+    starts: Sequence[Led | None],
+    used: Vehicle,
+    consider: Consider,
+    passes: int,
+) -> tuple[list[engine.Settled | None], Array]:
+    """Off-line fits, and what they leave beyond the noise."""
+    fits = _fits(samples, phases, starts, used, consider, passes)
+    return fits, disturbances.misfit([fit.history for fit in fits if fit is not None], used)
 
 
 def estimates(
@@ -120,7 +145,7 @@ def _sized(
             if sized == used:
                 break
             used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
-    if used != plain.used or not all(fit is None or fit.stands for fit in fits):
+    if used != plain.used or not _stand(fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
         fits = _fits(samples, phases, _first(samples, phases, used), used, consider, engine.SETTLINGS)
         excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)

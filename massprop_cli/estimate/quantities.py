@@ -3,6 +3,9 @@
 Inertia and mass are proportional to the thrust that the vehicle file claims. With a common relative thrust error κ ~ N(0, scale_sigma²)
 the reported quantities are (1 + κ) times what the filter finds, so κ adds ``scale_sigma² θ θᵀ`` to their covariance; a quantity
 known from elsewhere (a weighed mass) is then a measurement of the whole set, and calibrates the scale through that covariance.
+
+Where there are wheels, the filter itself follows the scale as far as these tell it (:mod:`massprop_cli.model.momentum`), and its inertia
+is the one that answers to the wheels' columns; the reported one has the wheels in it as the vehicle file says.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements
 from massprop_cli.inputs.vehicle import Quantity, Vehicle
 
 UNTOLD = 0.3
@@ -31,8 +35,11 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     jacobian = np.ones((len(mean), 10))
     jacobian[:, 9] = -1 / mu**2
     full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
-    proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
-    full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
+    if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
+        values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
+    else:
+        proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
+        full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full

@@ -187,13 +187,20 @@ class Regression:
         tied, begun, _, chi_square = self._searched(run, theta, bound=True)
         if bound or chi_square < most:
             theta, others, response = tied, begun, None
-        block, bias = Layout.of(self.samples, self.vehicle).gyro_bias, run.reference.gyro_bias
-        if block.stop > block.start and run.state is not None:
-            mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
-            phi, _ = lift.coefficients(theta)
-            bias = mean[:, 0] + mean[:, 1 : 1 + lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
-        estimate = replace(lift.reference(theta, bias), response=response)
+        layout, reference = Layout.of(self.samples, self.vehicle), run.reference
+        bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
+        scale = self._state(run, layout.scale, theta, others, reference.scale)
+        estimate = replace(lift.reference(theta, bias), response=response, scale=scale)
         return replace(run, estimate=estimate, bound=bound)
+
+    def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
+        """The states of a block in the last cycle; what they were ``before`` where there are none yet."""
+        if block.stop == block.start or run.state is None:
+            return before
+        mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
+        phi, _ = self.lift.coefficients(theta)
+        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
+        return found
 
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
         """(10,) where the search began, and (10,) one sigma of the pull towards it."""

@@ -54,6 +54,8 @@ def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before
     rate, duration = samples.rate_rad_s, samples.executed.duration_s
     rate_dot = samples.rate_step_rad_s / duration[:, None]
     wrench = samples.executed.impulse / duration[:, None]
+    if samples.executed.stored is not None:
+        wrench[:, :3] += samples.executed.stored.precession(rate)
     felt = acceleration(samples, vehicle)
     weight = (samples.up_b[:-1] + samples.up_b[1:]) / 2 * vehicle.environment.gravity_m_s2
 

@@ -20,8 +20,9 @@ from massprop_cli.base import configfile
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.require import Stated as Required
+from massprop_cli.inputs.section import Section
 from massprop_cli.inputs.tolerance import FOUR_SIGMA, Stated, Tolerance
-from massprop_cli.inputs.vehicle import PRODUCTS, Section
+from massprop_cli.inputs.vehicle import PRODUCTS
 
 Convention = Literal["tensor", "positive_integral"]
 SCHEMA, TRUTH = "massprop/expect/1", "massprop/truth/1"

@@ -17,8 +17,8 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import expect
+from massprop_cli.inputs.section import Section
 from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance, parse
-from massprop_cli.inputs.vehicle import Section
 
 
 def _text(given: object) -> Tolerance:

@@ -10,41 +10,20 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.rotor import Rotor
+from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
+from massprop_cli.inputs.wheel import Wheel
 
-LEAST, MOST = 1e-30, 1e30
 FASTEST_PPM = 1e5
-Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
-
-
-def _within_range(value: float) -> float:
-    """Squares of numbers, and their products with others, stay numbers."""
-    if value != 0 and not LEAST < abs(value) < MOST:
-        raise ValueError(f"must be 0, or from {LEAST:g} to {MOST:g} in size")
-    return value
-
-
-Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
-NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
-Vector = tuple[Real, Real, Real]
-Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
-Place = tuple[Metres, Metres, Metres]
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 EnvironmentKind = Literal["free", "air_bearing", "planar"]
-ZERO: Vector = (0.0, 0.0, 0.0)
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PRODUCTS = ("ixy", "ixz", "iyz")
-
-
-class Section(BaseModel):
-    """A table of the vehicle file: immutable, unknown keys refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
 class Cycle(Section):
@@ -321,6 +300,8 @@ class Vehicle(Section):
     environment: Environment = Environment()
     thrust: Thrust = Thrust()
     jets: tuple[Jet, ...] = Field((), max_length=256)
+    rotors: tuple[Rotor, ...] = Field((), max_length=64)
+    wheels: tuple[Wheel, ...] = Field((), max_length=64)
     nominal: Nominal = Nominal()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)
@@ -332,8 +313,8 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Vehicle:
-        for kind, names in (("jet", [j.name for j in self.jets]), ("phase", [p.name for p in self.phases])):
-            twice = configfile.repeated(names)
+        for kind, named in (("jet", self.jets), ("rotor", self.rotors), ("wheel", self.wheels), ("phase", self.phases)):
+            twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
         if self.environment.kind == "planar" and self.estimator.method == "thesis":
@@ -354,7 +335,12 @@ class Vehicle(Section):
     @field_validator("columns")
     @classmethod
     def _maps_known_columns(cls, mapping: dict[str, Column], info: ValidationInfo) -> dict[str, Column]:
-        known = (*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())))
+        of = {
+            "jets": (columns.jet,),
+            "rotors": (columns.rotor_command, columns.rotor_speed),
+            "wheels": (columns.wheel_speed, columns.wheel_torque),
+        }
+        known = [*columns.FIXED, *(column(one.name) for kind, some in of.items() for one in info.data.get(kind, ()) for column in some)]
         for name in mapping:
             if name not in known:
                 hint = configfile.nearest(name, known, "the nearest is")
@@ -389,6 +375,22 @@ class Vehicle(Section):
         position = np.array([jet.position_m for jet in self.jets]).reshape(-1, 3)
         force = np.array([jet.force_n for jet in self.jets]).reshape(-1, 3)
         return np.hstack([np.cross(position, force), force])
+
+    @cached_property
+    def rotor_wrench(self) -> Array:
+        """(rotors, 6) torque about O and force of one newton of each rotor's thrust, body axes."""
+        return np.array([rotor.wrench for rotor in self.rotors]).reshape(-1, 6)
+
+    @cached_property
+    def spinning(self) -> tuple[Wheel, ...]:
+        """All whose momentum counts: the wheels, and rotors that state their spin inertia."""
+        return (*self.wheels, *(rotor.wheel for rotor in self.rotors if rotor.wheel is not None))
+
+    @cached_property
+    def wheel_wrench(self) -> Array:
+        """(W, 6) torque and force on the body of 1 N m on each of :attr:`spinning`."""
+        axis = np.array([wheel.direction for wheel in self.spinning]).reshape(-1, 3)
+        return np.hstack([-axis, np.zeros_like(axis)])
 
 
 def schema() -> dict[str, Any]:

@@ -37,7 +37,8 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
 def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
     """The vehicle with ``KEY=VALUE`` assignments on top."""
     data = vehicle.model_dump(by_alias=True, exclude_none=True)
-    data["jets"] = list(data["jets"])
+    for items in ("jets", "rotors", "wheels"):
+        data[items] = list(data[items])
     return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
 
 

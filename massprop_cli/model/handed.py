@@ -28,6 +28,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "[drift] is stated, and the kernel knows none"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
+    if vehicle.spinning or vehicle.rotors:
+        return f"[[{'wheels' if vehicle.wheels else 'rotors'}]] are stated, and the kernel knows none"
     return ""
 
 

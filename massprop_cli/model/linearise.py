@@ -14,7 +14,8 @@ Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω
 :func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
 then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
 bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
-integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the cycle (2).
+integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with
+wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
 """
 
 from __future__ import annotations
@@ -30,9 +31,12 @@ from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
 from massprop_cli.model.gyroscopic import products, products_by_rate
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.plant import Motion, Reference, plant_of
+from massprop_cli.model.momentum import held, moments_by_scale, precession, scale_sigmas
+from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
+from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
-from massprop_cli.model.within import STEEP, Windows, Within, motion_within, response_of, windows
+from massprop_cli.model.windows import Windows, windows
+from massprop_cli.model.within import STEEP, Within, motion_within, response_of
 from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 PARAMETERS = slice(0, 10)
@@ -48,6 +52,8 @@ class Layout:
     accel_bias: slice
     torque: slice
     tilt: slice
+    scale: slice
+    """Relative errors of the thrust's scale and of the wheels' inertias, of a vehicle that has wheels."""
     size: int
 
     @staticmethod
@@ -64,7 +70,8 @@ class Layout:
             slices.append(slice(end, end + size))
             end += size
         gyro_bias, accel_bias, torque, tilt = slices
-        return Layout(gyro_bias, accel_bias, torque, tilt, end)
+        scale = slice(end, end + len(scale_sigmas(vehicle)))
+        return Layout(gyro_bias, accel_bias, torque, tilt, scale, scale.stop)
 
     @staticmethod
     def of_all(own: Array) -> Array:
@@ -135,9 +142,13 @@ def lifted(
     # it leaves and of the one it enters make it implicit, (1 − A) w[k+1] = (1 + B) w[k] + …
     mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
     by_rate = response[:, -6:] @ products_by_rate(np.eye(3))
-    leaving, entering = (_bounded(np.einsum("kl,lij->kij", part, by_rate)) for part in (mean.rising[:-1], mean.falling[1:]))
-    solve = inverse(np.eye(3) - entering)
+    leaving, entering = (np.einsum("kl,lij->kij", part, by_rate) for part in (mean.rising[:-1], mean.falling[1:]))
     own = plant.turning(theta)
+    if here.executed.stored is not None:
+        momentum = held(here.executed.stored, bin_s)
+        leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
+    leaving, entering = _bounded(leaving), _bounded(entering)
+    solve = inverse(np.eye(3) - entering)
     to_rate = solve @ own
     states = layout.size - RATE.start
     turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
@@ -163,6 +174,11 @@ def lifted(
         transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
         drive[:, tilt, 0] = -times(by_error, here.rate_rad_s[:-1])
 
+    scaling = _scaling(here, vehicle, plant, reference, motion)
+    if scaling is not None:
+        transition[:, turning, layout.scale.start - RATE.start :] = to_rate @ scaling.step
+        if len(reference.scale):
+            steps = steps + own @ scaling.step @ reference.scale
     euler, felt, offset = _felt(whole, lift, reference, response, motion, np.array(vehicle.imu.position_m), onto)
     observation = np.zeros((len(duration), 6, states))
     observation[:, :3, turning] = np.eye(3)
@@ -175,6 +191,10 @@ def lifted(
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
     if tilt.stop > tilt.start:
         observation[:, 3:, tilt] = plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting
+    if scaling is not None:
+        observation[:, 3:, layout.scale.start - RATE.start :] = euler @ own @ scaling.whole / duration[:, None, None]
+        if vehicle.thrust.scale_sigma > 0:
+            observation[:, 3:, layout.scale.start - RATE.start] += theta[THETA_MU] * whole[:, plant.force]
     measured = np.zeros((len(duration), 6, 1 + combined))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
@@ -202,6 +222,10 @@ def vehicle_numbers(layout: Layout, vehicle: Vehicle, slow_torque_sigma: float =
     return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], slow_torque_sigma, reach_m)
 
 
+def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows | None:
+    return moments_by_scale(here.executed, vehicle, plant, reference, motion) if len(scale_sigmas(vehicle)) else None
+
+
 def _bounded(derivative: Array) -> Array:
     """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
     size = np.sqrt((derivative**2).sum((1, 2)))
@@ -219,6 +243,10 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     # the commands' own exactly, the rest by its bins
     jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
     parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
+    if executed.stored is not None:
+        torque, late = precession(executed.stored, motion, bin_s[:, None, None])
+        own = windows(torque, bin_s, late.sum(1))
+        jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
     parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
     rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)

@@ -15,6 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import MU, RATE, Layout, Lifted, lifted
+from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.sensitivity import Consider, fed
 from massprop_cli.prepare.align import Aligned
@@ -100,6 +101,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = max(STEADY * vehicle.environment.disturbance_walk_n_m, float(jets.max()))
     sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
+    sigma[layout.scale] = scale_sigmas(vehicle)
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first
     return np.concatenate([sigma[RATE.start :], departed])
 

@@ -14,6 +14,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
+from massprop_cli.model.momentum import precession
 from massprop_cli.model.plant import Motion, Reference
 from massprop_cli.prepare.compensate import Samples
 
@@ -21,35 +22,6 @@ STEEP = 0.5
 """Largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step."""
 _REFINEMENTS = 3
 """Passes that rebuild the motion within a cycle; each gains a factor of rate × cycle."""
-
-
-class Windows(NamedTuple):
-    """An integral over each cycle: under the rising and falling halves of the triangular window, and plain."""
-
-    rising: Array
-    falling: Array
-    whole: Array
-
-    @property
-    def step(self) -> Array:
-        """(K − 1, ...) from each cycle into the next."""
-        joined: Array = self.rising[:-1] + self.falling[1:]
-        return joined
-
-
-def windows(per_bin: Array, bin_s: Array, lateness: Array | None = None) -> Windows:
-    """Integrals of a (K, B, ...) quantity given as means over bins of length ``bin_s`` (K,).
-
-    ``lateness`` (K, ...) is the sum of the bins' first moments, each about its own middle and over its own length: the rising half
-    weights what comes late in a bin more.
-    """
-    bins = per_bin.shape[1]
-    weight = (np.arange(bins) + 0.5) / bins
-    bin_s = bin_s.reshape(-1, *(1,) * (per_bin.ndim - 2))
-    rising, whole = np.einsum("b,kb...->k...", weight, per_bin) * bin_s, per_bin.sum(1) * bin_s
-    if lateness is not None:
-        rising += lateness / bins
-    return Windows(rising, whole - rising, whole)
 
 
 def by_component(vectors: Array) -> Array:
@@ -88,15 +60,17 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
     motion = Motion(wrench, rate, np.zeros_like(rate), up)
     ups = up_start, up_start
+    stored = executed.stored
     driven: Array = np.zeros(3)
     late: Array = driven
     for again in range(_REFINEMENTS):
         coupled = times(response[:, -6:], products(motion.rate))
         coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
-        if plant.pivoted or not again:
-            driven = times(response[:, :-6], plant.acting(motion.wrench, motion.up, motion.up))
+        if plant.pivoted or stored is not None or not again:
+            torque, torque_late = (0.0, 0.0) if stored is None else precession(stored, motion, bin_s)
+            driven = times(response[:, :-6], plant.acting(_beside(motion.wrench, torque), motion.up, motion.up))
             # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
-            late = times(response[:, :-6], plant.acting(skew, np.zeros_like(rate), motion.up))
+            late = times(response[:, :-6], plant.acting(_beside(skew, torque_late), np.zeros_like(rate), motion.up))
         rate_dot = driven + coupled
         if plant.pivoted:
             rate_dot = rate_dot + plant.swing(theta, motion)
@@ -112,6 +86,13 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
             ups = up_start, end[:, 0]
         motion = Motion(motion.wrench, rate, rate_dot, up)
     return Within(theta, response, motion, (start, start + change[:, -1]), ups)
+
+
+def _beside(wrench: Array, torque: Array | float) -> Array:
+    """The wrench with a torque beside it."""
+    if isinstance(torque, float):
+        return wrench
+    return by_component(np.concatenate([wrench[..., :3] + torque, wrench[..., 3:]], -1))
 
 
 def _summed(per_bin: Array) -> Array:

@@ -14,7 +14,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import elements, tensor
-from massprop_cli.inputs.vehicle import NonNegative, Section
+from massprop_cli.inputs.section import NonNegative, Section
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed.bound import natural_sizes
 from massprop_cli.testbed.scenario import Actuators, Body, Sensors

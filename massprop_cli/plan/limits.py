@@ -88,7 +88,7 @@ def used(flight: Flight) -> Used:
 def _impulse(flight: Flight) -> Array:
     vehicle = flight.vehicle
     if vehicle.jets:
-        return np.asarray(flight.issued.sum(1) @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1))
+        return np.asarray(flight.issued[..., : len(vehicle.jets)].sum(1) @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1))
     return np.asarray(np.linalg.norm(flight.issued[..., 3:], axis=-1).sum(1) * vehicle.cycle.period_s)
 
 

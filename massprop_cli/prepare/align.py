@@ -17,7 +17,9 @@ from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.actuators import capability, channel_wrench, executed
+from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
+from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
+from massprop_cli.prepare.wheels import Stored, first_known_s, turned
 
 CANCELLED = 1e-12
 """Part of what each channel makes alone below which their sum is rounding."""
@@ -34,7 +36,9 @@ class Channels:
     rising: Array
     whole: Array
     wrench: Array
-    """(C, 6) torque about O and force of each at full thrust."""
+    """(C, 6) torque about O and force of each at full thrust; on the body, of 1 N m on a wheel."""
+    thrusting: int
+    """How many of them push; the others, the last, are wheels."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class Aligned:
     """(K,) false where the executing command was issued before the log began."""
     ignored: BoolArray
     """(K, 2) whose gyro, whose accelerometer is not used."""
+    stored: Stored | None = None
+    """What the wheels hold, where there are any."""
 
     @property
     def end_s(self) -> Array:
@@ -84,6 +90,7 @@ class Aligned:
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[cycles],
             channels=replace(channels, rising=channels.rising[cycles], whole=channels.whole[cycles]),
             pulse_covariance=None if pulses is None else pulses[cycles],
+            stored=None if self.stored is None else self.stored.part(cycles),
         )
 
     @property
@@ -116,20 +123,23 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
     delay_s = delay_cycles * vehicle.cycle.period_s
     usable_s = first_usable_s(log, vehicle, delay_s)
     labelled, length = cycle_edges(log, of)
-    start, duration = _by_commands_clock(log, vehicle, labelled), length * _pace(vehicle)
+    start, duration = by_commands_clock(log, vehicle, labelled), length * pace(vehicle)
     # and those whose commands may still act; the one that comes next may go on with a pulse
     before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
     ahead = max(float(start[-1] - labelled[-1]), 0.0) / vehicle.cycle.period_s
     issued = slice(before, min(of.stop + 1 + int(np.ceil(ahead)), log.cycles))
     wrench = channel_wrench(log, vehicle)
     bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
-    integral, moment = (
-        x.reshape(count, bins, -1)
-        for x in executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, _bin_edges(start, duration, bins))
-    )
+    edges = _bin_edges(start, duration, bins)
+    integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges)
+    thrusting, stored = integral.shape[1], None
+    if log.wheels:
+        torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
+        integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
+    integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)
     bin_s = (duration / bins)[:, None, None]
     rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
-    channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench)
+    channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench, thrusting)
     each = slice(of.start * records, of.stop * records)
     return Aligned(
         start_s=frozen(labelled),
@@ -142,42 +152,23 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
         rising=frozen(_net(rising, wrench)),
         falling=frozen(_net(channels.whole - rising, wrench)),
         channels=channels,
-        pulse_covariance=_pulse_covariance(channels.whole, wrench, vehicle.thrust.pulse_sigma),
+        pulse_covariance=_pulse_covariance(channels.whole[:, :thrusting], wrench[:thrusting], vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
         usable=labelled >= usable_s,
         ignored=np.zeros((count, 2), dtype=bool) if log.ignored is None else log.ignored[of],
+        stored=stored,
     )
-
-
-def cycle_edges(log: Log, cycles: slice) -> tuple[Array, Array]:
-    """(K,) start and length of cycles."""
-    records = log.records_per_cycle
-    duration = log.interval_s[cycles.start * records : cycles.stop * records].reshape(-1, records).sum(1)
-    return log.cycle_end_s[cycles] - duration, duration
-
-
-def _pace(vehicle: Vehicle) -> float:
-    """Seconds of the commands' clock to one of the IMU's."""
-    return 1.0 - 1e-6 * vehicle.imu.clock_drift_ppm
-
-
-def _by_commands_clock(log: Log, vehicle: Vehicle, time_s: Array) -> Array:
-    """What the commands' clock shows at times of the IMU's."""
-    if vehicle.imu.clock_drift_ppm == 0:
-        return time_s
-    shown: Array = log.origin_s + (time_s - log.origin_s) * _pace(vehicle)
-    return shown
 
 
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * vehicle.thrust.stated_lag_s
-    usable_s = first + memory_s - 1e-6 * vehicle.cycle.period_s
+    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle)
+    usable_s = max(first + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{vehicle.thrust.stated_lag_s:.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+            f"{longest_lag_s(vehicle):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     return usable_s
 
@@ -185,7 +176,7 @@ def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
 def _memory_s(vehicle: Vehicle, delay_s: float) -> float:
     """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * vehicle.thrust.stated_lag_s
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle)
 
 
 def _net(part: Array, wrench: Array) -> Array:

@@ -12,7 +12,8 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import capability, channel_wrench
-from massprop_cli.prepare.align import Aligned, align, cycle_edges, first_usable_s
+from massprop_cli.prepare.align import Aligned, align, first_usable_s
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
 from massprop_cli.prepare.timing import Timing, with_lag
 

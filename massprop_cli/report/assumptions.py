@@ -78,7 +78,7 @@ def said(assumption: Assumption) -> str:
 def sigma_heading(found: Result, body: PhaseItem | DockedObject) -> str:
     """What a column of sigmas is called: they hold nothing of the thrust's uncertainty where none is stated and nothing calibrates it."""
     moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in found.assumptions)
-    exact = moves and found.vehicle.thrust_scale_sigma == 0 and not _calibrated(found, body)
+    exact = moves and found.vehicle.thrust_scale_sigma == 0 and not found.vehicle.wheels and not _calibrated(found, body)
     return EXACT_THRUST if exact else SIGMA
 
 

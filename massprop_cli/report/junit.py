@@ -34,6 +34,8 @@ class Outcome:
     """Of error: what failed."""
     unmet: str | None = None
     """Which required quantities are not converged, and why."""
+    suite: ET.Element | None = None
+    """Made elsewhere: the whole of it."""
 
 
 def outcomes(recorded: Sequence[Recorded]) -> list[Outcome]:
@@ -47,7 +49,7 @@ def text(found: Iterable[Outcome]) -> str:
     suites = []
     # each as text at once: the elements of a thousand logs would take hundreds of megabytes
     for outcome in found:
-        suite = _suite(outcome)
+        suite = _suite(outcome) if outcome.suite is None else outcome.suite
         totals = {key: count + int(suite.get(key, "0")) for key, count in totals.items()}
         ET.indent(suite, " ", level=1)
         suites.append(f" {ET.tostring(suite, encoding='unicode')}\n")

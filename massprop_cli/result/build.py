@@ -15,8 +15,9 @@ from massprop_cli.conclude.physical import nearest_consistent, physical_note
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis, MendedAnswer
-from massprop_cli.inputs.vehicle import ZERO, Known, Nominal, Quantity, Vehicle
-from massprop_cli.prepare.align import cycle_edges
+from massprop_cli.inputs.section import ZERO
+from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.result.schema import (
     Assumption,
     Conventions,
@@ -89,7 +90,9 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
-        thrust_scale_sigma=used.thrust.scale_sigma,
+        rotors=[rotor.name for rotor in used.rotors],
+        thrust_scale_sigma=0.0 if used.spinning else used.thrust.scale_sigma,
+        wheels=[wheel.name for wheel in used.spinning],
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
@@ -46,9 +46,18 @@ class VehicleInfo(Item):
     environment: EnvironmentKind
     bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
     bearing_position_m: Triple
-    commands: Literal["jets", "wrench"]
+    commands: Literal["jets", "wrench", "rotors"]
     jets: list[str]
-    thrust_scale_sigma: float = Field(description="common relative uncertainty of all forces and torques")
+    thrust_scale_sigma: float = Field(
+        description="common relative uncertainty of all forces and torques; 0 beside wheels, which tell it as far as the covariance says"
+    )
+    rotors: list[str] = Field([], description="absent where there are none")
+    wheels: list[str] = Field([], description="reaction wheels, and rotors whose momentum counts; absent where there are none")
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        return {key: value for key, value in found.items() if key not in ("rotors", "wheels") or value}
 
 
 class LogInfo(Item):

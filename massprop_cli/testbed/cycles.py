@@ -24,6 +24,7 @@ from massprop_cli.testbed.motion import (
 )
 from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
+from massprop_cli.testbed.wheels import Wheels
 
 BINS = 20
 """At least this many bins in a cycle."""
@@ -54,7 +55,10 @@ class Cycles:
         self.width = self.period / bins
         self.allocated = mission.allocation(source)
         self.plan = mission.plan(scenario, self.allocated, rngs["plan"]) if issued is None else None
-        self.actuators = _actuators(scenario, rngs["pulses"], self.width * np.arange(bins + 1), issued)
+        edges = self.width * np.arange(bins + 1)
+        jets, spun = (None, None) if issued is None else np.split(issued, [issued.shape[-1] - len(scenario.vehicle.wheels)], -1)
+        self.actuators = _actuators(scenario, rngs["pulses"], edges, jets)
+        self.wheels = Wheels(scenario, self.members, edges, spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque, self.drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
         self.dynamics_of = dynamics_in(scenario)
@@ -82,9 +86,13 @@ class Cycles:
         disturbing = (self.torque[:, :, k] - (self.drag * self.rate[:, k]).T)[..., None]
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
+        spin = self.wheels.spin(k, self.rate[:, k].T)
+        mean[:3] -= spin.torque
+        gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
-        dynamics = self.dynamics_of(self.body)
-        motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), Wrench(mean, gathered), self.width)
+        dynamics = self.dynamics_of(self.wheels.bare(self.body))
+        motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), Wrench(mean, gathered, spin.momentum, spin.torque), self.width)
+        self.wheels.log(k, motion)
         self.rate[:, k + 1] = motion.rate_end.T
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
         self._sense(k, motion.rate, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
@@ -114,10 +122,13 @@ class Cycles:
         """By the plan, with the attitude control where that holds; nothing where commands were recorded."""
         if self.plan is None:
             return
-        demand = self.plan.demand[:, k]
+        demand, turning = self.plan.demand[:, k], self.plan.wheel_demand[:, k]
         if self.plan.held[k].any():
             demand = demand + np.pad(self.onboard.torque() * self.plan.held[k], ((0, 0), (0, 3)))
+        if self.plan.held_by_wheels[k].any():
+            turning = turning + self.onboard.torque() * self.plan.held_by_wheels[k]
         self.actuators.issue(k, self.allocated.commands(demand))
+        self.wheels.issue(k, turning @ self.allocated.on_wheels.T)
 
     def _sense(self, k: int, rate: Array, felt: Array, jump: Array | float) -> None:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""

@@ -23,6 +23,10 @@ class Plan:
     """(S, K, 6) mean torque [N m] and force [N] that the pulses of the plan ask for in each cycle."""
     held: BoolArray
     """(K, 3) where the attitude controller adds its torque."""
+    wheel_demand: Array
+    """(S, K, 3) the same torque of the wheels', on the body."""
+    held_by_wheels: BoolArray
+    """(K, 3)"""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,16 @@ class Allocation:
     """(6, 2, C) part of full thrust of each command channel for one unit about an axis, + and −; NaN where an axis can't be served."""
     full: Array
     """(6, 2) largest torque [N m] or force [N] in each direction."""
+    on_wheels: Array
+    """(W, 3) torque on each wheel for one N m on the body about each axis."""
+    full_by_wheels: Array
+    """(3,) largest torque, N m."""
+
+    def largest(self, axis: int, by_wheels: bool) -> tuple[float, float]:
+        """Torque or force about an axis, + and −."""
+        if by_wheels:
+            return float(self.full_by_wheels[axis]), float(self.full_by_wheels[axis])
+        return float(self.full[axis, 0]), float(self.full[axis, 1])
 
     def commands(self, demand: Array) -> Array:
         """(S, C) part of the cycle that each channel is on, or of its full value, from (S, 6) demand; limited to 1."""
@@ -62,8 +76,18 @@ def allocation(source: ScenarioSource) -> Allocation:
         share = np.where(np.isnan(np.diag(unit))[:, None, None], np.nan, np.stack([np.nan_to_num(unit), -np.nan_to_num(unit)], 1))
     peak = np.abs(share).max(-1)
     full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
-    _check_served(source, full)
-    return Allocation(share, full)
+    found = Allocation(share, full, *_by_wheels(scenario))
+    _check_served(source, found)
+    return found
+
+
+def _by_wheels(scenario: Scenario) -> tuple[Array, Array]:
+    """Torques of least size on the wheels, and what they can do about each axis; nothing about one that they don't span."""
+    axis = np.array([wheel.direction for wheel in scenario.vehicle.wheels]).reshape(-1, 3) * scenario.vehicle.environment.moving[:3]
+    share = -np.linalg.pinv(axis.T) if len(axis) else np.zeros((0, 3))
+    served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED**0.5
+    most = np.abs(share).max(0, initial=0.0)
+    return share, np.where(served, (scenario.actuators.max_wheel_torque_n_m or 0.0) / np.where(most > 0, most, 1.0), 0.0)
 
 
 def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
@@ -83,7 +107,7 @@ def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
     return exact
 
 
-def _check_served(source: ScenarioSource, full: Array) -> None:
+def _check_served(source: ScenarioSource, allocated: Allocation) -> None:
     moving = source.scenario.vehicle.environment.moving
     for number, segment in enumerate(source.scenario.plan, 1):
         if segment.motion == "coast":
@@ -92,31 +116,34 @@ def _check_served(source: ScenarioSource, full: Array) -> None:
             axis = AXES.index(name)
             if segment.motion == "hold" and not moving[axis]:
                 continue  # the table holds it
-            if (full[axis] == 0).any():
+            if 0.0 in allocated.largest(axis, source.scenario.turned_by_wheels(segment)):
                 raise InputError(
                     f"{source.source}, plan segment {number}: the vehicle can't drive {name} both ways without disturbing other axes; "
-                    "drop the axis from the plan, or add jets"
+                    "drop the axis from the plan, or add jets or wheels"
                 )
 
 
 def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generator]) -> Plan:
     """The plan's demand for every seed; ``rngs`` one generator per seed."""
     period, cycles = scenario.vehicle.cycle.period_s, scenario.cycles
-    demand = np.zeros((len(rngs), cycles, 6))
-    held = np.zeros((cycles, 3), dtype=bool)
+    found = Plan(
+        *(np.zeros((len(rngs), cycles, 6)), np.zeros((cycles, 3), dtype=bool)),
+        *(np.zeros((len(rngs), cycles, 3)), np.zeros((cycles, 3), dtype=bool)),
+    )
     for segment in scenario.plan:
         start, end = segment.cycles(period)
-        end = min(end, cycles)
+        end, by_wheels = min(end, cycles), scenario.turned_by_wheels(segment)
+        demand, held = (found.wheel_demand, found.held_by_wheels) if by_wheels else (found.demand, found.held)
         if segment.motion == "hold" or segment.closed_loop:
             held[start:end] |= np.isin(TURNS, segment.driven)
         if segment.motion in ("hold", "coast"):
             continue
         for axis in [AXES.index(name) for name in segment.driven]:
-            positive, negative = (_strength(segment, float(full)) for full in allocated.full[axis])
+            positive, negative = (_strength(segment, full) for full in allocated.largest(axis, by_wheels))
             for member, rng in enumerate(rngs):
                 pattern = _pattern(segment, end - start, rng)
                 demand[member, start:end, axis] = np.where(pattern > 0, positive, negative) * pattern
-    return Plan(demand, held)
+    return found
 
 
 def _strength(segment: Segment, full: float) -> float:

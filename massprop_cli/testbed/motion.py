@@ -1,8 +1,8 @@
 """Rigid-body motion of all members through one control cycle.
 
-Every environment has the form ``A ω̇ = M w − ω × A₀ ω + what holds it``, with the commands' wrench w(t) known exactly. In free flight (6
-degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds the body; what another environment changes in that
-stands in its file of :mod:`massprop_cli.testbed.environment`.
+Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) + what holds it``, with the commands' wrench w(t) and the wheels' momentum h
+known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds the body; what
+another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
 
 A cycle is cut into bins. Within a bin ω is the exact answer to the commands plus a smooth rest, whose bin mean and slope are taken to
 second order; the bins of a cycle are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
@@ -66,6 +66,10 @@ class Wrench:
     """(6, S, B) torque about O [N m] and force [N], mean of each bin."""
     gathered: Array
     """(6, S, B) mean over each bin of the impulse since the bin's start, N m s and N s."""
+    momentum: Array | float = 0.0
+    """(3, S, B) that wheels hold, mean of each bin, N m s."""
+    momentum_slope: Array | float = 0.0
+    """(3, S, B) its growth, N m; the opposite of it is in ``mean``."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ class Dynamics:
     ) -> State:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
         mean = start + gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
-        momentum, torque = apply(inertia, mean), apply(inertia, state.dot)
+        momentum, torque = apply(inertia, mean) + wrench.momentum, apply(inertia, state.dot) + wrench.momentum_slope
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
         rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque))
         rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque))

@@ -127,10 +127,11 @@ def warnings(source: ScenarioSource) -> list[Notice]:
         for at in docks
         if phase.start_s < at < phase.end_s
     ]
-    full = mission.allocation(source).full
+    allocated = mission.allocation(source)
     for number, segment in enumerate(scenario.plan, 1):
         asked = segment.torque_n_m or segment.force_n or 0.0
-        least = min((float(full[AXES.index(axis)].min()) for axis in segment.driven), default=asked)
+        by_wheels = scenario.turned_by_wheels(segment)
+        least = min((min(allocated.largest(AXES.index(axis), by_wheels)) for axis in segment.driven), default=asked)
         if asked > least * (1 + 1e-9):
             unit = "N m" if segment.torque_n_m else "N"
             found.append(
@@ -180,12 +181,14 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
     import pyarrow as pa
 
     records = scenario.sensors.records_per_cycle
-    names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)
+    commanded = flight.commanded(member)
+    names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)[: commanded.shape[1]]
     blocks = [
         ([columns.TIME], flight.time_s[:, None]),
         (list(columns.DELTA_THETA), flight.delta_theta_rad[member]),
         (list(columns.DELTA_V), flight.delta_v_m_s[member]),
-        (names, _in_first_record(flight.issued[member], records)),
+        (names, _in_first_record(commanded, records)),
+        *_wheels(flight, member, records),
     ]
     if scenario.sensors.log_attitude:
         blocks.append((list(columns.QUATERNION), flight.attitude_wxyz[member, 1:]))
@@ -196,6 +199,19 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
         happened = {cycle * records: kind for cycle, kind in flight.events}
         found[columns.EVENT] = arrow.text([happened.get(row) for row in range(len(flight.time_s))])
     return pa.table(found)
+
+
+def _wheels(flight: Flight, member: int, records: int) -> Iterator[tuple[list[str], Any]]:
+    """The column that the vehicle file says the log has of each wheel; a torque's with the speed that it began with."""
+    torque = _in_first_record(flight.wheel_torque(member), records)
+    for i, wheel in enumerate(flight.vehicle.wheels):
+        if wheel.column == "speed":
+            yield [columns.wheel_speed(wheel.name)], flight.wheel_rad_s[member][:, i, None]
+        else:
+            yield [columns.wheel_torque(wheel.name)], torque[:, i, None]
+            first = np.full((len(torque), 1), np.nan)
+            first[0] = wheel.start_rad_s or 0.0
+            yield [columns.wheel_speed(wheel.name)], first
 
 
 def _in_first_record(issued: Any, records: int) -> Any:

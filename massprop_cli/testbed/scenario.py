@@ -19,7 +19,8 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.vehicle import PRODUCTS, ZERO, NonNegative, Phase, Positive, Section, Vector, Vehicle
+from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
+from massprop_cli.inputs.vehicle import PRODUCTS, Phase, Vehicle
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
 MOST_NUMBERS = 400_000_000
@@ -105,6 +106,8 @@ class Actuators(Section):
     pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
     max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
+    max_wheel_torque_n_m: Positive | None = Field(None, description="full torque on each of the vehicle's wheels")
+    wheel_scale: Positive = Field(1.0, description="true spin inertia of the wheels over the vehicle file's")
     failures: tuple[Failure, ...] = ()
 
 
@@ -214,7 +217,7 @@ class Scenario(Timed):
             raise ValueError("give either duration_cycles or duration_s")
         if period / records < SHORTEST_RECORD_S:
             raise ValueError(f"a record of {period / records:.3g} s is too short to simulate; is cycle.period_s in seconds?")
-        if self.cycles * (10 * records + 4 * max(len(self.vehicle.jets), 6)) > MOST_NUMBERS:
+        if self.cycles * (10 * records + 4 * (max(len(self.vehicle.jets), 6) + len(self.vehicle.wheels))) > MOST_NUMBERS:
             raise ValueError(f"{self.cycles} cycles of {records} records are too long for one log; shorten it")
         for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
             if isinstance(lag, float) and lag > SLOWEST_LAG * period:
@@ -279,11 +282,33 @@ class Scenario(Timed):
             raise ValueError("initial.rate_rad_s: a vehicle on a table turns about Z alone; make the others 0")
         if self.control is None and any(s.motion == "hold" or s.closed_loop for s in self.plan):
             raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
+        self._check_wheels()
         if not self.vehicle.jets:
-            needs = {axis for s in self.plan if s.motion != "coast" for axis in s.driven}
+            needs = {axis for s in self.plan if s.motion != "coast" and not self.turned_by_wheels(s) for axis in s.driven}
             torque, force = self.actuators.max_torque_n_m, self.actuators.max_force_n
             if (torque is None and needs & set(TURNS)) or (force is None and needs - set(TURNS)):
                 raise ValueError("the vehicle has no jets: give actuators.max_torque_n_m and max_force_n for the axes that the plan drives")
+
+    def _check_wheels(self) -> None:
+        wheels = self.vehicle.wheels
+        if self.vehicle.rotors:
+            raise ValueError("rotors can't be simulated; drop [[vehicle.rotors]]")
+        if any(self.turned_by_wheels(s) for s in self.plan) and self.actuators.max_wheel_torque_n_m is None:
+            raise ValueError("the plan turns by wheels: give actuators.max_wheel_torque_n_m")
+        if not wheels:
+            if any(s.by_wheels for s in self.plan):
+                raise ValueError("the plan turns by wheels (by_wheels), and the vehicle has no [[wheels]]")
+            return
+        if any(event.kind == "dock" for event in self.events):
+            raise ValueError("docking of a vehicle with wheels can't be simulated")
+        counted = sum(self.actuators.wheel_scale * wheel.locked for wheel in wheels if wheel.locked_in_inertia)
+        if np.linalg.eigvalsh(self.truth.inertia - counted)[0] <= 0:
+            raise ValueError("[truth] has less inertia than the wheels that locked_in_inertia counts into it")
+
+    def turned_by_wheels(self, segment: Segment) -> bool:
+        """Whether a segment of the plan is the wheels': it says so, or there is nothing else that could turn the vehicle."""
+        alone = bool(self.vehicle.wheels) and not self.vehicle.jets and self.actuators.max_torque_n_m is None
+        return segment.motion != "coast" and (segment.by_wheels or (alone and set(segment.driven) <= set(TURNS)))
 
     @property
     def cycles(self) -> int:

@@ -13,6 +13,7 @@ from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log, saturation
 from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.wheel import WheelLog
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
@@ -37,7 +38,9 @@ class Flight:
     delta_v_m_s: Array
     """(S, K N, 3) IMU axes."""
     issued: Array
-    """(S, K, C) on-times in s, or wrench in N m and N, as issued in each cycle."""
+    """(S, K, C) on-times in s, or wrench in N m and N, then torques on wheels in N m, as issued in each cycle."""
+    wheel_rad_s: Array
+    """(S, K N, W) speed of each wheel relative to the body, after each record."""
     attitude_wxyz: Array
     """(S, K N + 1, 4) true attitude at the start and after each record."""
     rate_rad_s: Array
@@ -48,6 +51,25 @@ class Flight:
     """(S, phases, 10) at the end of each phase."""
     docked: Array | None
     """(10,) true object that docked."""
+
+    def commanded(self, member: int) -> Array:
+        """(K, C) of one member, without the wheels' torques."""
+        issued: Array = self.issued[member, :, : self.issued.shape[2] - len(self.vehicle.wheels)]
+        if self.vehicle.wheels and not self.vehicle.jets and not issued.any():
+            return issued[:, :0]
+        return issued
+
+    def wheel_torque(self, member: int) -> Array:
+        """(K, W) as issued, N m."""
+        torque: Array = self.issued[member, :, self.issued.shape[2] - len(self.vehicle.wheels) :]
+        return torque
+
+    def _wheels(self, member: int) -> tuple[WheelLog, ...]:
+        torque, speed = self.wheel_torque(member), self.wheel_rad_s[member]
+        return tuple(
+            WheelLog(speed[:, i], None, None) if wheel.column == "speed" else WheelLog(None, torque[:, i], wheel.start_rad_s or 0.0)
+            for i, wheel in enumerate(self.vehicle.wheels)
+        )
 
     def log(self, member: int) -> Log:
         """One member's log, as reading its file gives it."""
@@ -63,8 +85,9 @@ class Flight:
             interval_s=frozen(interval),
             delta_theta_imu_rad=theta,
             delta_v_imu_m_s=velocity,
-            command_kind="jets" if self.vehicle.jets else "wrench",
-            command=self.issued[member],
+            command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
+            command=self.commanded(member),
+            wheels=self._wheels(member),
             attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
             notices=tuple(saturation(self.vehicle, theta / interval[:, None], velocity / interval[:, None])),
         )
@@ -104,7 +127,8 @@ def fly(
         time_s=frozen(_record_ends(scenario)),
         delta_theta_rad=frozen(_flat(flying.gyro.increments)),
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
-        issued=frozen(flying.actuators.issued),
+        issued=frozen(np.concatenate([flying.actuators.issued, flying.wheels.issued], -1)),
+        wheel_rad_s=frozen(flying.wheels.speed),
         attitude_wxyz=frozen(flying.attitude),
         rate_rad_s=frozen(flying.rate),
         events=tuple((k, event.kind) for k, event in sorted(flying.events.items())),

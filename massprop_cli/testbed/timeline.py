@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from massprop_cli.inputs.vehicle import ZERO, NonNegative, Positive, Section, Vector
+from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
 
 TURNS = ("roll", "pitch", "yaw")
 AXES = (*TURNS, "x", "y", "z")
@@ -50,6 +50,7 @@ class Segment(Timed):
     torque_n_m: Positive | None = Field(None, description="instead of level")
     force_n: Positive | None = Field(None, description="instead of level")
     closed_loop: bool = Field(False, description="hold the attitude beneath the pulses about roll, pitch and yaw")
+    by_wheels: bool = Field(False, description="turn by the wheels, not the jets")
 
     @model_validator(mode="after")
     def _is_whole(self) -> Segment:
@@ -68,6 +69,8 @@ class Segment(Timed):
             raise ValueError(
                 f'motion "{self.motion}" takes no pulses: drop closed_loop, level, torque_n_m, force_n, every_cycles, max_cycles'
             )
+        if self.by_wheels and not set(self.driven) <= set(TURNS):
+            raise ValueError("wheels turn about roll, pitch and yaw only; drop by_wheels, or the other axes")
         if self.closed_loop and not set(self.axes) & set(TURNS):
             raise ValueError("closed_loop holds the axes of its own segment: name roll, pitch or yaw, or write a segment that holds them")
         if "level" in given and (self.torque_n_m or self.force_n):

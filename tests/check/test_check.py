@@ -20,6 +20,7 @@ from massprop_cli.check.finding import Check, rows
 from massprop_cli.check.sampling import sampling
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import requirements
+from massprop_cli.testbed import output, scenario
 from tests.campaigns import simulate
 from tests.commandline import massprop
 
@@ -51,6 +52,17 @@ def codes(found: Check) -> dict[str, str]:
 def test_nothing_is_said_of_a_clean_log(name: str) -> None:
     found = flow.check(SAMPLES / name / "log.parquet", None, (), ())
     assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
+
+
+@pytest.mark.parametrize(("name", "axes"), [("testbed", "roll"), ("testbed", "x y z"), ("free-flyer", "yaw")])
+def test_nothing_is_said_of_a_log_in_which_some_axes_alone_are_driven(name: str, axes: str, tmp_path: Path) -> None:
+    """What such a log does not tell is no misfit of it."""
+    driven = ", ".join(f'"{axis}"' for axis in axes.split())
+    pulses = f'plan=[{{motion="random", axes=[{driven}], start_s=0.0, end_s=10.0}}]'
+    output.simulate(scenario.load(name, ["duration_s=10.0", pulses]), tmp_path / "flight", 3, None)
+    found = flow.check(tmp_path / "flight" / "log.parquet", None, (), ())
+    assert [one.code for one in found.findings] == []
+    assert {one.verdict for one in found.expected} >= {"not_excited"}
 
 
 def test_the_sigmas_are_those_of_an_estimate(clean: Path) -> None:
@@ -209,8 +221,6 @@ def test_a_step_of_attitude_is_the_turn_between() -> None:
 
 
 def test_gravity_off_the_vertical_is_told(tmp_path: Path) -> None:
-    from massprop_cli.testbed import output, scenario
-
     hold = 'plan=[{motion="random",axes=["roll","pitch","yaw"],start_s=0.0,end_s=4.0,closed_loop=true}]'
     source = scenario.load("testbed", ["duration_s=4.0", hold, "sensors.log_attitude=true"])
     output.simulate(source, tmp_path / "flight", 1, None)

@@ -196,6 +196,8 @@ def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: P
         (["--before", "a"], 2, "name results alone"),
         (["a", "copy"], 3, "is of the same log as"),
         (["a", "renamed"], 3, "vehicle is 'another', and 'free flyer' in"),
+        (["a", "turned"], 3, "conventions.products_of_inertia"),
+        (["a", "borne"], 3, "environment is 'air_bearing', and 'free' in"),
         (["a", "phased"], 3, "has phases first, and"),
         (["a", "scaled"], 3, "thrust.scale_sigma is 0.01, and 0.0 in"),
         (["a", "thesis"], 3, "made by --method thesis, whose sigmas are no errors"),
@@ -208,6 +210,8 @@ def test_what_does_not_belong_together_is_refused(arguments: list[str], code: in
     changed = {
         "copy": json.loads((folder / "a" / "result.json").read_text()),
         "renamed": told | {"vehicle": told["vehicle"] | {"name": "another"}},
+        "turned": told | {"conventions": told["conventions"] | {"products_of_inertia": "positive_integral"}},
+        "borne": told | {"vehicle": told["vehicle"] | {"environment": "air_bearing"}},
         "phased": told | {"phases": [told["phases"][0] | {"name": "first"}]},
         "scaled": told | {"vehicle": told["vehicle"] | {"thrust_scale_sigma": 0.01}},
         "thesis": told | {"provenance": told["provenance"] | {"settings": {"estimator.method": "thesis"}}},

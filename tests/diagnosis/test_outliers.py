@@ -113,6 +113,18 @@ def test_logs_without_fault_have_none(name: str) -> None:
     assert not any(searched(flown, member) for member in range(10))
 
 
+def test_a_log_that_is_driven_without_a_pause_has_none() -> None:
+    """Commands that never end say nothing of rows before the first: these are nothing to hold the first ones against."""
+    every = {"roll": 10, "pitch": 14, "yaw": 18, "x": 12, "y": 16, "z": 20}
+    pulses = ", ".join(
+        f'{{motion="alternating", axes=["{axis}"], start_s=0.0, end_s=10.0, every_cycles={cycles}, '
+        f"closed_loop={str(axis in ('roll', 'pitch', 'yaw')).lower()}}}"
+        for axis, cycles in every.items()
+    )
+    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=10.0", f"plan=[{pulses}]"]), range(20, 28))
+    assert not any(searched(flown, member) for member in range(8))
+
+
 def searched(flown: Flight, member: int) -> bool:
     """Whether anything in a log is taken for an outlier."""
     log, used = flown.log(member), flown.vehicle

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Jet
-from massprop_cli.prepare.actuators import Signal, held, pulses, window_integrals
+from massprop_cli.prepare.actuators import held, pulses
 from massprop_cli.prepare.align import align
+from massprop_cli.prepare.signal import Signal, window_integrals
 from tests import flight
 
 EDGES = np.linspace(0.0, 1.0, 21)

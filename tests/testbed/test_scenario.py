@@ -141,7 +141,17 @@ def test_refusals_leave_no_folder_and_unknown_scenarios_name_the_nearest(tmp_pat
 
 def test_listing_names_every_packaged_scenario_with_a_description() -> None:
     lines = CliRunner().invoke(app, ["simulate", "--list"]).output.splitlines()
-    assert [line.split()[0] for line in lines] == ["docking", "free-flyer", "preliminary", "refined", "testbed", "testbed-joined"]
+    assert [line.split()[0] for line in lines] == [
+        "docking",
+        "free-flyer",
+        "planar",
+        "preliminary",
+        "refined",
+        "testbed",
+        "testbed-joined",
+        "wheels",
+        "wheels-and-jets",
+    ]
     assert all(len(line.split()) > 4 for line in lines)
 
 

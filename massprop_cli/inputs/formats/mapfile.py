@@ -11,7 +11,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, field_validator, mod
 
 from massprop_cli.base import configfile
 from massprop_cli.inputs.formats.recording import maps_beside
-from massprop_cli.inputs.vehicle import Positive, Real, Section
+from massprop_cli.inputs.section import Positive, Real, Section
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -86,6 +86,28 @@ class Jet(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
+class Rotor(Mapped):
+    """What one rotor is told, or how fast it turns."""
+
+    path: Path_
+    unit: Path_ | None = Field(None, description='"1" or %: the command, as thrust_n takes it once scaled; rad/s, rpm: the speed')
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
+class Wheel(Mapped):
+    """How fast one wheel turns, or the torque on it."""
+
+    path: Path_
+    unit: Path_ | None = Field(None, description="rad/s, rpm: its speed relative to the body; N m: the torque on it")
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
+class Supply(Mapped):
+    """The supply voltage."""
+
+    path: Path_
+
+
 class Attitude(Section):
     """Logged quaternion."""
 
@@ -125,6 +147,9 @@ class MapFile(Section):
     torque: Wrench | None = None
     force: Wrench | None = None
     jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")
+    rotors: dict[str, Rotor] = Field({}, description="by their names in the vehicle file")
+    wheels: dict[str, Wheel] = Field({}, description="by their names in the vehicle file")
+    supply: Supply | None = Field(None, description="for rotors that state nominal_v")
     attitude: Attitude | None = None
     records: Records | None = None
 
@@ -134,10 +159,10 @@ class MapFile(Section):
         if wrench == 1:
             missing = "force" if self.force is None else "torque"
             raise ValueError(f"[{missing}] is missing beside the other; map it, or state paths = [0, 0, 0] under it")
-        if wrench and self.jets:
-            raise ValueError("maps both jets and a commanded wrench; keep the one kind that was executed")
-        if not wrench and not self.jets:
-            raise ValueError("maps no command; add [torque] and [force], or [jets.NAME]")
+        if (wrench > 0) + bool(self.jets) + bool(self.rotors) > 1:
+            raise ValueError("maps more than one of jets, rotors and a commanded wrench; keep the one kind that was executed")
+        if not (wrench or self.jets or self.rotors or self.wheels):
+            raise ValueError("maps no command; add [torque] and [force], [jets.NAME], [rotors.NAME] or [wheels.NAME]")
         if self.attitude is None and any(one is not None and one.frame == "world" for one in (self.torque, self.force)):
             raise ValueError('frame = "world" needs [attitude], to turn commands into body axes')
         return self

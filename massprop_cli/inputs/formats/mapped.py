@@ -53,7 +53,8 @@ def _by_contract(read: Recording) -> dict[str, Array]:
     found: dict[str, str] = {}
     for path in read.streams:
         name = path.replace(".", "/").rpartition("/")[2]
-        known = name in columns.FIXED or (name.startswith("jet_") and name.endswith("_s"))
+        spun = columns.rotor_of(name) is not None or columns.wheel_of(name) is not None
+        known = spun or name in columns.FIXED or (name.startswith("jet_") and name.endswith("_s"))
         if known and name in found:
             raise InputError(
                 f"{read.path}: both {found[name]!r} and {path!r} are called {name}; say which is meant in a map file: "

@@ -41,8 +41,8 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
     gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
     accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
-    commands = _commands(signals, attitude)
-    slow = [] if attitude is None else [attitude]
+    commands, instants = _commands(signals, attitude), _instants(signals)
+    slow = [*([] if attitude is None else [attitude]), *(signal for signal, _ in instants)]
     spans = [_Span(gyro, resample.knots(gyro.times.s, said.gyro.values))]
     spans += [_Span(accelerometer, resample.knots(accelerometer.times.s, said.accelerometer.values))]
     spans += [_Span(signal, signal.times.s) for signal in slow]
@@ -68,6 +68,9 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
         turned = resample.z_up(resample.attitude_at(attitude.values, attitude.times.s, edges[1:]), said.attitude.world)
         made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
         signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
+    for signal, column in instants:
+        made[column] = np.interp(edges[1:], signal.times.s, signal.values[:, 0])
+        signals.made.append(f"{signal.key}: every {signal.times.step_s:.6g} s, interpolated to the records' ends")
     cycles = edges[:: records.per_cycle]
     for command in commands:
         values = _on_cycles(signals, command, cycles)
@@ -87,7 +90,13 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
     for name, jet in signals.map.jets.items():
         signal, share = signals.jet(name, jet)
         found.append(_Command(signal, jet.holds, (columns.jet(name),), "share" if share else "on_time"))
+    found += [_Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
+
+
+def _instants(signals: Signals) -> list[tuple[Signal, str]]:
+    """What is read off at the ends of records, with its column."""
+    return [(signal, column) for signal, column, kind, _ in signals.spinners() if kind == "instant"]
 
 
 @dataclass(frozen=True)

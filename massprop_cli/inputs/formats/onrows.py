@@ -39,6 +39,8 @@ def columns_of(signals: Signals) -> dict[str, Array]:
         if share:
             raise signals.error(on.key, on.paths[0], "a valve's state wants control cycles to be summed over; state [records] in the map")
         made[columns.jet(name)] = _beside(gyro, on, signals).values[:, 0]
+    for signal, column, _, _ in signals.spinners():
+        made[column] = _beside(gyro, signal, signals).values[:, 0]
     return made
 
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.formats import units
-from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, MappedVector, MapSource, Sensor, Wrench
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
 from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
 
 _SHOWN = 5
@@ -86,6 +87,26 @@ class Signals:
         values = self._numbers(key, stream, empty=self.map.records is None) * (factor * said.scale)
         clock = self._clock_of(key, [said.path], said.clock)
         return self._signal(key, [stream.path], values[:, None], clock), unit in units.SHARE
+
+    def spinners(self) -> Iterator[tuple[Signal, str, Literal["mean", "instant"], resample.Holds]]:
+        """Of rotors and wheels: a signal, its column, whether it is held or read off at records' ends, and over what time it holds."""
+        for name, rotor in self.map.rotors.items():
+            signal, unit = self._number(f"rotors.{name}", rotor, rotor.path, units.PLAIN | units.SPIN)
+            fast = unit in units.SPIN
+            yield signal, (columns.rotor_speed if fast else columns.rotor_command)(name), "instant" if fast else "mean", rotor.holds
+        for name, wheel in self.map.wheels.items():
+            signal, unit = self._number(f"wheels.{name}", wheel, wheel.path, units.TORQUE | units.SPIN)
+            fast = unit in units.SPIN
+            yield signal, (columns.wheel_speed if fast else columns.wheel_torque)(name), "instant" if fast else "mean", wheel.holds
+        if self.map.supply is not None:
+            signal, _ = self._number("supply", self.map.supply, self.map.supply.path, units.SUPPLY)
+            yield signal, columns.SUPPLY, "instant", "until_next"
+
+    def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[Signal, str]:
+        stream = self._stream(key, path)
+        factor, unit = self._factor(key, stream, said.unit, known)
+        values = self._numbers(key, stream, empty=False) * (factor * said.scale)
+        return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock)), unit
 
     def attitude(self, said: Attitude) -> Signal:
         """Unit quaternions wxyz, the file's own world from body."""

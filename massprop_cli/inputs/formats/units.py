@@ -16,14 +16,19 @@ TORQUE = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6}
 FORCE = {"N": 1.0, "mN": 1e-3, "uN": 1e-6}
 SHARE = {"open": 1.0, "%": 0.01}
 """A valve's opening: 0 to 1, or percent."""
-TABLES = (TIME, ANGLE, RATE, SPEED, ACCELERATION, TORQUE, FORCE, SHARE)
+SPIN = {**RATE, "rpm": math.pi / 30}
+"""How fast a rotor or wheel turns."""
+PLAIN = {"1": 1.0, "%": 0.01}
+"""What a rotor is told."""
+SUPPLY = {"V": 1.0, "mV": 1e-3}
+TABLES = (TIME, ANGLE, SPIN, SPEED, ACCELERATION, TORQUE, FORCE, SHARE, SUPPLY)
 _ALIKE = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
     "nanoseconds": "ns", "milliseconds": "ms", "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
     "dps": "deg/s", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "rad/sec": "rad/s", "deg/sec": "deg/s", "radians/s": "rad/s",
     "radps": "rad/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "mps2": "m/s^2", "g0": "g", "gee": "g",
     "nm": "n m", "n.m": "n m", "n·m": "n m", "n*m": "n m", "newton metre": "n m", "newton": "n", "mnm": "mn m", "mn·m": "mn m",
-    "µn": "un", "percent": "%",
+    "µn": "un", "percent": "%", "rev/min": "rpm", "r/min": "rpm", "volt": "v", "volts": "v",
 }  # fmt: skip
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 

@@ -32,6 +32,7 @@ class BearingBody:
     bearing_mass: float
     gravity: float
     channels = 15
+    force = slice(6, 9)
     pivoted = True
     tilt_sigma = 0.0
 
@@ -174,7 +175,7 @@ class BearingBody:
         onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
         euler = onto_level @ along - cross_matrix(arm)
         own = np.empty((len(turning.whole), 3, 4))
-        own[..., 0], own[..., 1:] = turning.whole[:, 6:9], -onto_level @ turning.rotation
+        own[..., 0], own[..., 1:] = turning.whole[:, self.force], -onto_level @ turning.rotation
         weight = self.gravity * turning.whole[:, 3:6]
         offset = weight + times(turning.centripetal, arm) - times(onto_level @ along, turning.rate_dot)
         return Felt(euler, own, offset)

@@ -28,6 +28,7 @@ class FreeBody:
     """
 
     channels = 12
+    force = slice(3, 6)
     pivoted = False
     tilt_sigma = 0.0
 
@@ -139,7 +140,7 @@ class FreeBody:
         """Products of ω̇ with c are split about the reference."""
         euler = np.broadcast_to(-cross_matrix(position - reference.cg), turning.rotation.shape)
         own = np.empty((len(turning.whole), 3, 4))
-        own[..., 0], own[..., 1:] = turning.whole[:, 3:6], -turning.rotation
+        own[..., 0], own[..., 1:] = turning.whole[:, self.force], -turning.rotation
         offset = times(turning.centripetal, position) + cross(turning.rate_dot, reference.cg)
         return Felt(euler, own, offset)
 

@@ -36,6 +36,8 @@ class Reference:
     """1/m, 1/kg."""
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) rad/s, body axes; taken off the measured rate."""
+    scale: Array = field(default_factory=lambda: np.zeros(0))
+    """Relative errors of scales (:mod:`massprop_cli.model.momentum`), as far as they have been found; empty: none."""
     response: Array | None = None
     """(3, C) the matrix Φ where the log tells it better than the inertia; None: what these make it."""
 
@@ -90,6 +92,10 @@ class Plant(Protocol):
     @property
     def channels(self) -> int:
         """C, columns of Φ."""
+
+    @property
+    def force(self) -> slice:
+        """Where in z the force stands that gives the centre its specific force, times mu."""
 
     @property
     def pivoted(self) -> bool:

@@ -1,9 +1,9 @@
 """Motion on an air bearing.
 
 A spherical bearing at b on a base that slides on a horizontal plane (5 degrees of freedom), s = c − b, u the vertical, ``p = s × u``, m_r
-the rotating and m the whole mass: ``A ω̇ = M w − ω × A₀ ω + p (…)`` with ``A₀ = I − (m_r − m_r²/m) [s]×²``, ``A = A₀ + (m_r²/m) p pᵀ``,
-``M w = τ − b × F − (m_r/m) s × F`` and ``p ( (m_r/m) u·F − m_r g − (m_r²/m) u·(ω × (ω × s)) )``. It is the moment about the CG of jets and
-reaction, the base's horizontal acceleration and its reaction eliminated.
+the rotating and m the whole mass: ``A ω̇ = M w − ω × (A₀ ω + h) + p (…)`` with ``A₀ = I − (m_r − m_r²/m) [s]×²``,
+``A = A₀ + (m_r²/m) p pᵀ``, ``M w = τ − b × F − (m_r/m) s × F`` and ``p ( (m_r/m) u·F − m_r g − (m_r²/m) u·(ω × (ω × s)) )``. It is the
+moment about the CG of jets and reaction, the base's horizontal acceleration and its reaction eliminated.
 """
 
 from __future__ import annotations

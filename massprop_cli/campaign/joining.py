@@ -1,0 +1,148 @@
+"""Logs of a campaign made one result, as its file says: which they are, and what `massprop combine` makes of their results."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from massprop_cli.base import exits, foldername
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.escape import line
+from massprop_cli.campaign import campaignfile, location, outcome, work
+from massprop_cli.campaign.outcome import Outcome
+from massprop_cli.campaign.place import RESULTS, Place
+from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.work import Produced
+from massprop_cli.inputs.require import Requirement
+
+if TYPE_CHECKING:
+    from massprop_cli.diagnosis.ready import Ready
+    from massprop_cli.inputs.vehiclefile import VehicleSource
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import Result
+
+
+@dataclass(frozen=True)
+class Joining:
+    """Logs that become one result; either ``logs``, or those before and after docking."""
+
+    name: str
+    logs: tuple[Job, ...]
+    before: tuple[Job, ...]
+    after: tuple[Job, ...]
+    require: tuple[Requirement, ...]
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """All of them."""
+        return (*self.logs, *self.before, *self.after)
+
+
+def joinings(named: Sequence[str], jobs: Sequence[Job]) -> list[Joining]:
+    """What the campaign files among ``named`` want combined of these jobs; :class:`InputError` where that can't be."""
+    found: list[Joining] = []
+    taken = {foldername.same(job.name): f"a log's ({job.shown})" for job in jobs}
+    for place in named:
+        if not place.lower().endswith(".toml") or Path(place).is_dir():
+            continue
+        base = location.folder(place)
+        below = [(job, location.below(job.log, base)) for job in jobs]
+        for number, stated in enumerate(campaignfile.load(place).combine):
+            where = f"{place}: combine.{number}"
+            name = foldername.safe(stated.name)
+            if foldername.same(name) in taken:
+                raise InputError(f"{where}.name = {stated.name!r}: is {taken[foldername.same(name)]} already; choose another")
+            taken[foldername.same(name)] = f"combine.{number}'s"
+            sides = {key: _fitting(below, getattr(stated, key), f"{where}.{key}") for key in ("logs", "before", "after")}
+            if len(sides["logs"]) == 1:
+                raise InputError(f"{where}.logs = {list(stated.logs)}: fits one log alone, {sides['logs'][0].shown}; name two or more")
+            found.append(Joining(name, **sides, require=stated.require or ()))
+    return found
+
+
+def _fitting(below: Sequence[tuple[Job, str]], patterns: tuple[str, ...], where: str) -> tuple[Job, ...]:
+    found = tuple(job for job, path in below if campaignfile.fits(patterns, path))
+    if patterns and not found:
+        raise InputError(f"{where} = {list(patterns)}: fits none of the {len(below)} logs; mend the pattern")
+    return found
+
+
+def joined(one: Joining, place: Place) -> Produced:
+    """Result folder and outcome; what can't be combined is an outcome with exit code 3."""
+    from massprop_cli import job as judge
+    from massprop_cli.campaign import kept
+    from massprop_cli.result import schema
+
+    try:
+        found = _combined(one, place)
+    except InputError as error:
+        return _failed(str(error))
+    short = judge.short_of(found, one.require)
+    told = Outcome(
+        schema="massprop/outcome/1",
+        fingerprint=outcome.UNKEPT,
+        exit_code=exits.NOT_CONVERGED if short else 0,
+        message=line(f"required but not reached: {'; '.join(short)}" if short else ""),
+        input_sha256=found.provenance.input_sha256,
+        vehicle=kept.vehicle(found),
+        method="combined",
+        duration_s=found.log.duration_s,
+        cycles=found.log.cycles,
+        delay_cycles=found.delay.cycles,
+        warnings=[warning.code for warning in found.warnings],
+        missed=short,
+        bodies=kept.joint_bodies(found),
+        files=["result.json"],
+    )
+    return Produced(told, {"result.json": schema.to_json(found).encode(), outcome.FILE: outcome.to_json(told)})
+
+
+def _failed(message: str) -> Produced:
+    told = Outcome(schema="massprop/outcome/1", fingerprint=outcome.UNKEPT, exit_code=exits.INPUT, message=line(message), input_sha256=None)
+    return Produced(told, {outcome.FILE: outcome.to_json(told)})
+
+
+def _combined(one: Joining, place: Place) -> Result:
+    import numpy as np
+
+    from massprop_cli.combine import flow
+
+    recorded = {job.name: _recorded(job, place) for job in one.jobs}
+    jobs = {job.name: job for job in one.jobs}
+
+    def ready(result: Recorded) -> Ready:
+        return _ready(jobs[result.name], result.result)
+
+    with np.errstate(all="ignore"):
+        if one.logs:
+            return flow.together([recorded[job.name] for job in one.logs], ready)
+        before, after = ([recorded[job.name] for job in side] for side in (one.before, one.after))
+        return flow.together_docked(before, after, ready)
+
+
+def _recorded(job: Job, place: Place) -> Recorded:
+    from massprop_cli.result.read import Recorded
+    from massprop_cli.result.schema import Result
+
+    try:
+        content = place.read(f"{RESULTS}/{job.name}/result.json")
+    except FileNotFoundError:
+        raise InputError(f"{job.shown}: has no result to combine; see its own row") from None
+    return Recorded(Path(RESULTS) / job.name / "result.json", Result.model_validate_json(content), {}, hashlib.sha256(content).hexdigest())
+
+
+def _ready(job: Job, result: Result) -> Ready:
+    """The log behind a result of this campaign."""
+    from massprop_cli.combine import logs
+
+    inputs = work.gather(job)
+    table = work.table_of(job, inputs)
+
+    def vehicle(given: list[str]) -> VehicleSource:
+        stated = replace(job, settings=replace(job.settings, assignments=tuple(given)))
+        return work.vehicle_of(stated, inputs, table.embedded_vehicle)
+
+    return logs.of_table(result, table, vehicle)

@@ -1,0 +1,57 @@
+"""The object that docked, from what was found of the vehicle alone and with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude import docking
+from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo
+
+
+def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, combined: PhaseItem) -> DockedObject:
+    """Combined less alone, with one thrust scale for both; each rotating mass is without its bearing's."""
+    bearings = [vehicle.bearing_mass_kg for vehicle in vehicles]
+    scale = vehicles[0].thrust_scale_sigma
+    values, joint_covariance = np.empty(20), np.zeros((20, 20))
+    for half, phase in enumerate((single, combined)):
+        part = slice(10 * half, 10 * half + 10)
+        values[part] = [np.nan if item.value is None else item.value for item in phase.estimates.values()]
+        joint_covariance[part, part] = np.array(phase.covariance, dtype=float)
+    if not single.known and not combined.known:
+        # known values calibrate each side's scale for itself; without, it is common
+        scaled = np.array([value if name not in CG else 0.0 for value, name in zip(values, (*QUANTITIES, *QUANTITIES), strict=True)])
+        joint_covariance[:10, 10:] = scale**2 * np.outer(scaled[:10], scaled[10:])
+        joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
+    values[[9, 19]] -= bearings
+    found = docking.difference(values[:10], values[10:])
+    slope = docking.difference_slope(values[:10], values[10:])
+    covariance = slope @ joint_covariance @ slope.T
+    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
+    verdict: Verdict = "contradicted" if "contradicted" in verdicts else "converged" if set(verdicts) == {"converged"} else "not_converged"
+    reason = {"converged": "both sides converged", "contradicted": "a side is contradicted"}.get(
+        verdict, "not every quantity of both sides converged"
+    )
+    estimates = {
+        name: EstimateItem(
+            value=float(found[i]) if told else None,
+            sigma=float(np.sqrt(covariance[i, i])) if told else None,
+            unit=UNITS[name],
+            verdict=verdict,
+            final_at_s=None,
+            reason=reason,
+        )
+        for i, name in enumerate(QUANTITIES)
+    }
+    contradiction = "; ".join(f"phase {phase.name}: {phase.contradiction}" for phase in (single, combined) if phase.contradiction)
+    return DockedObject(
+        before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction=contradiction
+    )
+
+
+def matrix(values: Array) -> list[list[float | None]]:
+    """As JSON has it: null where nothing can be said."""
+    return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]

@@ -1,0 +1,112 @@
+"""Several logs of one body fitted at once, where one alone doesn't tell every axis: its result can't be added to others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.combine import logs
+from massprop_cli.combine.joint import Joint, Piece, with_shared
+from massprop_cli.conclude.verdict import PLANAR
+from massprop_cli.diagnosis.ready import Ready
+from massprop_cli.estimate import disturbances, engine
+from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.jointly import Joint as Fit
+from massprop_cli.estimate.jointly import Jointly, Member
+from massprop_cli.estimate.quantities import alone, quantities
+from massprop_cli.inputs.vehicle import EnvironmentKind, Vehicle
+from massprop_cli.result.schema import Result
+from massprop_cli.testbed.bound import natural_sizes
+
+KNOWN = 0.1
+"""Relative sigma of a moment of inertia above which a result is no Gaussian in J = I⁻¹: it is not added, its log is."""
+LEFT = 2.0
+"""Chi-square per measurement that a fit may leave; with more it has got lost, and is begun elsewhere."""
+UNTOLD = 1.0
+"""Part of its natural size above which a sigma says nothing at all."""
+
+
+@dataclass(frozen=True)
+class Behind:
+    """A result with its log made ready, and the phase of it that counts."""
+
+    result: Result
+    ready: Ready
+    phase: str
+
+
+def partial(piece: Piece, environment: EnvironmentKind) -> bool:
+    """Whether a result tells inertia and CG in some axes alone, of those that its environment lets move."""
+    moving = [i for i, name in enumerate(QUANTITIES[:9]) if environment != "planar" or name in PLANAR]
+    moments = [i for i in moving if i in (0, 3, 5)]
+    sigma = np.sqrt(np.diag(piece.covariance))
+    told = np.isfinite(piece.values[moving]).all() and np.isfinite(sigma[moving]).all()
+    return not (told and (sigma[moments] < KNOWN * np.abs(piece.values[moments])).all())
+
+
+def without_inertia(piece: Piece) -> Piece:
+    """What it can add where its log can't be had."""
+    values, covariance = piece.values.copy(), piece.covariance.copy()
+    values[:6], covariance[:6], covariance[:, :6] = np.nan, np.nan, np.nan
+    return replace(piece, values=values, covariance=covariance)
+
+
+def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
+    """What all logs say at once, with what is shared once; None where they don't move at all."""
+    members = [_member(one, one.ready.stated) for one in behind]
+    found = _fit(members)
+    if found is None:
+        return None
+    strange = [_misfits(one, member, found) for one, member in zip(behind, members, strict=True)]
+    if any(strange):
+        chosen = zip(behind, members, strange, strict=True)
+        members = [_member(one, logs.sized(one.result, one.ready.stated)) if odd else member for one, member, odd in chosen]
+        found = _fit(members) or found
+    values, covariance = quantities(found.mean[None], found.covariance[None], alone(members[0].vehicle))
+    values, covariance = with_shared(*_told(values[0], covariance[0]), pieces)
+    chi_square, freedom = (sum(part) for part in zip(*found.apart, strict=True))
+    untold = tuple(np.full(10, np.nan) for _ in pieces)
+    return Joint(values, covariance, float(chi_square), int(freedom) - int(np.isfinite(values).sum()), untold, found.apart, tuple(strange))
+
+
+def _member(one: Behind, vehicle: Vehicle) -> Member:
+    ready = one.ready
+    used, _ = disturbances.with_noise_levels(ready.samples, [cycles for _, cycles in ready.phases], vehicle)
+    phase, cycles = next((phase, cycles) for phase, cycles in ready.phases if phase.name == one.phase)
+    return Member(ready.samples, cycles, used.in_phase(phase), ready.consider)
+
+
+def _fit(members: Sequence[Member]) -> Fit | None:
+    """Begun about what one log after the other gives, until all are explained; else the one that leaves least."""
+    rows = 6 * sum(member.cycles.stop - member.cycles.start for member in members)
+    best: Fit | None = None
+    for member in members:
+        start = beginning(member.samples, member.cycles, member.vehicle)
+        if start is None:
+            continue
+        found = Jointly(members).fit(start)
+        if best is None or found.left < best.left:
+            best = found
+        if found.stands and found.left < LEFT * rows:
+            break
+    return best
+
+
+def _misfits(one: Behind, member: Member, found: Fit) -> bool:
+    """Whether a log isn't explained by its stated noise, whatever the body."""
+    phase = next(phase for phase, _ in one.ready.phases if phase.name == one.phase)
+    own = engine.settle(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, bound=True)
+    return not np.isnan(disturbances.misfit([own.history], member.vehicle)).all()
+
+
+def _told(values: Array, covariance: Array) -> tuple[Array, Array]:
+    """NaN where no log tells anything."""
+    sigma = np.sqrt(np.diag(covariance))
+    untold = sigma > UNTOLD * natural_sizes(values)
+    values, covariance = values.copy(), covariance.copy()
+    values[untold], covariance[untold], covariance[:, untold] = np.nan, np.nan, np.nan
+    return values, covariance

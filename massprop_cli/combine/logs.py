@@ -1,0 +1,59 @@
+"""The log behind a result, read again and made ready as it was for that result: where it lies, and whether it is still the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis.ready import Ready, ready
+from massprop_cli.inputs import clipped, tablefile, telemetry, vehiclefile
+from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.result import rendered
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import Result
+
+EMBEDDED = "(embedded vehicle)"
+SIZED = ("environment.disturbance", "estimator.adapt_noise", "estimator.accel_noise_scale")
+"""How keys begin that were sized by what one log's own estimate left: they may not be needed beside others."""
+
+
+def of_result(one: Recorded) -> Ready:
+    """By the run.json beside it; :class:`InputError` says why it can't be had."""
+    told = rendered.run(one.path.parent)
+    place, vehicle, mapped = (str(told.get(key) or "") for key in ("log", "vehicle", "map"))
+    if not place:
+        raise InputError(f"{one.path.parent}: has no run.json that names its log; make the result again")
+    log = Path(place)
+    if not log.is_file():
+        raise InputError(f"{log}: is not there any more; put it back")
+    table = tablefile.read_table(log, Path(mapped) if mapped else None)
+    explicit = None if not vehicle or vehicle.endswith(EMBEDDED) else Path(vehicle)
+    return of_table(one.result, table, lambda given: vehiclefile.find(log, explicit, table.embedded_vehicle, given))
+
+
+def of_table(result: Result, table: Table, vehicle: Callable[[list[str]], VehicleSource]) -> Ready:
+    """The same of a table at hand; ``vehicle`` finds its vehicle with assignments on top."""
+    if table.sha256 != result.provenance.input_sha256:
+        raise InputError(f"{table.path}: is not what it was when the result was made; make the result again")
+    source = vehicle(_assignments(result))
+    if source.sha256 != result.provenance.vehicle_sha256:
+        raise InputError(f"{source.source}: is not what it was when the result was made; make the result again")
+    return ready(clipped.with_unstated(telemetry.read(table, source.vehicle)), source, lambda *_: None)
+
+
+def _assignments(result: Result) -> list[str]:
+    """What was set by option or found in the log, but for disturbances that were sized."""
+    sources, settings = result.provenance.setting_sources, result.provenance.settings
+    kept = [key for key, where in sources.items() if where == "option" or (where == "log" and not key.startswith(SIZED))]
+    return [f"{key}={json.dumps(settings[key])}" for key in kept if settings[key] is not None]
+
+
+def sized(result: Result, stated: Vehicle) -> Vehicle:
+    """The vehicle with the disturbances that the log's own estimate needed."""
+    sources, settings = result.provenance.setting_sources, result.provenance.settings
+    found = [key for key, where in sources.items() if where == "log" and key.startswith(SIZED) and settings[key] is not None]
+    return vehiclefile.changed(stated, [f"{key}={json.dumps(settings[key])}" for key in found])

@@ -1,0 +1,175 @@
+"""One phase of several results: added up, or fitted at once from their logs; its verdicts, and what contradicts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.base.errors import InputError
+from massprop_cli.combine import fit
+from massprop_cli.combine.docked import matrix
+from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
+from massprop_cli.conclude.physical import nearest_consistent, physical_note
+from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
+from massprop_cli.diagnosis.ready import Ready
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.result.read import Recorded
+from massprop_cli.result.schema import EstimateItem, PhaseItem, Physical, VehicleInfo, WarningItem
+from massprop_cli.testbed.bound import natural_sizes
+
+INFORMED = 0.5
+"""Part of the natural size above which a sigma says nothing."""
+SETTLED = 0.01
+"""Part of the natural size that is the tolerance of convergence: a quarter of it is settled without a history."""
+CHANCE, RARE = 1e-3, 6e-5
+"""Chance of as much disagreement as there is, below which it is told of all together, and of one: four sigma."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A result with the one of its phases that counts."""
+
+    label: str
+    recorded: Recorded
+    phase: PhaseItem
+    ready: Callable[[], Ready]
+    """Its log; :class:`InputError` where that can't be had."""
+
+    @property
+    def vehicle(self) -> VehicleInfo:
+        """The result's."""
+        return self.recorded.result.vehicle
+
+
+class Phased(NamedTuple):
+    """What came of a phase."""
+
+    item: PhaseItem
+    notes: list[WarningItem]
+    explained: frozenset[str]
+    """Labels of results whose logs were fitted at once and are explained by their stated noise."""
+
+
+def _piece(part: Part) -> Piece:
+    values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in part.phase.estimates.values()])
+    covariance = np.array(part.phase.covariance, dtype=float)
+    return Piece(part.label, values, covariance, part.phase.known, part.recorded.result.vehicle.thrust_scale_sigma)
+
+
+def together_phase(name: str, parts: Sequence[Part]) -> Phased:
+    """Added up, or fitted at once."""
+    found, left_out = _joint(name, parts)
+    bearing = parts[0].recorded.result.vehicle.bearing_mass_kg
+    notes = [*left_out, *_contradictions(name, parts, found)]
+    estimates = {quantity: _estimate(i, quantity, parts, found) for i, quantity in enumerate(QUANTITIES)}
+    duration = sum(part.phase.end_s - part.phase.start_s for part in parts)
+    phase = Phase(name=name, start_s=0.0, end_s=duration)
+    plain = {quantity: Estimate(item.value, item.sigma, item.unit, item.verdict, None, item.reason) for quantity, item in estimates.items()}
+    whole = Conclusion(phase, plain, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
+    known = bool(np.isfinite(whole.principal_moments).all())
+    note = physical_note(whole)
+    about = whole.inertia_about_origin
+    contradicted = any(item.verdict == "contradicted" for item in estimates.values())
+    item = PhaseItem(
+        name=name,
+        start_s=0.0,
+        end_s=duration,
+        estimates=estimates,
+        covariance=matrix(found.covariance),
+        inertia_about_origin=matrix(about) if np.isfinite(about).all() else None,
+        physical=Physical(
+            consistent=not note if known else None,
+            principal_moments=[float(moment) for moment in whole.principal_moments] if known else None,
+            note=note,
+            nearest_consistent=matrix(nearest_consistent(whole.inertia)) if note else None,
+        ),
+        innovations=None,
+        contradiction="; ".join(note.message for note in notes) if contradicted else "",
+        known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
+    )
+    explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
+    return Phased(item, notes, explained)
+
+
+def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
+    """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to."""
+    pieces = [_piece(part) for part in parts]
+    short = [fit.partial(piece, part.vehicle.environment) for piece, part in zip(pieces, parts, strict=True)]
+    if len(parts) == 1 or not any(short):
+        return joint(pieces), []
+    try:
+        found = fit.fitted([fit.Behind(part.recorded.result, part.ready(), part.phase.name) for part in parts], pieces)
+    except InputError as error:
+        message = (
+            f"phase {name}: {', '.join(part.label for part, few in zip(parts, short, strict=True) if few)} told some axes alone, and adds "
+            f"nothing to the inertia: the logs can't be fitted at once ({error})"
+        )
+        return joint([fit.without_inertia(piece) if few else piece for piece, few in zip(pieces, short, strict=True)]), [
+            WarningItem(code="result-partial", message=message)
+        ]
+    return found or joint(pieces), []
+
+
+def _contradictions(name: str, parts: Sequence[Part], found: Joint) -> list[WarningItem]:
+    notes = []
+    for part, apart in zip(parts, found.apart, strict=True):
+        strange = [f"{quantity} by {z:+.3g} sigma" for quantity, z in zip(QUANTITIES, apart, strict=True) if abs(z) > BEYOND]
+        if strange:
+            message = f"phase {name}: {part.label} differs from the others together: {', '.join(strange)}; was the vehicle the same?"
+            notes.append(WarningItem(code="results-disagree", message=message))
+    for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
+        if _chance(chi_square, freedom) < RARE:
+            message = (
+                f"phase {name}: {part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was "
+                "the vehicle the same?"
+            )
+            notes.append(WarningItem(code="results-disagree", message=message))
+    chance = _chance(found.chi_square, found.freedom)
+    if not notes and chance < CHANCE:
+        message = f"phase {name}: the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})"
+        notes.append(WarningItem(code="results-disagree", message=message))
+    return notes
+
+
+def _chance(chi_square: float, freedom: int) -> float:
+    """Of as much or more, by chance alone."""
+    from scipy.special import gammaincc
+
+    return float(gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else 1.0
+
+
+def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> EstimateItem:
+    value, variance = found.values[i], found.covariance[i, i]
+    told = bool(np.isfinite(value) and variance > 0)
+    own = [part.phase.estimates[quantity].verdict for part in parts]
+    sigma = math.sqrt(variance) if told else None
+    verdict, reason = _verdict(i, own, found, sigma)
+    bad = [part.label for part, apart in zip(parts, found.apart, strict=True) if abs(apart[i]) > BEYOND]
+    bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if _chance(*alone) < RARE]
+    odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
+    bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]
+    if bad:
+        verdict, reason = "contradicted", f"contradicted by or in {', '.join(dict.fromkeys(bad))}"
+    return EstimateItem(
+        value=float(value) if told else None, sigma=sigma, unit=UNITS[quantity], verdict=verdict, final_at_s=None, reason=reason
+    )
+
+
+def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, str]:
+    if all(one == "unobservable" for one in own):
+        return "unobservable", "no motion of this vehicle could tell it in any of the logs"
+    # a moment of inertia that nothing told, as on a table, adds nothing to the body's size
+    size = natural_sizes(np.concatenate([np.nan_to_num(found.values[:6]), found.values[6:]]))[i]
+    if sigma is None or not sigma <= INFORMED * size:
+        return "not_excited", "no log's motion told it, nor do all together"
+    if "converged" in own or sigma < SETTLED / 4 * size:
+        return (
+            "converged",
+            f"{own.count('converged')} of {len(own)} logs converged; together ± {100 * sigma / size:.2g} % of its natural size",
+        )
+    return "not_converged", "informed, but converged in no log, and together above a quarter of the tolerance"

@@ -1,0 +1,32 @@
+"""What the tables of all configuration files are made of: numbers within range, vectors, sections that refuse unknown keys."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
+
+LEAST, MOST = 1e-30, 1e30
+Positive = Annotated[FiniteFloat, Field(gt=LEAST, lt=MOST)]
+
+
+def _within_range(value: float) -> float:
+    """Squares of numbers, and their products with others, stay numbers."""
+    if value != 0 and not LEAST < abs(value) < MOST:
+        raise ValueError(f"must be 0, or from {LEAST:g} to {MOST:g} in size")
+    return value
+
+
+Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
+NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
+Vector = tuple[Real, Real, Real]
+Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
+Place = tuple[Metres, Metres, Metres]
+ZERO: Vector = (0.0, 0.0, 0.0)
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class Section(BaseModel):
+    """A table of a configuration file: immutable, unknown keys refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)

@@ -1,0 +1,81 @@
+"""Piecewise linear functions of time, what a first-order lag makes of them, and their exact integrals over bins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A piecewise linear function of time, zero before its first event: steps and changes of slope, in any order."""
+
+    time_s: Array
+    step: Array
+    slope: Array
+
+
+def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+    """∫ u dt and ∫ (t − bin start) u dt over each bin of ``edges_s``, exactly, for piecewise linear ``u``: (bins, signals) each.
+
+    With ``lag_s`` the integrals are those of y, ``lag y' + y = u``, y = 0 before the first event.
+    """
+    if not signals:
+        return np.zeros((len(edges_s) - 1, 0)), np.zeros((len(edges_s) - 1, 0))
+    found = [_bin_integrals(signal, edges_s, lag_s) for signal in signals]
+    integral, moment, forced = (np.stack(part, 1) for part in zip(*found, strict=True))
+    if lag_s == 0:
+        return integral, moment
+    length = np.diff(edges_s)
+    y = _lagged_at_edges(forced, np.exp(-length / lag_s))
+    lagged = integral - lag_s * np.diff(y, axis=0)
+    return lagged, moment - lag_s * (length[:, None] * y[1:] - lagged)
+
+
+def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array, Array, Array]:
+    """Of one signal: both integrals (bins,), and (1 + bins,) what a lag lets through of it before the first edge and by each bin's end."""
+    order = np.argsort(signal.time_s, kind="stable")
+    time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]
+    # a bin goes on as it begins; events within it add what they change from there on
+    since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
+    begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))
+    length = np.diff(edges_s)
+    bin_of = np.searchsorted(edges_s, time, "right") - 1
+    last = np.cumsum(np.bincount(bin_of + 1, minlength=len(length)))[: len(length)]  # events before each edge
+    first_slope = rising[last]
+    first = begun[last] + first_slope * (edges_s[:-1] - since[last])
+    inside, before = (bin_of >= 0) & (bin_of < len(length)), bin_of < 0
+
+    def per_bin(added: Array) -> Array:
+        summed: Array = np.bincount(bin_of[inside], added, len(length)).astype(np.float64)
+        return summed
+
+    jump, bend, own = step[inside], slope[inside], length[bin_of[inside]]
+    offset = time[inside] - edges_s[bin_of[inside]]
+    left = own - offset
+    integral = length * (first + first_slope * length / 2) + per_bin(left * (jump + bend * left / 2))
+    moment = length**2 * (first / 2 + first_slope * length / 3)
+    moment += per_bin(left * (jump * (own + offset) / 2 + bend * left * (2 * own + offset) / 6))
+    if lag_s == 0:
+        return integral, moment, np.zeros(0)
+
+    def let_through(step: Array, slope: Array, for_s: Array) -> Array:
+        rest = lag_s * -np.expm1(-for_s / lag_s)
+        found: Array = step * rest / lag_s + slope * (for_s - rest)
+        return found
+
+    at_first = let_through(step[before], slope[before], edges_s[0] - time[before]).sum()
+    forced = let_through(first, first_slope, length) + per_bin(let_through(jump, bend, left))
+    return integral, moment, np.concatenate([[at_first], forced])
+
+
+def _lagged_at_edges(forced: Array, decay: Array) -> Array:
+    """(1 + bins, signals) y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i+1]``, y[0] = forced[0]."""
+    y = forced.copy()
+    for i, kept in enumerate(decay):
+        y[i + 1] += kept * y[i]
+    return y

@@ -1,0 +1,140 @@
+"""Logs that each drive some axes alone, fitted at once, against a least-squares fit of all data that shares nothing with the estimator."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, job
+from massprop_cli.base.arrays import Array
+from massprop_cli.combine import flow
+from massprop_cli.result import schema, store
+from massprop_cli.result.schema import Result
+from massprop_cli.testbed import bound, output, scenario, simulate
+from massprop_cli.testbed.scenario import ScenarioSource
+
+AXES = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "pushes": "x y z"}
+SECONDS = 6.0
+
+
+def driven(name: str, axes: str, *more: str) -> ScenarioSource:
+    named = ", ".join(f'"{axis}"' for axis in axes.split())
+    pulses = f'plan=[{{motion="random", axes=[{named}], start_s=0.0, end_s={SECONDS}}}]'
+    return scenario.load(name, [f"duration_s={SECONDS}", pulses, *more])
+
+
+def estimated(source: ScenarioSource, seed: int, folder: Path) -> None:
+    """Log and result in a folder."""
+    output.simulate(source, folder / "log", seed, None)
+    judged = job.of_file(folder / "log" / "log.parquet")
+    store.write(folder / "result", judged.analysis, schema.to_json(judged.result))
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("fit")
+    for name in ("free-flyer", "testbed"):
+        for seed, (part, axes) in enumerate(AXES.items(), 1):
+            estimated(driven(name, axes), seed, found / name / part)
+    estimated(driven("free-flyer", "roll", "truth.ixx=0.61"), 9, found / "other")
+    return found
+
+
+def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
+    """Values and covariance of the linear fit about the truth: the ten quantities, and the rate at the start of each log."""
+    columns, left = [], []
+    for number, (seed, axes) in enumerate(seeds):
+        source = driven(name, axes)
+        flight = simulate.fly(source, [seed])
+        quiet = simulate.fly(bound.noise_free(source), [seed], issued=flight.issued[0])
+        noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
+        noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
+        # the first cycle whose command is known is the third
+        slopes = bound._sensitivities(source, seed, flight.issued, flight.truth[0], 2)[0, :, 2:]
+        own = np.zeros((10 + 3 * len(seeds), *slopes.shape[1:]))
+        own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
+        columns.append(own.reshape(len(own), -1).T)
+        left.append(noise[2:].ravel())
+    rows = np.concatenate(columns)
+    size = np.sqrt((rows**2).sum(0))
+    basis, triangle = np.linalg.qr(rows / size)
+    step = np.linalg.solve(triangle, basis.T @ np.concatenate(left))
+    root = np.linalg.inv(triangle) / size[:, None]
+    return flight.truth[0, 0] + (step / size)[:10], (root @ root.T)[:10, :10]
+
+
+def numbers(found: Result) -> tuple[Array, Array]:
+    items = found.phases[0].estimates.values()
+    return np.array([item.value for item in items], dtype=float), np.array([item.sigma for item in items], dtype=float)
+
+
+@pytest.mark.parametrize(("name", "within"), [("free-flyer", 0.1), ("testbed", 0.3)])
+def test_logs_of_one_axis_each_give_together_what_all_their_data_give(name: str, within: float, place: Path) -> None:
+    """On the bearing the estimator takes the vertical from its gyro, which the other fit knows."""
+    found = flow.combine([place / name / part / "result" for part in AXES])
+    values, sigma = numbers(found)
+    wanted, covariance = at_once(name, list(enumerate(AXES.values(), 1)))
+    expected = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(sigma, expected, rtol=0.05)
+    assert np.abs((values - wanted) / expected).max() < within
+    assert {item.verdict for name, item in found.phases[0].estimates.items() if name != "mass"} == {"converged"}
+    assert found.warnings == []
+    alone = [numbers(schema.Result.model_validate_json((place / name / part / "result/result.json").read_text()))[0] for part in AXES]
+    assert all(np.isnan(one).any() for one in alone), "no log has an estimate of all by itself"
+
+
+def test_without_their_logs_results_of_some_axes_add_nothing_to_the_inertia(place: Path, tmp_path: Path) -> None:
+    for part in ("roll", "pushes"):
+        shutil.copytree(place / "free-flyer" / part / "result", tmp_path / part)
+        told = json.loads((tmp_path / part / "run.json").read_text())
+        (tmp_path / part / "run.json").write_text(json.dumps(told | {"log": str(tmp_path / "gone.parquet")}))
+    found = flow.combine([tmp_path / "roll", tmp_path / "pushes"])
+    (warning,) = [one for one in found.warnings if one.code == "result-partial"]
+    assert "roll, pushes told some axes alone" in warning.message
+    assert "gone.parquet: is not there any more; put it back" in warning.message
+    values, _ = numbers(found)
+    assert np.isnan(values[:6]).all()
+    pushes, sigma = numbers(schema.Result.model_validate_json((tmp_path / "pushes" / "result.json").read_text()))
+    assert abs(values[9] - pushes[9]) < sigma[9]
+
+
+def test_a_log_that_has_changed_since_is_not_taken_for_what_it_was(place: Path, tmp_path: Path) -> None:
+    shutil.copytree(place / "free-flyer" / "roll", tmp_path / "roll")
+    shutil.copy(place / "free-flyer" / "yaw" / "log" / "log.parquet", tmp_path / "roll" / "log" / "log.parquet")
+    told = json.loads((tmp_path / "roll" / "result" / "run.json").read_text())
+    run = told | {"log": str(tmp_path / "roll" / "log" / "log.parquet")}
+    (tmp_path / "roll" / "result" / "run.json").write_text(json.dumps(run))
+    found = flow.combine([tmp_path / "roll" / "result", place / "free-flyer" / "pushes" / "result"])
+    assert "is not what it was when the result was made" in found.warnings[0].message
+
+
+def test_a_log_of_another_body_is_named(place: Path) -> None:
+    parts = [place / "free-flyer" / part / "result" for part in ("roll", "pitch", "yaw", "pushes")]
+    found = flow.combine([*parts, place / "other" / "result"])
+    said = [one.message for one in found.warnings if one.code == "results-disagree"]
+    assert any("other/result does not fit the body of the others together" in one for one in said)
+    assert found.phases[0].estimates["ixx"].verdict == "contradicted"
+
+
+def test_what_is_shared_by_the_logs_counts_once(place: Path, tmp_path: Path) -> None:
+    """The thrust's scale moves mass and inertia of all logs alike: it stays in full, and a weighed mass takes it out."""
+    for part in AXES:
+        shutil.copytree(place / "testbed" / part / "log", tmp_path / part / "log")
+        vehicle = tmp_path / part / "log" / "vehicle.toml"
+        text = vehicle.read_text() + "\n[thrust]\nscale_sigma = 0.02\n\n[known]\nmass = { value = 25.0, sigma = 0.01 }\n"
+        vehicle.write_text(text)
+        judged = job.of_file(tmp_path / part / "log" / "log.parquet", vehicle)
+        store.write(tmp_path / part / "result", judged.analysis, schema.to_json(judged.result))
+    values, sigma = numbers(flow.combine([tmp_path / part / "result" for part in AXES]))
+    bare, own = numbers(flow.combine([place / "testbed" / part / "result" for part in AXES]))
+    assert sigma[9] == pytest.approx(0.01, rel=0.01)
+    assert abs(values[9] - 25.0) < 0.001
+    # inertia per mass is what the logs tell beside the mass, and the weighed mass brings the scale
+    gain = 1 + (25.0 - bare[9]) / bare[9] * (0.02 * bare[9]) ** 2 / ((0.02 * bare[9]) ** 2 + own[9] ** 2)
+    assert values[0] / bare[0] == pytest.approx(gain, abs=2e-4)
+    assert dict(zip(QUANTITIES, sigma, strict=True))["ixx"] < 0.02 * values[0]

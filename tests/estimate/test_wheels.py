@@ -1,0 +1,161 @@
+"""Estimates of vehicles with reaction wheels: at the bound, honest about what wheels can't tell, and in scale by the wheels."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed.scenario import ScenarioSource
+
+TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
+
+
+TURNS, PUSHES = '"roll", "pitch", "yaw"', '"x", "y", "z"'
+SHORT = {
+    "wheels": f'[{{motion="random", axes=[{TURNS}], start_s=0, end_s=20}}]',
+    "wheels-and-jets": f'[{{motion="random", axes=[{TURNS}], start_s=0, end_s=10}}, '
+    f'{{motion="random", axes=[{PUSHES}], start_s=0, end_s=20}}, '
+    f'{{motion="random", axes=[{TURNS}], start_s=10, end_s=20, by_wheels=true}}]',
+}
+
+
+@cache
+def flown(name: str, *settings: str) -> tuple[ScenarioSource, simulate.Flight]:
+    """A flight of 20 s."""
+    source = scenario.load(name, ("duration_s=20", f"plan={SHORT[name]}", *settings))
+    return source, simulate.fly(source, [1])
+
+
+def limits(source: ScenarioSource, flight: simulate.Flight) -> Array:
+    """(10,) one sigma of the bound."""
+    found: Array = np.sqrt(np.diag(bound.cramer_rao(source, flight, 0)[0]))
+    return found
+
+
+def estimated(flight: simulate.Flight, *settings: str) -> Analysis:
+    vehicle = vehiclefile.changed(flight.vehicle, settings)
+    return flow.examine(flight.log(0), VehicleSource(vehicle, "", ""))
+
+
+def found(analysis: Analysis) -> tuple[Array, Array]:
+    """(10,) values and sigmas."""
+    conclusion = analysis.conclusions[0]
+    return conclusion.values, np.sqrt(np.diag(conclusion.covariance))
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(("name", "told"), [("wheels", 9), ("wheels-and-jets", 10)])
+def test_wheels_tell_what_they_can_at_the_bound(name: str, told: int) -> None:
+    """Errors within 4.5 sigma, sigmas 0.9 to 1.2 of the bound; without a push no mass, and it is said."""
+    source, flight = flown(name)
+    analysis = estimated(flight)
+    values, sigmas = found(analysis)
+    assert np.abs((values - TRUTH) / sigmas)[:told].max() < 4.5
+    over = (sigmas / limits(source, flight))[:told]
+    assert 0.9 < over.min() < over.max() < 1.2
+    verdicts = [estimate.verdict for estimate in analysis.conclusions[0].estimates.values()]
+    assert verdicts[:6] == ["converged"] * 6
+    assert verdicts[told:] == ["unobservable"] * (10 - told)
+    assert not analysis.notices
+
+
+def test_a_wheel_fixes_the_scale_that_thrust_leaves_open() -> None:
+    """Thrust 5 % weaker than stated ± 5 %: beside wheels values are right to their sigmas, hardly wider than with thrust known."""
+    source, flight = flown("wheels-and-jets", "actuators.scale=0.95")
+    analysis = estimated(flight)
+    values, sigmas = found(analysis)
+    assert np.abs((values - TRUTH) / sigmas).max() < 4.5
+    assert (sigmas / limits(source, flight)).max() < 1.2
+    reference = analysis.histories[0].reference
+    assert reference is not None
+    assert abs(reference.scale[0] + 0.05) < 1e-3  # and the thrust's scale is found
+    assert not analysis.notices
+
+
+def test_without_wheels_the_same_weak_thrust_makes_inertia_and_mass_too_large() -> None:
+    """The twin of the test above: 1 / 0.95, and the sigmas hold the 5 %."""
+    short = ("duration_s=20", f"plan={SHORT['wheels']}", "control.rate_gain_n_m_s=[1, 1, 1]")
+    source = scenario.load("free-flyer", (*short, "actuators.scale=0.95", "vehicle.thrust.scale_sigma=0.05"))
+    analysis = estimated(simulate.fly(source, [1]))
+    values, sigmas = found(analysis)
+    assert np.abs(values[[0, 3, 5]] * 0.95 / TRUTH[[0, 3, 5]] - 1).max() < 1e-3
+    assert (sigmas[[0, 3, 5]] / values[[0, 3, 5]]).min() > 0.05
+
+
+def test_an_uncertain_spin_inertia_is_in_every_sigma() -> None:
+    """Of three wheels of 1 % each the scale is known to better than that and not to a third of it; wrong by one sigma, it is covered."""
+    uncertain = tuple(f"vehicle.wheels.{i}.spin_inertia_sigma_kg_m2=2e-5" for i in range(3))
+    _, flight = flown("wheels", "actuators.wheel_scale=1.01", *uncertain)
+    values, sigmas = found(estimated(flight))
+    assert 0.0033 < (sigmas[[0, 3, 5]] / TRUTH[[0, 3, 5]]).min() < (sigmas[[0, 3, 5]] / TRUTH[[0, 3, 5]]).max() < 0.01
+    assert np.abs((values - TRUTH) / sigmas)[:9].max() < 3.5
+
+
+@pytest.mark.parametrize("name", ["wheels", "wheels-and-jets"])
+def test_what_is_stated_of_the_locked_wheel_moves_the_inertia_by_just_that(name: str) -> None:
+    _, flight = flown(name)
+    locked, bare = (found(estimated(flight, f"wheels.1.locked_in_inertia={word}"))[0] for word in ("true", "false"))
+    assert locked[3] - bare[3] == pytest.approx(2e-3, rel=1e-9)
+    others = [i for i, _ in enumerate(QUANTITIES[:9]) if i != 3]
+    assert locked[others] == pytest.approx(bare[others], rel=1e-9)
+
+
+def test_no_momentum_that_is_held_may_be_left_out() -> None:
+    """The same log with the wheels' momentum at the start misstated: the log contradicts it."""
+    _, flight = flown("wheels-and-jets")
+    log = flight.log(0)
+    still = vehiclefile.changed(flight.vehicle, ["wheels.2.spin_inertia_kg_m2=1e-9"])
+    analysis = flow.examine(log, VehicleSource(still, "", ""))
+    assert analysis.notices
+
+
+TABLE = (
+    "duration_s=20",
+    "actuators.max_wheel_torque_n_m=0.05",
+    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=20}, {motion="random", axes=["yaw"], start_s=0, end_s=10}, '
+    '{motion="random", axes=["yaw"], start_s=10, end_s=20, by_wheels=true}]',
+)
+
+
+def on_table(column: str) -> str:
+    """Two wheels, one of them askew: the table takes up what it does about X, and the momentum that it turns about Z."""
+    return (
+        f'vehicle.wheels=[{{name="z", axis=[0, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, column="{column}", '
+        "start_rad_s=60}, "
+        f'{{name="askew", axis=[0.5, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=false, column="{column}", start_rad_s=-40}}]'
+    )
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(("column", "thrust"), [("speed", 1.0), ("torque", 1.0), ("speed", 0.95)])
+def test_a_table_tells_the_same_four_beside_wheels_which_tell_the_thrust_as_well(column: str, thrust: float) -> None:
+    """Errors within 4 sigma, sigmas 0.9 to 1.2 of the bound with thrust known, whether it is or is 5 % weaker than stated ± 5 %."""
+    weak = () if thrust == 1 else (f"actuators.scale={thrust}", "vehicle.thrust.scale_sigma=0.05")
+    source = scenario.load("planar", (*TABLE, on_table(column), *weak))
+    flight = simulate.fly(source, [1])
+    analysis = estimated(flight)
+    values, sigmas = found(analysis)
+    told = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
+    assert np.abs((values - flight.truth[0][0]) / sigmas)[told].max() < 4
+    over = (sigmas / limits(source, flight))[told]
+    assert 0.9 < over.min() < over.max() < 1.2
+    assert [estimate.verdict for estimate in analysis.conclusions[0].estimates.values()].count("unobservable") == 6
+    assert not analysis.notices
+
+
+@pytest.mark.numerical
+def test_where_jets_are_uncertain_the_wheels_still_tell_izz() -> None:
+    """Eight jets ± 1 mm, four along each axis: the CG ± 1 mm / √4; Izz, which jets alone would tell to 1 %, to twice what exact ones do."""
+    flight = simulate.fly(scenario.load("planar", (*TABLE, on_table("speed"))), [1])
+    places = [f"jets.{i}.position_sigma_m=0.001" for i in range(8)]
+    exact, uncertain = (found(estimated(flight, *settings))[1] for settings in ((), places))
+    np.testing.assert_allclose(uncertain[6:8], 0.5e-3, rtol=0.1)
+    assert exact[5] < uncertain[5] < 2.5 * exact[5]

@@ -1,0 +1,50 @@
+"""What wheels hold and give, out of either column of a log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.prepare.align import align
+from massprop_cli.testbed import scenario, simulate
+
+SHORT = ("duration_s=20", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=20}]')
+
+
+def test_both_columns_tell_the_same_momentum() -> None:
+    """A torque's holds the wheel's turning with the body, ``J a · ω``, which a speed's leaves to the body: with friction, to 1e-6 N m s."""
+    friction = ("vehicle.wheels.0.viscous_friction_n_m_s=1e-4", "vehicle.wheels.1.coulomb_friction_n_m=0.005")
+    found = {}
+    for column in ("speed", "torque"):
+        flown = simulate.fly(scenario.load("wheels", (*SHORT, *friction, *(f"vehicle.wheels.{i}.column={column}" for i in range(3)))), [1])
+        stored = align(flown.log(0), flown.vehicle, 2.0).stored
+        assert stored is not None
+        found[column] = stored.mean.mean(1)
+    rate = flown.rate_rad_s[0]
+    axis = np.array([wheel.direction for wheel in flown.vehicle.wheels])
+    own = 2e-3 * ((rate[1:] + rate[:-1]) / 2) @ axis.T
+    apart = found["torque"] - found["speed"] - own
+    assert np.abs(apart[3:]).max() < 1e-5
+    assert np.abs(own).max() > 1e-4
+
+
+def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_opposite() -> None:
+    flown = simulate.fly(scenario.load("wheels", SHORT), [1])
+    aligned = align(flown.log(0), flown.vehicle, 2.0)
+    stored, speed = aligned.stored, flown.wheel_rad_s[0]
+    assert stored is not None
+    assert not aligned.usable[:2].any()  # before the first speed nothing is known, nor before the first command executes
+    assert np.abs(aligned.channels.whole[1:] - 2e-3 * np.diff(speed, axis=0)).max() < 1e-12
+    assert np.abs(stored.mean.mean(1)[1:] - 2e-3 * (speed[1:] + speed[:-1]) / 2).max() < 1e-12
+    axis = np.array([wheel.direction for wheel in flown.vehicle.wheels])
+    assert np.abs(aligned.impulse[:, :3] + aligned.channels.whole @ axis).max() < 1e-12
+    assert not aligned.impulse[:, 3:].any()
+
+
+def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
+    for name in ("wheels", "wheels-and-jets"):
+        flown = simulate.fly(scenario.load(name, ("duration_s=15", "plan=[]", "vehicle.wheels.0.viscous_friction_n_m_s=1e-4")), [1])
+        whole, part = align(flown.log(0), flown.vehicle, 2.0), align(flown.log(0), flown.vehicle, 2.0, slice(100, 180))
+        assert whole.stored is not None
+        assert part.stored is not None
+        assert np.abs(whole.stored.mean[100:180] - part.stored.mean).max() < 1e-12
+        assert np.abs(whole.rising[100:180] - part.rising).max() < 1e-14
