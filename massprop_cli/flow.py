@@ -138,7 +138,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
     examination, doubted = None, list[Doubt]()
     if settled and check:
         say("what the numbers rest on", 1.0)
-        examination = examined(log, used, used_timing, samples, settled)
+        examination = examined(log, used, used_timing, samples, settled, consider)
         doubted = doubts(examination, channel_names(log, used))
     if doubted and diagnosis is None and not _saturated(log) and _diagnosable(stated):
         say("looking for the cause", 1.0)

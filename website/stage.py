@@ -12,7 +12,7 @@ from massprop_cli import schemas
 from website import commands, files, python
 
 ROOT = Path(__file__).parents[1]
-GOOD = ["methods.md", "accuracy.md", "faults.md", "causal.md", "thesis-tables.md", "thesis-tuning.md"]
+GOOD = ["methods.md", "accuracy.md", "planar-accuracy.md", "geometry.md", "faults.md", "causal.md", "thesis-tables.md", "thesis-tuning.md"]
 FAST = ["engine.md", "campaign.md", "simulate-speed.md"]
 Nav = list[dict[str, Any] | str]
 
@@ -79,7 +79,7 @@ def navigation(pages: Path) -> Nav:
         {"Your own log in 15 minutes": "tutorial.md"},
         {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
-        {"Wheels, rotors, on board": ["actuators.md", "wheels.md", "kernel.md"]},
+        {"Tables, wheels, on board": ["planar.md", "actuators.md", "wheels.md", "uncertain-geometry.md", "kernel.md"]},
         {"What it says": ["verdicts/index.md", *verdicts, {"Warnings": ["warnings/index.md", *warnings]}, "assumptions.md"]},
         {"How it works": ["theory.md", "where.md"]},
         {"How good": ["how-good.md", *GOOD]},

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.inputs.vehicle import EnvironmentKind
 
 FILE = "outcome.json"
 CHECKED = "check.json"
@@ -53,7 +54,7 @@ class Vehicle(Item):
 
     name: str
     sha256: str
-    environment: Literal["free", "air_bearing"]
+    environment: EnvironmentKind
     bearing_mass_kg: float
 
 

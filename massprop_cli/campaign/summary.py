@@ -21,6 +21,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, contradicted, packed, unpacked
 from massprop_cli.campaign.plan import Job
+from massprop_cli.inputs.vehicle import EnvironmentKind
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told."""
@@ -101,7 +102,7 @@ class Pool(Item):
     """Ten quantities of one vehicle, in one phase or as docked object; two logs at least tell one of them."""
 
     vehicle: str
-    environment: Literal["free", "air_bearing"]
+    environment: EnvironmentKind
     bearing_mass_kg: float
     vehicle_files: int = Field(description="how many different vehicle files its logs have")
     part: Literal["phase", "docked"]
@@ -232,7 +233,7 @@ class Key(NamedTuple):
     """What logs have in common that are pooled together."""
 
     vehicle: str
-    environment: Literal["free", "air_bearing"]
+    environment: Literal["free", "air_bearing", "planar"]
     bearing_mass_kg: float
     part: Literal["phase", "docked"]
     name: str

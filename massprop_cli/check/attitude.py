@@ -1,4 +1,4 @@
-"""A logged attitude against the gyro that must turn it, and on a bearing against the gravity that the accelerometer feels."""
+"""Which way is up: a logged attitude against the gyro that turns it and the gravity that is felt; on a table, the IMU against both."""
 
 from __future__ import annotations
 
@@ -15,6 +15,31 @@ STILL = 1e-3
 """rad; below this much turning in all, nothing can be said."""
 TILTED = 0.05
 """rad between the mean specific force and the vertical: pushes of jets average out to less."""
+
+
+ROCKING = 0.05
+"""Part of the yaw rate that the other two may be on a table: an IMU that is three degrees out of level."""
+
+
+def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
+    """Findings of an IMU that should turn about the body's Z alone and feel gravity along it; nothing but on a table."""
+    if vehicle.environment.kind != "planar":
+        return []
+    mount, found = np.array(vehicle.imu.body_from_imu), []
+    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
+    off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2]))
+    if off > TILTED * vehicle.environment.gravity_m_s2:
+        said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
+        remedy = "mend imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
+        found.append(_finding("table-gravity", said, remedy))
+    rate = log.delta_theta_imu_rad @ mount.T / log.interval_s[:, None]
+    slow = rate - rate.mean(0)
+    noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * np.sqrt(log.records_per_cycle)
+    rocking, yaw = (float(np.sqrt(max((part**2).sum(1).mean() - part.shape[1] * noise**2, 0.0))) for part in (slow[:, :2], slow[:, 2:]))
+    if rocking > ROCKING * yaw and rocking > noise:
+        said = f"the vehicle yaws by {yaw:.3g} rad/s (rms), and the gyro shows {rocking:.3g} rad/s about the axes that lie in the table"
+        found.append(_finding("table-rocking", said, "mend imu.body_from_imu; or see to the pads, on which the vehicle rocks"))
+    return found
 
 
 def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:

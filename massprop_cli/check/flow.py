@@ -11,7 +11,7 @@ from massprop_cli import __version__, flow, job
 from massprop_cli.base import exits, files
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.check.attitude import attitude
+from massprop_cli.check.attitude import attitude, on_table
 from massprop_cli.check.commands import commands, never_fired
 from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
@@ -70,7 +70,7 @@ def of_table(
         try:
             with extremes.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
-                found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle)]
+                found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
                 estimated = flow.examine(log, source, assignments, say)
                 told = build.result(estimated)
         except InputError as error:

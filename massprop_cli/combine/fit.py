@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.combine import logs
 from massprop_cli.combine.joint import Joint, Piece, with_shared
+from massprop_cli.conclude.verdict import PLANAR
 from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.estimate import disturbances, engine
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
 from massprop_cli.estimate.quantities import alone, quantities
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehicle import EnvironmentKind, Vehicle
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed.bound import natural_sizes
 
@@ -37,11 +39,12 @@ class Behind:
     phase: str
 
 
-def partial(piece: Piece) -> bool:
-    """Whether a result tells inertia and CG in some axes alone."""
-    moments = [0, 3, 5]
+def partial(piece: Piece, environment: EnvironmentKind) -> bool:
+    """Whether a result tells inertia and CG in some axes alone, of those that its environment lets move."""
+    moving = [i for i, name in enumerate(QUANTITIES[:9]) if environment != "planar" or name in PLANAR]
+    moments = [i for i in moving if i in (0, 3, 5)]
     sigma = np.sqrt(np.diag(piece.covariance))
-    told = np.isfinite(piece.values[:9]).all() and np.isfinite(sigma[:9]).all()
+    told = np.isfinite(piece.values[moving]).all() and np.isfinite(sigma[moving]).all()
     return not (told and (sigma[moments] < KNOWN * np.abs(piece.values[moments])).all())
 
 

@@ -99,7 +99,7 @@ def together_phase(name: str, parts: Sequence[Part]) -> Phased:
 def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     """Results added up; where one tells some axes alone, the logs are fitted at once, or it is left out of what it can't be added to."""
     pieces = [_piece(part) for part in parts]
-    short = [fit.partial(piece) for piece in pieces]
+    short = [fit.partial(piece, part.vehicle.environment) for piece, part in zip(pieces, parts, strict=True)]
     if len(parts) == 1 or not any(short):
         return joint(pieces), []
     try:
@@ -163,7 +163,8 @@ def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> Est
 def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, str]:
     if all(one == "unobservable" for one in own):
         return "unobservable", "no motion of this vehicle could tell it in any of the logs"
-    size = natural_sizes(found.values)[i]
+    # a moment of inertia that nothing told, as on a table, adds nothing to the body's size
+    size = natural_sizes(np.concatenate([np.nan_to_num(found.values[:6]), found.values[6:]]))[i]
     if sigma is None or not sigma <= INFORMED * size:
         return "not_excited", "no log's motion told it, nor do all together"
     if "converged" in own or sigma < SETTLED / 4 * size:

@@ -129,10 +129,20 @@ class Examined:
         return Later(float(-cross / own), float(own**-0.5), float(before), float(before - cross**2 / own))
 
 
-def examined(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, settled: Sequence[History]) -> Examined:
-    """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``."""
+def examined(
+    log: Log,
+    vehicle: Vehicle,
+    timing: Timing,
+    samples: Stream,
+    settled: Sequence[History],
+    consider: Consider = Consider(),  # noqa: B008
+) -> Examined:
+    """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``.
+
+    The geometry that is uncertain in ``consider`` is unknown beside what is varied.
+    """
     taken = tuple(_taken(log, vehicle, timing, samples))
-    consider = Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True)
+    consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
     ]
@@ -154,6 +164,7 @@ def assumptions(
         for of_one, t in zip(effects, found.taken, strict=True):
             of_one.append(_effect(history, conclusion, vehicle, response, found.step(t, response.shift.shape[1])))
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
+        listed += _geometry(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
     return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
 
@@ -190,6 +201,33 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
     message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
     return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
+
+
+GEOMETRY = {
+    "jet-thrust": ("each jet's own thrust is as uncertain as jets.thrust_sigma says", "jets.thrust_sigma"),
+    "jet-position": ("jets sit where they are stated to within jets.position_sigma_m", "jets.position_sigma_m"),
+    "jet-direction": ("jets point where they are stated to within jets.direction_sigma_rad", "jets.direction_sigma_rad"),
+    "imu-position": ("the IMU sits where it is stated to within imu.position_sigma_m", "imu.position_sigma_m"),
+    "imu-mounting": ("the IMU is turned as it is stated to within imu.mounting_sigma_rad", "imu.mounting_sigma_rad"),
+}
+"""What is uncertain of the geometry, and the key that says how much."""
+
+
+def _geometry(history: History, conclusion: Conclusion, response: Response) -> list[Assumption]:
+    """What the stated uncertainty of jets and IMU adds to each sigma, squares added; it is in every sigma."""
+    found = []
+    for kind, variance in response.added.items():
+        part = np.sqrt(np.maximum(variance, 0.0))
+        part[MU] = part[MU] / history.reference.mu**2 if history.reference is not None else np.nan
+        change = {
+            name: float(size)
+            for name, size in zip(QUANTITIES, part, strict=True)
+            if (sigma := conclusion.estimates[name].sigma) is not None and size > SHOWN * sigma
+        }
+        message, key = GEOMETRY[kind]
+        said = f"{message}; that is in every sigma, and so much of it"
+        found.append(Assumption(f"uncertain-{kind}", said, f"its {key}", True, (Effect(history.phase.name, change, None),)))
+    return found
 
 
 def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli import CG, QUANTITIES, UNITS
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
-from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
+from massprop_cli.conclude.verdict import NO_PART, PLANAR, Conclusion, Estimate, Verdict
 from massprop_cli.estimate.quantities import condition
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -44,8 +44,9 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         i = QUANTITIES.index(name)
         values, joint = condition(values, joint, slope[i], known.value, float(found[i]), known.sigma)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
+    apart = _without_part(vehicle)
     covariance = slope @ joint @ slope.T
-    settled = all(e.verdict == "converged" for conclusion in pair for e in conclusion.estimates.values())
+    settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
     told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
     verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
@@ -63,6 +64,8 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
         )
         for i, name in enumerate(QUANTITIES)
     }
+    estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
+    covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
 
 
@@ -72,6 +75,8 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     values = np.concatenate([conclusion.bare[0] for conclusion in pair])
     joint: Array = np.zeros((20, 20))
     joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
+    apart = np.tile(_without_part(vehicle), 2)  # nothing else depends on these
+    values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
     scaled = values * np.tile([name not in CG for name in QUANTITIES], 2)
     if not thesis:
         joint = joint + vehicle.thrust.scale_sigma**2 * np.outer(scaled, scaled)
@@ -80,8 +85,13 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
                 row = np.zeros(20)
                 row[10 * half + QUANTITIES.index(name)] = 1.0
                 values, joint = condition(values, joint, row, known.value, float(row @ values), known.sigma)
-    values[[9, 19]] -= vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0
+    values[[9, 19]] -= vehicle.bearing_mass_kg
     return values, joint
+
+
+def _without_part(vehicle: Vehicle) -> BoolArray:
+    """(10,) what has no part in any motion in this environment."""
+    return np.array([vehicle.environment.kind == "planar" and name not in PLANAR for name in QUANTITIES])
 
 
 def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclusion, Conclusion] | None:

@@ -26,6 +26,9 @@ WANTED = {
     "mass": "force, pushed one way and the other",
 }
 """The motion that informs each quantity, body axes."""
+NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
+PLANAR = ("izz", "cg_x", "cg_y", "mass")
+"""What the motion on a table depends on."""
 Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
 PRIOR = 0.5
 """Prior sigma of the default method over the natural size: that much is known of any body of this size before the log. A moment of
@@ -110,13 +113,15 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         row = latched[1] if thesis and latched else len(history.time_s) - 1
         lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
         estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
+        if vehicle.environment.kind == "planar" and name not in PLANAR:
+            estimates[name] = replace(estimates[name], reason=NO_PART)
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:
         sigma = np.array([np.nan if e.sigma is None else e.sigma for e in estimates.values()])
         covariance = covariance * np.outer(sigma, sigma) / np.outer(history.sigmas[-1], history.sigmas[-1])
     mass = estimates["mass"].value
-    rotating = np.nan if mass is None else mass - (vehicle.environment.bearing_mass_kg if vehicle.on_air_bearing else 0.0)
+    rotating = np.nan if mass is None else mass - vehicle.bearing_mass_kg
     hidden = ~known
     bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
     if thesis:

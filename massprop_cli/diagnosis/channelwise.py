@@ -22,7 +22,8 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.estimate.whitening import LEVELS, Disturbance, Driven, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import Lift, products
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import integrals
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.within import motion_within
@@ -121,7 +122,7 @@ def free_response(
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
     Beside the likeliest disturbance; where some are ``likely``, one of these. With the motion within the cycles that a body
-    ``theta`` of :mod:`massprop_cli.model.lift` has, if one is given.
+    ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = design_of(log, vehicle, timing, piece, theta)
     turning, beside = whitened(design.driven, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
@@ -252,6 +253,10 @@ def _columns(samples: Samples, sides: Sequence[Aligned], risen: Aligned | None, 
         parts.append(_Part("rising", *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
     if vehicle.on_air_bearing:
         parts += _by_gravity(samples, vehicle, cycles, lasting)
+    if plant_of(vehicle).tilt_sigma > 0:
+        rate = samples.rate_rad_s
+        level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, np.eye(3)[:2])
+        parts += [_turning_with(f"slope {i}", edges, cycles, lasting) for i, edges in enumerate(level)]
     return parts
 
 
@@ -264,6 +269,14 @@ def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
     return [_Part("lagging", *seen)]
 
 
+def _turning_with(name: str, vector: Array, cycles: slice, lasting: Array) -> _Part:
+    """Of a vector (K + 1, 3) at the edges of all cycles."""
+    edges = vector[cycles.start : cycles.stop + 1]
+    bent = np.zeros_like(edges)
+    bent[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
+    return _Part(name, (edges + bent / 12)[1:-1] * lasting, (edges[1:] + edges[:-1]) / 2 - (bent[1:] + bent[:-1]) / 24)
+
+
 def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Array) -> list[_Part]:
     """The vertical, and what moves it; each (K − 1, 3) under the triangular window, (K, 3) means."""
     executed = samples.executed
@@ -273,15 +286,9 @@ def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Arra
     rising, falling = ((-mean * (mean * part).sum(1, keepdims=True))[cycles] for part in (executed.rising[:, 3:], executed.falling[:, 3:]))
     level = _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)
 
-    def by(vector: Array, name: str) -> _Part:
-        edges = vector[cycles.start : cycles.stop + 1]
-        bent = np.zeros_like(edges)
-        bent[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
-        return _Part(name, (edges + bent / 12)[1:-1] * lasting, (edges[1:] + edges[:-1]) / 2 - (bent[1:] + bent[:-1]) / 24)
-
-    parts = [by(samples.up_b, "up"), level]
+    parts = [_turning_with("up", samples.up_b, cycles, lasting), level]
     if executed.attitude_wxyz is None:
-        parts += [by(moved, name) for name, moved in _verticals(samples, vehicle)]
+        parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
     return parts
 
 

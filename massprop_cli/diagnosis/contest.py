@@ -15,7 +15,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.whitening import Told
-from massprop_cli.model.lift import MU, J
+from massprop_cli.model.plant.plant import MU, J
 
 STEPS = 8
 """Most steps of a fit."""

@@ -23,8 +23,8 @@ from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import products
-from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, linearise, parameters
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import BLOCK, Source, blocks
@@ -71,6 +71,8 @@ def hidden_error(history: History, samples: Source, vehicle: Vehicle) -> Array:
     reference = history.reference
     if reference is None or any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return np.zeros(10)  # a body that is stated to change leaves what it should
+    if vehicle.uncertain_geometry:
+        return np.zeros(10)  # plain least squares leaves what the regression finds of jets and IMU: the innovations are without it
     share = history.information_share
     # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives
     tilted = vehicle.on_air_bearing and not samples.attitude_logged
@@ -102,9 +104,11 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
-    felt = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    felt: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
     if len(reference.scale):
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
+    if plant_of(vehicle).tilt_sigma > 0:
+        felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     turning, pushing = _weights(here.executed, reference, vehicle)
     ignored = here.executed.ignored
     rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))

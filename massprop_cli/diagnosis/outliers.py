@@ -22,7 +22,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, median
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import products
+from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.stream import Stream

@@ -12,7 +12,7 @@ from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.sensitivity import Consider, with_geometry
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -31,7 +31,7 @@ class Ready(NamedTuple):
     detected: Found | None
     """What the log says of them, where the vehicle file leaves them to it."""
     consider: Consider
-    """Delay and lag where they are uncertain."""
+    """Delay, lag and geometry where they are uncertain."""
     notices: list[Notice]
 
 
@@ -48,4 +48,5 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
         log = outliers.without(log, stated)
     if log is not read:
         samples = Stream.of(log, stated, timing)
-    return Ready(log, stated, samples, phases, timing, detected, uncertain_timing(log, stated, timing), told)
+    consider = with_geometry(uncertain_timing(log, stated, timing), log, stated, samples)
+    return Ready(log, stated, samples, phases, timing, detected, consider, told)

@@ -1,6 +1,6 @@
 """What could be wrong with log or vehicle file, as what it makes of the free coefficients of :mod:`massprop_cli.diagnosis.channelwise`.
 
-One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.lift`, and beside
+One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
 them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
 time. A :class:`Supposition` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.contest` fits them.
 """
@@ -17,7 +17,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import SWUNG, Free
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import MOMENT, MU, J, gamma, products, products_by_rate
+from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.plant import plant_of
+from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 _UNIT = np.eye(3)
 ALIKE = 1 - 1e-9
@@ -46,6 +48,7 @@ ENTRIES = {
     "mass_rate": 1,
     "inertia_rate": 1,
     "tilt": 2,
+    "slope": 2,
 }
 """Of x, before the channels' own: thrust, place and direction."""
 
@@ -119,6 +122,7 @@ class Model:
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
         sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
+        sigmas["slope"] = plant_of(vehicle).tilt_sigma
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
@@ -204,6 +208,10 @@ class Model:
             push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
             push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
             self._add_swings(spin, push, x)
+        for name in ("slope 0", "slope 1"):
+            if name in self.places:
+                by = get("slope")[..., int(name[-1]), None, None]
+                spin[name], push[name] = np.zeros((3, 3)), by * _UNIT
         return self._measured(spin, push, x, gyro, accelerometer)
 
     def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:

@@ -27,7 +27,13 @@ TOLD = 128
 
 def holds(vehicle: Vehicle, consider: Consider) -> bool:
     """Whether the compiled kernel is there and knows all that this vehicle asks for."""
-    return kernel().library is not None and not consider.variants and not consider.scales and not handed.unknown(vehicle)
+    return (
+        kernel().library is not None
+        and not consider.variants
+        and not consider.scales
+        and not consider.kinds
+        and not handed.unknown(vehicle)
+    )
 
 
 class Pass:

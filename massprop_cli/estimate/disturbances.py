@@ -182,8 +182,8 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
     White gyro noise has lag-one autocovariance −½ of its variance, so variance plus twice the lag-one autocovariance is what it leaves.
     """
     excess = np.full(6, np.nan)
-    if vehicle.environment.disturbance_walk_n_m > 0:
-        return excess
+    if vehicle.environment.disturbance_walk_n_m > 0 or vehicle.uncertain_geometry:
+        return excess  # what jets do otherwise than stated shows in the rates too
     noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
     for piece in cycles:
         reference = beginning(samples, piece, vehicle)

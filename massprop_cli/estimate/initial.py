@@ -15,7 +15,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import lever_arm
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.plant import BearingBody, Reference, plant_of
+from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
 SIGNIFICANT = 6.0
@@ -33,24 +33,22 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     growth = np.diff(rate, axis=0)
     impulse = here.executed.rising[:-1] + here.executed.falling[1:]
     plant = plant_of(vehicle)
-    torque: Array = impulse[:, :3]
+    torque: Array = plant.commanded(impulse)[:, :3]
     if here.executed.stored is not None:
         torque = torque + _mean_step(here.executed.stored.precession(rate), duration)
     load: Array = impulse[:, 3:]
     products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
-    if isinstance(plant, BearingBody):
-        torque = torque - np.cross(plant.bearing, load)
-        load = _mean_step(_force_at(plant.bearing, here, vehicle), duration)
+    if plant.pivoted:
+        load = _mean_step(_force_at(plant.pivot, here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
     mu = _mu(here, vehicle)
     if scale is None:
         return None if mu is None else _unturned(mu, vehicle)
     mu = mu or _fallback_mu(vehicle, scale)
     reach = np.sqrt(3 * mu / scale)
-    centre: Array = np.zeros(3)
-    if isinstance(plant, BearingBody):
-        load = plant.rotating_mass(Reference(np.eye(3), plant.bearing, mu)) * load
-        centre, reach = plant.bearing, 0.01 * reach
+    if plant.pivoted:
+        load = plant.rotating_mass(Reference(np.eye(3), plant.pivot, mu)) * load
+        reach = 0.01 * reach
     regressors = np.hstack([torque, load, products, duration[1:, None]])
     prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
     fit = _ridge(regressors, growth, prior, scale)
@@ -58,7 +56,7 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     inertia = (axes / np.clip(values, scale / _SPREAD, scale * _SPREAD)) @ axes.T
     couple = inertia @ fit[3:6].T
     cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
-    return Reference(inertia, cg + centre, mu)
+    return Reference(inertia, cg + plant.pivot, mu)
 
 
 def beginning(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
@@ -99,7 +97,7 @@ def _mu(samples: Samples, vehicle: Vehicle) -> float | None:
     """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing."""
     force = samples.executed.impulse[:, 3:] / samples.executed.duration_s[:, None]
     felt = acceleration(samples, vehicle)
-    if vehicle.on_air_bearing:
+    if plant_of(vehicle).pivoted:
         up = samples.up_b[:-1]
         force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
     return _response(felt, force)
@@ -112,9 +110,7 @@ def fallback(vehicle: Vehicle) -> Reference:
 
 def _unturned(mu: float, vehicle: Vehicle) -> Reference:
     """A body that has felt forces but no torques yet: its radius of gyration is its jets' reach."""
-    plant = plant_of(vehicle)
-    centre = plant.bearing if isinstance(plant, BearingBody) else np.zeros(3)
-    return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), centre, mu)
+    return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), plant_of(vehicle).pivot, mu)
 
 
 def reach(vehicle: Vehicle) -> float:

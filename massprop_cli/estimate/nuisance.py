@@ -1,6 +1,6 @@
 """A small square-root Kalman filter on what is not of interest: the rate itself, biases, slow torques, tilt.
 
-It runs for all coefficients φ of :mod:`massprop_cli.model.lift` at once. Its mean has a column for the log itself, for each coefficient,
+It runs for all coefficients φ of :mod:`massprop_cli.model.plant` at once. Its mean has a column for the log itself, for each coefficient,
 for each assumption considered, and for each state's own unknown beginning; so its innovations are affine in all of these, white and of unit
 variance (P. de Jong, The diffuse Kalman filter, Annals of Statistics 19, 1991). Since beginnings are columns, the covariance holds
 only what the process noise adds, and starts at zero.

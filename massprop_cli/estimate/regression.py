@@ -1,6 +1,6 @@
 """All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
 
-The response is linear in the coefficients φ of :mod:`massprop_cli.model.lift` whatever the mass properties are, so what a small filter on
+The response is linear in the coefficients φ of :mod:`massprop_cli.model.plant` whatever the mass properties are, so what a small filter on
 all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the
 triangle of an orthogonal factorisation. The ten values are a few Gauss–Newton steps on that triangle.
 
@@ -19,9 +19,10 @@ from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import MOMENT, Lift
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, drift, prior, system_of
 from massprop_cli.prepare.compensate import Source
@@ -74,7 +75,7 @@ class Run:
     state: State | None
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
-    """(M + 1 + e, M + 1 + e) of the whitened rows: on the M = m + N unknown beginnings and φ; measured, and by assumptions."""
+    """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
 
 
 class Regression:
@@ -89,12 +90,14 @@ class Regression:
         """m, the states whose beginning is unknown."""
         self.assumed = consider.columns(len(samples.wrench))
         """e, the assumptions."""
+        self.uncertain = len(consider.kinds)
+        """u, the unknowns of the geometry, each in its own sigmas."""
         self._last: tuple[Run, Array, Array, Array] | None = None
         self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
         """Before the first cycle."""
-        size = self.free + self.lift.size + 1 + self.assumed
+        size = self.free + self.lift.size + 1 + self.assumed + self.uncertain
         known = known_rows(self.prior, size)
         triangle = np.vstack([known, np.zeros((size - len(known), size))])
         return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
@@ -131,7 +134,7 @@ class Regression:
     def _renewed(self, run: Run, system: System) -> Run:
         """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
         turn = slice(-self.free, 3 - self.free or None)
-        if run.state is None or system.process is not None or self.vehicle.on_air_bearing:
+        if run.state is None or system.process is not None or self.lift.plant.pivoted:
             return run
         if np.abs(run.state.mean[:3, turn]).max() < GROWN:
             return run
@@ -143,24 +146,26 @@ class Regression:
         return replace(run, state=State(mean, run.state.root), triangle=triangle)
 
     def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
-        """Rows (…, M + 1 + e) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
+        """Rows (…, M + 1 + e + u) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
 
-        Nuisances are the beginnings and, unless ``bound``, the coefficients of the gyroscopic coupling (their departure over ``LOOSE``).
+        Nuisances are the beginnings, unless ``bound`` the coefficients of the gyroscopic coupling (their departure over ``LOOSE``), and
+        what is uncertain of the geometry.
         """
         phi, slopes = self.lift.coefficients(theta)
         by_phi = rows[..., self.free : self.free + self.lift.size]
         left = rows[..., self.free + self.lift.size :].copy()
         left[..., 0] -= by_phi @ phi
-        parts = [rows[..., : self.free], by_phi @ (slopes * scale), left]
+        left, geometry = left[..., : 1 + self.assumed], -left[..., 1 + self.assumed :]
+        parts = [rows[..., : self.free], geometry, by_phi @ (slopes * scale), left]
         if not bound:
             coupling = self.lift.coupling
             held = slopes * scale
             held[coupling] = 0.0
-            parts[1:2] = [LOOSE * by_phi[..., coupling], by_phi @ held]
+            parts[1:3] = [LOOSE * by_phi[..., coupling], geometry, by_phi @ held]
         return np.concatenate(parts, -1)
 
     def _nuisances(self, bound: bool) -> int:
-        return self.free if bound else self.free + len(self.lift.coupling)
+        return self.free + self.uncertain + (0 if bound else len(self.lift.coupling))
 
     def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
         """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
@@ -177,24 +182,24 @@ class Regression:
         theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
         response: Array | None = None
         if not bound:
-            theta, beginnings, response, chi_square = self._searched(run, theta, bound=False)
+            theta, others, response, chi_square = self._searched(run, theta, bound=False)
             bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
         tied, begun, _, chi_square = self._searched(run, theta, bound=True)
         if bound or chi_square < most:
-            theta, beginnings, response = tied, begun, None
+            theta, others, response = tied, begun, None
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
-        bias = self._state(run, layout.gyro_bias, theta, beginnings, reference.gyro_bias)
-        scale = self._state(run, layout.scale, theta, beginnings, reference.scale)
+        bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
+        scale = self._state(run, layout.scale, theta, others, reference.scale)
         estimate = replace(lift.reference(theta, bias), response=response, scale=scale)
         return replace(run, estimate=estimate, bound=bound)
 
-    def _state(self, run: Run, block: slice, theta: Array, beginnings: Array, before: Array) -> Array:
+    def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
         """The states of a block in the last cycle; what they were ``before`` where there are none yet."""
         if block.stop == block.start or run.state is None:
             return before
         mean = run.state.mean[block.start - RATE.start : block.stop - RATE.start]
         phi, _ = self.lift.coefficients(theta)
-        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - self.free :] @ beginnings
+        found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
         return found
 
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
@@ -203,13 +208,13 @@ class Regression:
             centre = self.lift.theta(run.centre)
             self._begun = run.centre, centre, self.lift.sizes(centre)
         _, centre, sizes = self._begun
-        cg = PULL["balanced cg" if self.vehicle.on_air_bearing else "cg"]
+        cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
         pull *= np.maximum(self.lift.sizes(theta), sizes)
         return centre, pull
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
-        """Gauss–Newton on the triangle from ``theta``: θ, the states' beginnings, Φ (3, C), and chi-square of what is left."""
+        """Gauss–Newton on the triangle from ``theta``: θ, the geometry and the states' beginnings, Φ (3, C), chi-square of the rest."""
         count = self._nuisances(bound)
         for _ in range(STEPS):
             centre, scale = self._pull(theta, run)
@@ -220,13 +225,15 @@ class Regression:
                 break
         phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
         if not bound:
-            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count]
+            phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
         response = phi[: 3 * self.lift.channels].reshape(3, -1)
-        return theta, solved[: self.free], response, float(triangle[count + 10, count + 10] ** 2)
+        others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
+        return theta, others, response, float(triangle[count + 10, count + 10] ** 2)
 
     def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
         """Without the gyroscopic coupling."""
-        return bool((self._sigmas(run, theta)[MOMENTS] < KNOWN * theta[MOMENTS]).all())
+        axes = [i for i in MOMENTS if self.lift.plant.told[i]]
+        return bool((self._sigmas(run, theta)[axes] < KNOWN * theta[axes]).all())
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
@@ -251,7 +258,7 @@ class Regression:
 
     def still(self, run: Run, most: float) -> bool:
         """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""
-        if not self.vehicle.on_air_bearing:
+        if not self.lift.plant.pivoted:
             run = replace(run, reference=replace(run.reference, mu=run.estimate.mu))
         return self.stands(run, most)
 
@@ -287,7 +294,20 @@ class Regression:
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
-        return Response(self.lift.slopes(theta) @ shift, left.T @ left)
+        return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]))
+
+    def _added(self, theta: Array, scale: Array, triangle: Array) -> dict[str, Array]:
+        """(10,) variance of the state parameters that each kind of uncertain geometry adds: beside its being known exactly."""
+        slopes, first = self.lift.slopes(theta) * scale, len(triangle) - 10 - self.uncertain
+        kinds = np.array(self.consider.kinds)
+
+        def variance(kept: BoolArray) -> Array:
+            columns = np.concatenate([np.ones(first, dtype=bool), kept, np.ones(10, dtype=bool)])
+            root = slopes @ np.linalg.inv(triangle_of(triangle[:, columns])[-10:, -10:])
+            found: Array = (root**2).sum(1)
+            return found
+
+        return {kind: variance(kinds == kinds) - variance(kinds != kind) for kind in dict.fromkeys(self.consider.kinds)}
 
     def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
         """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""
@@ -358,7 +378,9 @@ class Regression:
             given = np.stack([state.mean[-10:] for state in states])
             by_phi, by_beginning = given[..., 1 : 1 + self.lift.size], given[..., given.shape[2] - self.free :]
             assumed = given[..., 1 + self.lift.size : given.shape[2] - self.free]
-            affine = self._reduced(np.concatenate([by_beginning, by_phi, -given[..., :1], assumed], -1), theta, scale, run.bound)
+            assumed, geometry = assumed[..., : self.assumed], -assumed[..., self.assumed :]
+            among = np.concatenate([by_beginning, by_phi, -given[..., :1], assumed, geometry], -1)
+            affine = self._reduced(among, theta, scale, run.bound)
             among = affine[..., : count + 10] @ np.linalg.inv(triangles[..., : count + 10])
             moved = among @ triangles[..., count + 10 :]
             mean = mean + moved[..., 0] - affine[..., count + 10]
@@ -374,6 +396,7 @@ class Regression:
     def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
         """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
+        relative[:, ~self.lift.plant.told[MOMENTS]] = 0.0
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
         return found

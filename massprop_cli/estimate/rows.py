@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,9 @@ class Response:
     """(10, e) of the state parameters at the end."""
     gram: Array
     """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
+
+    added: Mapping[str, Array] = field(default_factory=dict)
+    """Of each kind of uncertain geometry: (10,) by how much its uncertainty widens the variance of the state parameters."""
 
     @property
     def misfit(self) -> Array:

@@ -22,6 +22,7 @@ from massprop_cli.inputs.wheel import Wheel
 
 FASTEST_PPM = 1e5
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
+EnvironmentKind = Literal["free", "air_bearing", "planar"]
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 
@@ -46,7 +47,9 @@ class Imu(Section):
         description="by how much the IMU's clock runs faster than that of the commands; they agree where the log begins",
     )
     position_m: Place = Field(ZERO, description="from O, body axes")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of position_m, along each axis")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
+    mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of body_from_imu, about each axis")
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     gyro_bias_sigma_rad_s: NonNegative = 0.0
@@ -74,12 +77,17 @@ class Imu(Section):
 
 
 class Environment(Section):
-    """Free flight, or a spherical air bearing on a base that slides on a horizontal plane."""
+    """Free flight; a spherical air bearing on a base that slides on a horizontal plane; or a table on which the vehicle slides and yaws."""
 
-    kind: Literal["free", "air_bearing"] = "free"
+    kind: EnvironmentKind = Field(
+        "free", description="planar: a table with x, y and yaw; body Z points up from it, and the accelerometer feels gravity along Z"
+    )
     gravity_m_s2: NonNegative = 9.80665
     bearing_position_m: Place = Field(ZERO, description="centre of rotation, from O")
     bearing_mass_kg: NonNegative = Field(0.0, description="translates with the vehicle, does not rotate")
+    table_tilt_sigma_rad: NonNegative = Field(
+        0.01, le=0.2, description="one sigma of each of a table's two tilts, which stand still in the world; 0: level"
+    )
     initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
     disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
@@ -96,6 +104,22 @@ class Environment(Section):
         if self.kind == "air_bearing" and self.gravity_m_s2 == 0:
             raise ValueError('kind = "air_bearing" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity')
         return self
+
+    @model_validator(mode="after")
+    def _stands_on_its_table(self) -> Environment:
+        if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
+            raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
+        return self
+
+    @property
+    def moving(self) -> Array:
+        """(6,) which torques about, and forces along, the body axes move the vehicle (1): on a table what else there is it takes up (0)."""
+        return np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]) if self.kind == "planar" else np.ones(6)
+
+    @property
+    def steady_force_m_s2(self) -> Array:
+        """(3,) specific force that is the same in body axes however the vehicle moves: on a table, of what carries its weight."""
+        return np.array([0.0, 0.0, self.gravity_m_s2 if self.kind == "planar" else 0.0])
 
 
 class Thrust(Section):
@@ -123,6 +147,9 @@ class Jet(Section):
     force_n: Vector
     rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")
     fall_s: NonNegative = Field(0.0, description="linear fall from full thrust")
+    thrust_sigma: NonNegative = Field(0.0, le=0.3, description="relative uncertainty of its thrust, beside the one that all have in common")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of its place, along each axis")
+    direction_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of its direction, about each axis across it")
 
 
 class Nominal(Section):
@@ -300,6 +327,8 @@ class Vehicle(Section):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
+        if self.environment.kind == "planar" and self.estimator.method == "thesis":
+            raise ValueError('estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a table')
         if self.known and len(self.phases) > 1:
             raise ValueError(
                 f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "
@@ -342,6 +371,17 @@ class Vehicle(Section):
     def on_air_bearing(self) -> bool:
         """Whether the body turns on a bearing under gravity."""
         return self.environment.kind == "air_bearing"
+
+    @property
+    def uncertain_geometry(self) -> bool:
+        """Whether anything is said to be uncertain of where jets and IMU sit and how single jets push."""
+        jets = any(jet.thrust_sigma or jet.position_sigma_m or jet.direction_sigma_rad for jet in self.jets)
+        return jets or self.imu.position_sigma_m > 0 or self.imu.mounting_sigma_rad > 0
+
+    @property
+    def bearing_mass_kg(self) -> float:
+        """The part of the mass that translates with the vehicle but does not turn."""
+        return self.environment.bearing_mass_kg if self.on_air_bearing else 0.0
 
     @cached_property
     def jet_wrench(self) -> Array:

@@ -4,7 +4,7 @@ Rotation. The growth of the cycle-mean rate is the impulse under the triangular 
 
     I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
 
-Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.lift` (:func:`lifted`). The products of rates in it
+Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.plant` (:func:`lifted`). The products of rates in it
 come from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.model.within`). Because the
 rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the
 measured one enters to second order only.
@@ -14,7 +14,8 @@ Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω
 :func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
 then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
 bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
-integrated attitude turned by it); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
+integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with
+wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
 """
 
 from __future__ import annotations
@@ -24,16 +25,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inverse, tensor, times
+from massprop_cli.base.rigidbody import cross_matrix, elements, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
-from massprop_cli.model.lift import MOMENT, J, Lift, products, products_by_rate
-from massprop_cli.model.lift import MU as LIFT_MU
+from massprop_cli.model.gyroscopic import products, products_by_rate
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.momentum import held, moments_by_scale, precession, scale_sigmas
-from massprop_cli.model.plant import BearingBody, Motion, Plant, Reference, plant_of
+from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
+from massprop_cli.model.plant.plant import MU as THETA_MU
+from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.windows import Windows, windows
-from massprop_cli.model.within import STEEP, Within, level, motion_within, response_of, swing
+from massprop_cli.model.within import STEEP, Within, motion_within, response_of
 from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 PARAMETERS = slice(0, 10)
@@ -56,16 +59,16 @@ class Layout:
     @staticmethod
     def of(samples: Mounted, vehicle: Vehicle) -> Layout:
         """The states that this vehicle and log ask for."""
-        wanted = (
-            vehicle.imu.gyro_bias_sigma_rad_s > 0,
-            vehicle.imu.accel_bias_sigma_m_s2 > 0,
-            vehicle.environment.disturbance_walk_n_m > 0,
-            vehicle.on_air_bearing and not samples.attitude_logged,
+        sizes = (
+            3 * (vehicle.imu.gyro_bias_sigma_rad_s > 0),
+            3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
+            3 * (vehicle.environment.disturbance_walk_n_m > 0),
+            plant_of(vehicle).tilts(samples.attitude_logged),
         )
         slices, end = [], RATE.stop
-        for want in wanted:
-            slices.append(slice(end, end + 3 * want))
-            end += 3 * want
+        for size in sizes:
+            slices.append(slice(end, end + size))
+            end += size
         gyro_bias, accel_bias, torque, tilt = slices
         scale = slice(end, end + len(scale_sigmas(vehicle)))
         return Layout(gyro_bias, accel_bias, torque, tilt, scale, scale.stop)
@@ -102,7 +105,7 @@ class Linear(_Steps):
 
 @dataclass(frozen=True)
 class Lifted(_Steps):
-    """The same response with the N coefficients φ of :mod:`massprop_cli.model.lift` left free, or c combinations of them.
+    """The same response with the N coefficients φ of :mod:`massprop_cli.model.plant` left free, or c combinations of them.
 
     Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
     """
@@ -140,7 +143,7 @@ def lifted(
     mean = windows(motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
     by_rate = response[:, -6:] @ products_by_rate(np.eye(3))
     leaving, entering = (np.einsum("kl,lij->kij", part, by_rate) for part in (mean.rising[:-1], mean.falling[1:]))
-    own = tensor(theta[J])
+    own = plant.turning(theta)
     if here.executed.stored is not None:
         momentum = held(here.executed.stored, bin_s)
         leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
@@ -162,15 +165,14 @@ def lifted(
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if torque.stop > torque.start:
         transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
-    tilting = np.zeros((len(duration), 3, 3))
+    tilting = np.zeros((len(duration), 3, tilt.stop - tilt.start))
     if tilt.stop > tilt.start:
-        # the integrated attitude turned with the measured rate, the vehicle with the true one
         by_tilt = windows(plant.moment_by_tilt(reference, motion), bin_s)
         tilting = by_tilt.whole / duration[:, None, None]
+        kept, by_error = plant.tilt_step(rate, duration)
         transition[:, turning, tilt] = to_rate @ by_tilt.step
-        transition[:, tilt, tilt] -= cross_matrix(rate[:-1]) * duration[:-1, None, None]
-        transition[:, tilt, turning] = np.eye(3) * duration[:-1, None, None]
-        drive[:, tilt, 0] = -here.rate_rad_s[:-1] * duration[:-1, None]
+        transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
+        drive[:, tilt, 0] = -times(by_error, here.rate_rad_s[:-1])
 
     scaling = _scaling(here, vehicle, plant, reference, motion)
     if scaling is not None:
@@ -184,15 +186,15 @@ def lifted(
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
         (slice(3, 6), layout.torque, euler @ own),
-        (slice(3, 6), layout.tilt, plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting),
     ):
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
+    if tilt.stop > tilt.start:
+        observation[:, 3:, tilt] = plant.force_by_tilt(motion).mean(1) + euler @ own @ tilting
     if scaling is not None:
         observation[:, 3:, layout.scale.start - RATE.start :] = euler @ own @ scaling.whole / duration[:, None, None]
         if vehicle.thrust.scale_sigma > 0:
-            level_force = whole[:, 6:9] if isinstance(plant, BearingBody) else whole[:, 3:6]
-            observation[:, 3:, layout.scale.start - RATE.start] += theta[LIFT_MU] * level_force
+            observation[:, 3:, layout.scale.start - RATE.start] += theta[THETA_MU] * whole[:, plant.force]
     measured = np.zeros((len(duration), 6, 1 + combined))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
@@ -239,21 +241,17 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
     # the commands' own exactly, the rest by its bins
-    jets = np.stack([executed.rising, executed.impulse])
+    jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
     parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
-    if isinstance(plant, BearingBody):
-        jets = jets[..., :3] - cross(plant.bearing, jets[..., 3:])
-        force = motion.wrench[..., 3:]
-        parts.insert(0, (motion.up, (within.ups[1] - within.ups[0]) * bin_s[:, None] / 12))
-        parts.insert(1, (level(motion.up, force), level(motion.up, executed.skew_bins[..., 3:]).sum(1)))
     if executed.stored is not None:
         torque, late = precession(executed.stored, motion, bin_s[:, None, None])
         own = windows(torque, bin_s, late.sum(1))
         jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
+    parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
     rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)
     whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
-    known = windows(swing(theta, motion), bin_s).step if isinstance(plant, BearingBody) else np.zeros((len(duration) - 1, 3))
+    known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
     return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
 
 
@@ -273,19 +271,8 @@ def _felt(
     rate_dot = times(response, whole)
     square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
     centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    rotation = centripetal + cross_matrix(rate_dot)
-    own = np.empty((len(whole), 3, 4))
-    if isinstance(plant, BearingBody):
-        theta = lift.theta(reference)
-        arm, along = position - plant.bearing, cross_matrix(theta[LIFT_MU] * theta[MOMENT])
-        onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
-        euler = onto_level @ along - cross_matrix(arm)
-        own[..., 0], own[..., 1:] = whole[:, 6:9], -onto_level @ rotation
-        offset = plant.gravity * whole[:, 3:6] + times(centripetal, arm) - times(onto_level @ along, rate_dot)
-    else:
-        euler = np.broadcast_to(-cross_matrix(position - reference.cg), rotation.shape)
-        own[..., 0], own[..., 1:] = whole[:, 3:6], -rotation
-        offset = times(centripetal, position) + cross(rate_dot, reference.cg)
+    turning = Turning(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))
+    euler, own, offset = plant.felt(reference, motion, turning, position)
     if onto is not None:
         return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * channels :], offset
     by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
@@ -312,6 +299,24 @@ def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
     measured = free.measured[..., 0] + free.measured[..., 1]
     return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
+
+
+def less_tilt(system: Linear, left: Array, tilt: slice) -> Array:
+    """(K, 3) specific force ``left`` over by the mass properties, without what the states ``tilt`` of an unknown beginning explain of it.
+
+    Where an error of the rate leaves them alone: what a table holds of the weight's pull along its slope.
+    """
+    carried = np.empty((len(left), 3, tilt.stop - tilt.start))
+    state: Array = np.eye(tilt.stop - tilt.start)
+    for k, seen in enumerate(system.observation[:, 3:, tilt]):
+        carried[k] = seen @ state
+        state = state if k == len(left) - 1 else system.transition[k, tilt, tilt] @ state
+    rows = np.concatenate([carried, system.observation[: len(left), 3:, PARAMETERS]], -1).reshape(-1, carried.shape[2] + 10)
+    size = np.sqrt((rows**2).sum(0))
+    size = np.where(size > 0, size, 1.0)
+    held = np.linalg.lstsq(rows / size, left.ravel(), rcond=1e-9)[0] / size
+    found: Array = left - carried @ held[: carried.shape[2]]
+    return found
 
 
 def parameters(reference: Reference) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
-from massprop_cli.base.rigidbody import angular_acceleration, cross_matrix, inertia_regressor, times, torque_regressor
+from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import CG, PARAMETERS, RATE, linearise, parameters
-from massprop_cli.model.plant import Reference
+from massprop_cli.model.linearise import CG, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
+from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Source, blocks
 
 DROWNED = 1 / 3
@@ -29,21 +29,15 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> Boo
     size = np.abs(torque).max() or 1.0
     rate = drawn[:, :3] * np.sqrt(size / np.trace(reference.inertia))
     rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
-    spin = cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate)
-    gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
     if vehicle.estimator.method == "thesis":
+        gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         reaction = gravity / reference.mu * _directions(drawn[:, 3:6])
         rows = np.concatenate([torque_regressor(rate, rate_dot, force + reaction), (force * reference.mu)[..., None]], -1)
         rows = np.concatenate([rows, np.zeros((_MOTIONS, 3, 10))], 1)
         rows[:, 3:, 9] = rows[:, :3, 9]
         rows[:, :3, 9] = 0.0
     else:
-        load = force if not vehicle.on_air_bearing else (gravity * _directions(drawn[:, 3:6]) + force * reference.mu) / reference.mu
-        inertia = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
-        rows = np.zeros((_MOTIONS, 6, 10))
-        rows[:, :3, :6], rows[:, :3, 6:9] = inertia, -cross_matrix(load)
-        rows[:, 3:, 9] = force
-        rows[:, 3:, 6:9] = 0.0 if vehicle.on_air_bearing else -spin
+        rows = plant_of(vehicle).shown(reference, rate, rate_dot, force, _directions(drawn[:, 3:6]))
     return _in_row_space(rows.reshape(-1, 10))
 
 
@@ -81,6 +75,7 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
     commanded = theta.copy()
     commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
     slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
+    tilt, sloping = Layout.of(samples, vehicle).tilt, plant_of(vehicle).tilt_sigma > 0
     told, parts = np.zeros((6, 10)), []
     for part in blocks(cycles):
         system = linearise(samples, part, reference, vehicle)
@@ -89,7 +84,9 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
         told[:3] += (turning**2).sum(0) / gyro**2
         told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
         growth = np.diff(samples.part(part).rate_rad_s, axis=0)
-        parts.append((system.steps, growth - system.steps, system.measured[own, 3:] - times(pushing, theta), times(pushing, commanded)))
+        left: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], theta)
+        left = less_tilt(system, left, tilt) if sloping else left
+        parts.append((system.steps, growth - system.steps, left[own], times(pushing, commanded)))
     share = (told / np.maximum(told.sum(0), 1e-300)).T
     steps, left, felt, pushed = (np.concatenate(one) for one in zip(*parts, strict=True))
     steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)

@@ -3,19 +3,22 @@
 The filter is linear in what it is fed, so beside its mean it can carry what one unit of an assumption's change would have done to that
 mean (one more column of the same recursion): the shift of the estimate for a delay a cycle longer, an IMU a metre further on. An
 assumption that is uncertain by sigma then adds sigma² times the outer product of its shift to the covariance (a *consider* parameter:
-S. F. Schmidt 1966), without being estimated from the log a second time.
+S. F. Schmidt 1966), without being estimated from the log a second time. What is uncertain of the geometry is a column too, but an unknown
+that the regression finds beside the mass properties: an error of it may show in the log long before the sigma that is stated of it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import rotation
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import Lifted, compiled, lifted
 from massprop_cli.model.plant import Reference, plant_of
@@ -24,6 +27,8 @@ from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
+TURN = float(np.radians(0.1))
+"""rad; the difference behind the derivative with respect to the IMU's mounting."""
 STEP = 0.02
 """Cycles; half the difference behind the derivative with respect to delay and lag."""
 
@@ -47,6 +52,25 @@ class Variant:
 
 
 @dataclass(frozen=True)
+class ImuChange:
+    """The IMU further along a body axis, or turned about it."""
+
+    kind: str
+    """imu-position or imu-mounting."""
+    axis: int
+    samples: Source
+    """The log as it would have been read."""
+    step: float
+    """m or rad"""
+    sigma: float
+
+    def variant(self, samples: Source, vehicle: Vehicle) -> Variant:
+        """Beside the log as it was read; the distance counted in sigmas."""
+        changed = (imu_moved if self.kind == "imu-position" else imu_turned)(vehicle, self.axis, self.step)
+        return Variant(Side(samples), Side(self.samples, changed), self.step / self.sigma)
+
+
+@dataclass(frozen=True)
 class Consider:
     """Assumptions that are uncertain, and their covariance (e, e)."""
 
@@ -55,34 +79,63 @@ class Consider:
     scales: bool = False
     """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
     change; they add nothing to the covariance."""
+    imu: tuple[ImuChange, ...] = ()
+    """What is uncertain of the IMU. Unknowns from here on, with a prior of one sigma."""
+    jets: Wrenches = field(default_factory=Wrenches)
 
     def columns(self, channels: int) -> int:
-        """e, of a log with so many command channels."""
+        """e, of a log with so many command channels; without the unknowns."""
         return len(self.variants) + self.scales * (3 + channels)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """(u,) of each unknown."""
+        return (*(change.kind for change in self.imu), *self.jets.kinds)
+
+    def about(self, other: Consider) -> Consider:
+        """Of the same unknowns, with the assumptions of another."""
+        return replace(other, imu=self.imu, jets=self.jets)
 
 
 def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
-    """(K − 1, n, e) and (K, 6, e) derivatives of drive and measurements by each assumption, at the reference and the measured rates."""
+    """(K − 1, n, e + u) and (K, 6, e + u) derivatives of drive and measurements by each assumption, and by each unknown of the geometry.
+
+    At the reference and the measured rates.
+    """
     state = np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
     driven, measured = [], []
     read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
     moved: dict[tuple[int, int], Within] = {}
-    for variant in consider.variants:
+    moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
+
+    def add(variant: Variant) -> None:
         for side in (variant.low, variant.high):
             if id(side) not in read:
                 read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle, moved)
         low, high = read[id(variant.low)], read[id(variant.high)]
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
-    if consider.scales:
-        growth, force = thrust_columns(samples, cycles, reference, vehicle, here)
-        drive, seen = np.zeros((len(growth), state.shape[1], 3 + growth.shape[2])), np.zeros((len(force), 6, 3 + force.shape[2]))
-        drive[:, :3, 3:], seen[:, 3:, 3:] = growth, -force
-        mounting = np.array(vehicle.imu.body_from_imu)
-        seen[:, 3:, :3] = mounting * (samples.part(cycles).specific_force_m_s2 @ mounting)[:, None, :]
+
+    def push(growth: Array, force: Array, seen_by_scale: Array | None = None) -> None:
+        scales = 0 if seen_by_scale is None else 3
+        drive, seen = np.zeros((len(growth), state.shape[1], scales + growth.shape[2])), np.zeros((len(force), 6, scales + force.shape[2]))
+        drive[:, :3, scales:], seen[:, 3:, scales:] = growth, -force
+        if seen_by_scale is not None:
+            seen[:, 3:, :3] = seen_by_scale
         driven.extend(np.moveaxis(drive, -1, 0))
         measured.extend(np.moveaxis(seen, -1, 0))
+
+    for variant in consider.variants:
+        add(variant)
+    if consider.scales:
+        mounting = np.array(vehicle.imu.body_from_imu)
+        whole = samples.part(cycles).specific_force_m_s2 + vehicle.environment.steady_force_m_s2
+        push(*thrust_columns(samples, cycles, reference, vehicle, here), mounting * (whole @ mounting)[:, None, :])
+    for variant in moved_imu:
+        add(variant)
+    if consider.jets.kinds:
+        push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
 
 
@@ -103,6 +156,47 @@ def thrust_columns(
     turning = np.linalg.solve(reference.inertia, moment)
     push = reference.mu * channels.wrench[:, 3:].T + np.cross(turning.T, arm).T
     return growth, push * whole[:, None, :] / executed.duration_s[:, None, None]
+
+
+def wrench_columns(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted, changes: Wrenches
+) -> tuple[Array, Array]:
+    """(K − 1, 3, g) growth of the rate and (K, 3, g) specific force by each change of a channel's wrench."""
+    part = samples.part(cycles)
+    channels, duration = part.executed.channels, part.executed.duration_s
+    rising, whole = channels.rising[:, changes.channels], channels.whole[:, changes.channels]
+    up = (part.up_b[:-1] + part.up_b[1:]) / 2
+    moment, felt = plant_of(vehicle).pushed(reference, changes.wrench, up, np.array(vehicle.imu.position_m))
+    begun, ended = (
+        np.einsum("kij,kjg,kg->kig", here.moment_to_rate, *one) for one in ((moment[:-1], rising[:-1]), (moment[1:], (whole - rising)[1:]))
+    )
+    return begun + ended, felt * (whole / duration[:, None])[:, None, :]
+
+
+def with_geometry(consider: Consider, log: Log, vehicle: Vehicle, samples: Stream) -> Consider:
+    """With what the vehicle file says to be uncertain of jets and IMU."""
+    stated, imu = vehicle.imu, []
+    for axis in range(3):
+        if stated.position_sigma_m > 0:
+            imu.append(ImuChange("imu-position", axis, samples, stated.position_sigma_m, stated.position_sigma_m))
+        if stated.mounting_sigma_rad > 0:
+            turned = samples.changed(imu_turned(vehicle, axis, TURN))
+            imu.append(ImuChange("imu-mounting", axis, turned, TURN, stated.mounting_sigma_rad))
+    jets = uncertain_jets(vehicle) if log.command_kind == "jets" else Wrenches()
+    return replace(consider, imu=tuple(imu), jets=jets)
+
+
+def imu_moved(vehicle: Vehicle, axis: int, by_m: float) -> Vehicle:
+    """With the IMU further along a body axis."""
+    place = tuple(float(x) + by_m * (i == axis) for i, x in enumerate(vehicle.imu.position_m))
+    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"position_m": place})})
+
+
+def imu_turned(vehicle: Vehicle, axis: int, by_rad: float) -> Vehicle:
+    """With the IMU turned about a body axis."""
+    mounted = rotation(by_rad * np.eye(3)[axis]) @ np.array(vehicle.imu.body_from_imu)
+    rows = tuple(tuple(float(x) for x in row) for row in mounted)
+    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
 
 
 def _expected(

@@ -1,6 +1,6 @@
 """What a filter on the nuisance states is fed, cycle by cycle: transitions, drives, measurements and their noise.
 
-Drives and measurements have columns: the log's own, one for each coefficient φ of :mod:`massprop_cli.model.lift`, one for each assumption
+Drives and measurements have columns: the log's own, one for each coefficient φ of :mod:`massprop_cli.model.plant`, one for each assumption
 considered (:mod:`massprop_cli.model.sensitivity`). Where mass properties are said to drift, their departure from where they began is ten
 more states.
 """
@@ -63,7 +63,7 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     """The system of ``cycles`` about ``reference``. Noise levels must be set in ``vehicle``."""
     free, executed = lifted(samples, cycles, reference, vehicle), samples.part(cycles).executed
     drive, measured = free.drive, free.measured
-    if consider.variants or consider.scales:
+    if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation
@@ -100,6 +100,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = max(STEADY * vehicle.environment.disturbance_walk_n_m, float(jets.max()))
+    sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
     sigma[layout.scale] = scale_sigmas(vehicle)
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first
     return np.concatenate([sigma[RATE.start :], departed])

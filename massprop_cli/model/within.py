@@ -1,7 +1,7 @@
 """The motion within a control cycle, rebuilt from its mean rate and its commands, and integrals of it under the cycle's windows.
 
-The gyro gives each cycle's mean rate; how the rate changes within, the commands give (Φ of :mod:`massprop_cli.model.lift` times what acts).
-In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.
+The gyro gives each cycle's mean rate; how the rate changes within, the commands give (Φ of :mod:`massprop_cli.model.plant` times what
+acts). In B equal bins, of each of which mean, first moment and variance count, so that the error is of the fourth order in a bin's length.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross, lever_arm, tensor, times
-from massprop_cli.model.lift import MOMENT, MU, J, Lift, products
+from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.momentum import precession
-from massprop_cli.model.plant import BearingBody, Motion, Reference
+from massprop_cli.model.plant import Motion, Reference
 from massprop_cli.prepare.compensate import Samples
 
 STEEP = 0.5
@@ -54,7 +55,7 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     bin_s = (executed.duration_s / impulse.shape[1])[:, None, None]
     shape = (*impulse.shape[:2], 3)
     up_start = samples.up_b[:-1]
-    on_bearing = isinstance(lift.plant, BearingBody)
+    plant = lift.plant
     wrench, skew = by_component(impulse / bin_s), by_component(skew)
     rate, up = (by_component(np.broadcast_to(v[:, None], shape)) for v in (mean, up_start))
     motion = Motion(wrench, rate, np.zeros_like(rate), up)
@@ -65,21 +66,21 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     for again in range(_REFINEMENTS):
         coupled = times(response[:, -6:], products(motion.rate))
         coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
-        if on_bearing or stored is not None or not again:
+        if plant.pivoted or stored is not None or not again:
             torque, torque_late = (0.0, 0.0) if stored is None else precession(stored, motion, bin_s)
-            driven = times(response[:, :-6], multiplied(lift, _beside(motion.wrench, torque), motion.up))
+            driven = times(response[:, :-6], plant.acting(_beside(motion.wrench, torque), motion.up, motion.up))
             # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
-            late = times(response[:, :-6], multiplied(lift, _beside(skew, torque_late), np.zeros_like(rate), motion.up))
+            late = times(response[:, :-6], plant.acting(_beside(skew, torque_late), np.zeros_like(rate), motion.up))
         rate_dot = driven + coupled
-        if on_bearing:
-            rate_dot = rate_dot + swing(theta, motion)
+        if plant.pivoted:
+            rate_dot = rate_dot + plant.swing(theta, motion)
         own = rate_dot * bin_s
         change = _summed(own)
         within = change - own / 2 - late
         start = mean - within.sum(1) / within.shape[1]
         rate = start[:, None] + within
         up = motion.up
-        if on_bearing:
+        if plant.pivoted:
             turned = _summed(rate * bin_s)
             up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
             ups = up_start, end[:, 0]
@@ -114,30 +115,6 @@ def response_of(reference: Reference, lift: Lift, theta: Array) -> Array:
     if reference.response is not None:
         return reference.response
     return lift.response(theta)
-
-
-def multiplied(lift: Lift, wrench: Array, up: Array, level_of: Array | None = None) -> Array:
-    """(K, B, C − 6) what Φ multiplies in each bin but products of rates: of wrench (K, B, 6) and vertical (K, B, 3).
-
-    ``level_of`` is the vertical that says what is level, if it is not ``up``.
-    """
-    if not isinstance(lift.plant, BearingBody):
-        return wrench
-    torque, force = wrench[..., :3], wrench[..., 3:]
-    return np.concatenate([torque - cross(lift.plant.bearing, force), up, level(up if level_of is None else level_of, force)], -1)
-
-
-def level(up: Array, v: Array) -> Array:
-    """The part of vectors that lies in the level plane, P v."""
-    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
-    return part
-
-
-def swing(theta: Array, motion: Motion) -> Array:
-    """(K, B, 3) angular acceleration, on a bearing, by the acceleration that the CG's own swing gives the base: second order in κ."""
-    kappa = theta[MOMENT]
-    swung = cross(kappa, level(motion.up, lever_arm(motion.rate, motion.rate_dot, kappa))) * theta[MU]
-    return times(tensor(theta[J]), swung)
 
 
 def _bounded_share(coupled: Array, rate: Array, cycle_s: Array) -> Array:

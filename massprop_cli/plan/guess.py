@@ -24,6 +24,8 @@ CG_SPREAD = 0.05
 """Of a free vehicle's CG, as part of sqrt(trace/mass); on a bearing it was balanced, and is off by :data:`SPREAD` of what it is."""
 DRAWN = 4
 """Bodies beside the one that is guessed: enough that no plan suits it alone (tests/plan/test_plan.py)."""
+FLAT = 1.01
+"""By how much a flat body's moments of inertia are above what they are at least."""
 NEEDED = ("ixx", "iyy", "izz", "mass")
 
 
@@ -62,6 +64,9 @@ def _of_vehicle(vehicle: VehicleSource) -> GuessFile:
     stated = vehicle.vehicle
     values = {name: stated.nominal.value(name) for name in QUANTITIES}
     values |= {name: known.value for name, known in stated.known.items()}
+    if stated.environment.kind == "planar" and values["izz"] is not None:
+        # they have no part in the motion; any that a body has will do
+        values |= {name: values["izz"] / 2 * FLAT for name in ("ixx", "iyy") if values[name] is None}
     missing = [name for name in NEEDED if values[name] is None]
     if missing:
         raise InputError(
@@ -88,7 +93,7 @@ def _spread(file: GuessFile, vehicle: VehicleSource) -> Array:
         mass = body[9] * (1 + file.spread * rng.uniform(-1, 1))
         found.append(np.concatenate([elements(inertia), body[6:9] + rng.uniform(-1, 1, 3) * _cg_spread(file, vehicle), [mass]]))
     bodies = np.array([body, *sorted(found[1:], key=lambda values: -values[9])])
-    bearing = vehicle.vehicle.environment.bearing_mass_kg if vehicle.vehicle.on_air_bearing else 0.0
+    bearing = vehicle.vehicle.bearing_mass_kg
     bodies[:, 9] = np.maximum(bodies[:, 9], bearing + (body[9] - bearing) / 2)
     return bodies
 

@@ -69,7 +69,7 @@ def exceeded(used: dict[str, float], limits: dict[str, float]) -> dict[str, floa
 
 
 def used(flight: Flight) -> Used:
-    """What the members of a flight with perfect sensors take. Travel is the IMU's from where it starts, level on a bearing."""
+    """What the members of a flight with perfect sensors take. Travel is the IMU's from where it starts, level on a bearing or a table."""
     vehicle = flight.vehicle
     record = float(flight.time_s[0])
     attitude = np.moveaxis(flight.attitude_wxyz, -1, 0)
@@ -97,7 +97,7 @@ def _travel(flight: Flight, attitude: Array, record: float, vehicle: Vehicle) ->
     felt = np.moveaxis(flight.delta_v_m_s @ np.array(vehicle.imu.body_from_imu).T, -1, 0) / record
     middle = (attitude[:, :, 1:] + attitude[:, :, :-1]) / 2
     world = to_world(middle / np.linalg.norm(middle, axis=0), felt)
-    if vehicle.on_air_bearing:
+    if vehicle.environment.kind != "free":
         world[2] = 0.0
     velocity = np.cumsum(world, -1) * record
     place = np.cumsum(velocity - world * record / 2, -1) * record

@@ -23,15 +23,21 @@ TOUCHING = 1e-3
 
 def capability(log: Log, vehicle: Vehicle) -> Array:
     """(r, 6) wrenches that this vehicle can command."""
+    wrench = channel_wrench(log, vehicle)
     if log.command_kind != "wrench":
-        return channel_wrench(log, vehicle)
-    return np.vstack([np.eye(6)[(log.command != 0).any(0)], vehicle.wheel_wrench])
+        return wrench
+    used: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.spinning), dtype=bool))]
+    return used
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
-    """(C, 6) torque about O and force of each command channel: jets at full, a wrench's components, rotors' newtons; wheels' N m."""
+    """(C, 6) torque about O and force of each command channel, as far as they move the vehicle.
+
+    Jets at full, a wrench's components, rotors' newtons; wheels' N m.
+    """
     own = {"jets": vehicle.jet_wrench, "wrench": np.eye(6), "rotors": vehicle.rotor_wrench}[log.command_kind]
-    return np.vstack([own, vehicle.wheel_wrench])
+    found: Array = np.vstack([own, vehicle.wheel_wrench]) * vehicle.environment.moving
+    return found
 
 
 def channel_names(log: Log, vehicle: Vehicle) -> list[str]:

@@ -59,7 +59,7 @@ class Samples:
     rate_step_rad_s: Array
     """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
     specific_force_m_s2: Array
-    """(K, 3) mean specific force at the IMU."""
+    """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
     up_b: Array
     """(K + 1, 3) world vertical in body axes at the start of each cycle and the end of the last; zeros in free flight."""
 
@@ -149,7 +149,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
         executed=aligned,
         rate_rad_s=frozen(rate),
         rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
-        specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2)),
+        specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2),
         up_b=frozen(up),
     )
 

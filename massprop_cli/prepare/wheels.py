@@ -25,7 +25,7 @@ class Stored:
     """Momentum of W wheels within K cycles of B bins each."""
 
     axis: Array
-    """(W, 3) unit vectors, body axes."""
+    """(W, 3) unit vectors, body axes, as far as they turn the vehicle."""
     mean: Array
     """(K, B, W) along the axes, mean of each bin, N m s."""
     skew: Array
@@ -61,7 +61,8 @@ def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int
     length = np.diff(edges_s)[:, None]
     shape = (-1, bins, len(grown))
     skew = held_moment / length - held / 2
-    axis = np.array([wheel.direction for wheel in vehicle.spinning])
+    # on a table, what they do about Z alone
+    axis = np.array([wheel.direction for wheel in vehicle.spinning]) * vehicle.environment.moving[:3]
     return torque, torque_moment, Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
 
 

@@ -31,7 +31,12 @@ class Sensitivity:
 
 def open_ones(found: Result) -> list[Assumption]:
     """Those that nothing vouches for: what no log can tell, and what the vehicle file does not state."""
-    return [one for one in found.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust")]
+    return [one for one in found.assumptions if not one.stated or one.code in ("thrust-scale", "mass-thrust") or _in_sigma(one)]
+
+
+def _in_sigma(assumption: Assumption) -> bool:
+    """Whether it is an uncertainty that every sigma holds already; its effects are what it adds to them."""
+    return assumption.code.startswith("uncertain-")
 
 
 def sensitivities(shown: Sequence[Assumption]) -> list[Sensitivity]:
@@ -46,16 +51,17 @@ def _sensitivity(shown: Sequence[Assumption], phase: str) -> Sensitivity:
         phase=phase,
         steps=tuple((assumption.code, assumption.step) for assumption, _ in held),
         rows=tuple(
-            (name, vocabulary.unit(UNITS[name]), tuple(_change(effect.change.get(name)) for _, effect in held)) for name in QUANTITIES
+            (name, vocabulary.unit(UNITS[name]), tuple(_change(effect.change.get(name), _in_sigma(one)) for one, effect in held))
+            for name in QUANTITIES
         ),
-        noticed=tuple(_noticed(effect.seen_sigma) for _, effect in held),
+        noticed=tuple("in sigma" if _in_sigma(assumption) else _noticed(effect.seen_sigma) for assumption, effect in held),
     )
 
 
-def _change(change: float | None) -> str:
+def _change(change: float | None, in_sigma: bool) -> str:
     if change is None:
         return digits.ABSENT
-    return f"{'+' if change > 0 else ''}{digits.figures(change)}"
+    return f"{'± ' if in_sigma else '+' if change > 0 else ''}{digits.figures(change)}"
 
 
 def _noticed(seen_sigma: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from massprop_cli.conclude.verdict import NO_PART
 from massprop_cli.report import vocabulary
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
@@ -27,7 +28,7 @@ def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:
     if contradicted and item.verdict != "unobservable":
         return f"{told}; {vocabulary.remedy(quantity, item.verdict, contradicted)}"
     cure = vocabulary.cure(quantity)
-    return told if cure in item.reason else f"{told}{_WISH}{cure}"
+    return told if cure in item.reason or item.reason == NO_PART else f"{told}{_WISH}{cure}"
 
 
 def reason(item: EstimateItem, contradicted: str = "") -> str:

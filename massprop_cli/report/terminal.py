@@ -106,6 +106,7 @@ def _legend(found: Result) -> list[str]:
         "products are the tensor's own elements,",
         "ixy = -Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
         + (" Mass includes the bearing's." if bearing else ""),
+        *([vocabulary.ON_TABLE] if vehicle.environment == "planar" else []),
     ]
     return [*lines, vocabulary.thrust_scale(found)]
 

@@ -300,7 +300,9 @@ def cures(table: Table) -> list[tuple[str, Row, str]]:
     wrong = [row for row in table.open if row.verdict == "contradicted"]
     together = [(", ".join(row.symbol for row in wrong), wrong[0], vocabulary.remedy("", "contradicted"))] if wrong else []
     return together + [
-        (row.symbol, row, vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction)) for row in table.open if row not in wrong
+        (row.symbol, row, vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason))
+        for row in table.open
+        if row not in wrong
     ]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from massprop_cli.conclude.verdict import WANTED, Verdict
+from massprop_cli.conclude.verdict import NO_PART, WANTED, Verdict
+from massprop_cli.inputs.vehicle import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import Result
 
@@ -20,6 +21,10 @@ VERDICTS: dict[Verdict, str] = {
 }
 SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_excited": "○", "contradicted": "‼", "unobservable": "✕"}
 """A sign for each verdict, so that colour is never the only one."""
+
+
+ENVIRONMENTS: dict[EnvironmentKind, str] = {"free": "free flight", "air_bearing": "air bearing", "planar": "on a table"}
+ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are told; nothing else has a part in that motion."
 
 
 def unit(text: str) -> str:
@@ -45,6 +50,8 @@ def conventions(result: Result) -> list[str]:
         lines.append(f"± is one standard deviation{'; of a contradicted quantity it does not hold' if contradicted else ''}.")
     if bearing:
         lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
+    if result.vehicle.environment == "planar":
+        lines.append(ON_TABLE)
     return [*lines, thrust_scale(result)]
 
 
@@ -66,8 +73,8 @@ def thrust_scale(result: Result) -> str:
     return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
 
 
-def remedy(quantity: str, verdict: str, contradiction: str = "") -> str:
-    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the cure."""
+def remedy(quantity: str, verdict: str, contradiction: str = "", reason: str = "") -> str:
+    """What to do about a quantity that is not converged for a ``reason``; in a phase with a contradiction no motion is the cure."""
     if verdict == "contradicted":
         return "mend the cause; no motion cures it"
     if contradiction and verdict != "unobservable":
@@ -75,5 +82,7 @@ def remedy(quantity: str, verdict: str, contradiction: str = "") -> str:
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":
+        if reason == NO_PART:
+            return "another test: in free flight, or on an air bearing"
         return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
     return f"{cure(quantity)}"

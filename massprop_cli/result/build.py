@@ -86,7 +86,7 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
     return VehicleInfo(
         name=used.name,
         environment=used.environment.kind,
-        bearing_mass_kg=used.environment.bearing_mass_kg if used.on_air_bearing else 0.0,
+        bearing_mass_kg=used.bearing_mass_kg,
         bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],

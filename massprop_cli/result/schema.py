@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.inputs.vehicle import EnvironmentKind
 
 AXES = ("x", "y", "z")
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -42,7 +43,7 @@ class VehicleInfo(Item):
     """The vehicle as its file states it."""
 
     name: str
-    environment: Literal["free", "air_bearing"]
+    environment: EnvironmentKind
     bearing_mass_kg: float = Field(description="part of the mass, but not of CG and inertia; 0 in free flight")
     bearing_position_m: Triple
     commands: Literal["jets", "wrench", "rotors"]

@@ -9,21 +9,18 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
+from massprop_cli.testbed.environment import dynamics_in
 from massprop_cli.testbed.motion import (
-    Bearing,
     Bodies,
     CycleMotion,
-    Dynamics,
     Wrench,
     compose,
     compose_all,
     cross,
     quaternions,
     rotation_vectors,
-    vertical,
 )
 from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
@@ -64,7 +61,7 @@ class Cycles:
         self.wheels = Wheels(scenario, self.members, edges, spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque, self.drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
-        self.bearing = _bearing(scenario.vehicle)
+        self.dynamics_of = dynamics_in(scenario)
         self.body = truth.bodies(scenario.truth, self.members)
         self.events = {event.at(self.period): event for event in scenario.events}
         self.records = scenario.sensors.records_per_cycle
@@ -93,9 +90,8 @@ class Cycles:
         mean[:3] -= spin.torque
         gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
-        up = vertical(here) if self.bearing else np.zeros((3, self.members))
-        dynamics = Dynamics(self.wheels.bare(self.body), self.bearing)
-        motion = dynamics.advance(self.rate[:, k].T, up, Wrench(mean, gathered, spin.momentum, spin.torque), self.width)
+        dynamics = self.dynamics_of(self.wheels.bare(self.body))
+        motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), Wrench(mean, gathered, spin.momentum, spin.torque), self.width)
         self.wheels.log(k, motion)
         self.rate[:, k + 1] = motion.rate_end.T
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
@@ -143,12 +139,12 @@ class Cycles:
 
     def _burn(self, k: int, burn_s: Array) -> None:
         """What the fuel of a cycle leaves; :class:`InputError` where that is no body."""
-        bearing, fuel = self.bearing, self.scenario.fuel
+        still, fuel = self.scenario.vehicle.bearing_mass_kg, self.scenario.fuel
         if fuel is None:
             return
         impulse = np.abs(burn_s) @ np.linalg.norm(self.actuators.wrench[:, 3:], axis=1)
-        body = self.body = truth.burnt(self.body, fuel, impulse, bearing.mass if bearing else 0.0)
-        left = body.mass - (bearing.mass if bearing else 0.0)
+        body = self.body = truth.burnt(self.body, fuel, impulse, still)
+        left = body.mass - still
         least = np.linalg.eigvalsh(np.moveaxis(body.inertia, -1, 0))[:, 0]
         gone = ~((left > 0) & (least > 0))
         if gone.any():
@@ -227,20 +223,12 @@ def _disturbance(scenario: Scenario, rngs: list[np.random.Generator]) -> Array:
     return np.moveaxis(drawn + periodic + np.array(real.constant_n_m), -1, 0)
 
 
-def _bearing(vehicle: Vehicle) -> Bearing | None:
-    if not vehicle.on_air_bearing:
-        return None
-    environment = vehicle.environment
-    return Bearing(np.array(environment.bearing_position_m), environment.bearing_mass_kg, environment.gravity_m_s2)
-
-
 def _happen(event: Event, scenario: Scenario, body: Bodies, rate: Array, position: Array) -> tuple[Bodies, Array, Array | float]:
     """Body, rate and jump of the IMU's velocity after an event."""
     if event.kind == "reset" or scenario.docked is None:
         return body, rate, 0.0
     other = truth.bodies(scenario.docked, rate.shape[1])
-    fixed = scenario.vehicle.environment.bearing_mass_kg if scenario.vehicle.on_air_bearing else 0.0
-    combined = truth.joined(body, other, fixed)
+    combined = truth.joined(body, other, scenario.vehicle.bearing_mass_kg)
     return combined, *truth.docked_motion(body, other, combined, rate, position, event)
 
 

@@ -65,9 +65,10 @@ def allocation(source: ScenarioSource) -> Allocation:
     scenario = source.scenario
     share = np.full((6, 2, max(len(scenario.vehicle.jets), 6 if not scenario.vehicle.jets else 0)), np.nan)
     if scenario.vehicle.jets:
+        wrench = scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving
         for axis in range(6):
             for side in range(2):
-                share[axis, side] = _jets_for(scenario.vehicle.jet_wrench, axis, 1.0 - 2 * side)
+                share[axis, side] = _jets_for(wrench, axis, 1.0 - 2 * side)
     else:
         limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
         with np.errstate(divide="ignore"):
@@ -82,7 +83,7 @@ def allocation(source: ScenarioSource) -> Allocation:
 
 def _by_wheels(scenario: Scenario) -> tuple[Array, Array]:
     """Torques of least size on the wheels, and what they can do about each axis; nothing about one that they don't span."""
-    axis = np.array([wheel.direction for wheel in scenario.vehicle.wheels]).reshape(-1, 3)
+    axis = np.array([wheel.direction for wheel in scenario.vehicle.wheels]).reshape(-1, 3) * scenario.vehicle.environment.moving[:3]
     share = -np.linalg.pinv(axis.T) if len(axis) else np.zeros((0, 3))
     served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED**0.5
     most = np.abs(share).max(0, initial=0.0)
@@ -107,11 +108,15 @@ def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
 
 
 def _check_served(source: ScenarioSource, allocated: Allocation) -> None:
+    moving = source.scenario.vehicle.environment.moving
     for number, segment in enumerate(source.scenario.plan, 1):
         if segment.motion == "coast":
             continue
         for name in segment.driven:
-            if 0.0 in allocated.largest(AXES.index(name), source.scenario.turned_by_wheels(segment)):
+            axis = AXES.index(name)
+            if segment.motion == "hold" and not moving[axis]:
+                continue  # the table holds it
+            if 0.0 in allocated.largest(axis, source.scenario.turned_by_wheels(segment)):
                 raise InputError(
                     f"{source.source}, plan segment {number}: the vehicle can't drive {name} both ways without disturbing other axes; "
                     "drop the axis from the plan, or add jets or wheels"

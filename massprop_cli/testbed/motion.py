@@ -1,12 +1,8 @@
-"""Rigid-body motion of all members through one control cycle, free or on an air bearing.
+"""Rigid-body motion of all members through one control cycle.
 
-Both environments have the form ``A ω̇ = M w − ω × (A₀ ω + h) + p (…)``, the commands' wrench w(t) and the wheels' momentum h known exactly:
-
-* free (6 degrees of freedom): ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, p = 0;
-* spherical bearing at b on a base that slides on a horizontal plane (5 degrees of freedom), s = c − b, u the vertical, ``p = s × u``,
-  m_r the rotating and m the whole mass: ``A₀ = I − (m_r − m_r²/m) [s]×²``, ``A = A₀ + (m_r²/m) p pᵀ``,
-  ``M w = τ − b × F − (m_r/m) s × F`` and ``p ( (m_r/m) u·F − m_r g − (m_r²/m) u·(ω × (ω × s)) )``.
-  It is the moment about the CG of jets and reaction, the base's horizontal acceleration and its reaction eliminated.
+Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) + what holds it``, with the commands' wrench w(t) and the wheels' momentum h
+known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds the body; what
+another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
 
 A cycle is cut into bins. Within a bin ω is the exact answer to the commands plus a smooth rest, whose bin mean and slope are taken to
 second order; the bins of a cycle are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
@@ -15,6 +11,7 @@ second order; the bins of a cycle are solved together by fixed-point iteration, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,16 +59,6 @@ class Bodies:
 
 
 @dataclass(frozen=True)
-class Bearing:
-    """Where an air bearing sits and what it carries."""
-
-    position: Array
-    """(3,) from O, m."""
-    mass: float
-    gravity: float
-
-
-@dataclass(frozen=True)
 class Wrench:
     """What the commands (and disturbances) apply within a cycle, body axes."""
 
@@ -93,127 +80,119 @@ class CycleMotion:
     """rad/s."""
     rate_dot: Array
     """rad/s²; also the slope of the rate within a bin."""
-    up: Array
-    """World vertical in body axes; zeros in free flight."""
+    fixed: Array
+    """What stands still in the world (:meth:`Dynamics.fixed`), body axes."""
     rate_end: Array
     """(3, S) rate at the cycle's end, rad/s."""
 
 
+class Loose(NamedTuple):
+    """(3, S, B) of an iteration, as if nothing held the body."""
+
+    mean: Array
+    """Rate, rad/s."""
+    driven: Array
+    """The commands' part of ω̇, rad/s²."""
+    rest: Array
+    """The other part, ..."""
+    rest_slope: Array
+    """... and its slope, rad/s³."""
+    inverse: Array
+    """(3, 3, S, 1) of A₀."""
+
+
+class Held(NamedTuple):
+    """(3, S, B) what stands still in the world, body axes; ω̇ but for the commands' part as if loose, and its slope."""
+
+    fixed: Array
+    rest: Array
+    rest_slope: Array | float
+
+
 @dataclass(frozen=True)
 class Dynamics:
-    """The coefficients above for members whose mass properties stand still within a cycle."""
+    """The coefficients above for members whose mass properties stand still within a cycle: in free flight, and as others change them."""
 
     bodies: Bodies
-    bearing: Bearing | None
-
-    @property
-    def arm(self) -> Array:
-        """(3, S) s, bearing to CG; zeros in free flight, m."""
-        return np.zeros_like(self.bodies.cg) if self.bearing is None else self.bodies.cg - self.bearing.position[:, None]
-
-    @property
-    def rotating_mass(self) -> Array:
-        """(S,) m_r, kg."""
-        return self.bodies.mass - (0.0 if self.bearing is None else self.bearing.mass)
-
-    @property
-    def share(self) -> Array:
-        """(S,) m_r / m."""
-        return self.rotating_mass / self.bodies.mass
 
     @property
     def inertia(self) -> Array:
         """(3, 3, S) A₀, kg m²."""
-        return self.bodies.inertia + self.rotating_mass * (1 - self.share) * outer_square(self.arm)
+        return self.bodies.inertia
+
+    @property
+    def inverse(self) -> Array:
+        """(3, 3, S) of A₀, in the directions in which the body can turn."""
+        return np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1)
+
+    @property
+    def centre(self) -> Array:
+        """(3, S) the point of which :meth:`centre_force` is, from O, m."""
+        return self.bodies.cg
+
+    def fixed(self, attitude: Array) -> Array:
+        """(3, S) what stands still in the world and acts on the body or its IMU, body axes, at an ``attitude`` (4, S): nothing."""
+        return np.zeros_like(attitude[1:])
 
     def moment(self, wrench: Array) -> Array:
         """(3, S, B) M w, N m."""
         torque, force = wrench[:3], wrench[3:]
-        if self.bearing is None:
-            return torque - cross(self.bodies.cg[..., None], force)
-        return torque - cross(self.bearing.position[:, None, None] + (self.share * self.arm)[..., None], force)
+        return torque - cross(self.bodies.cg[..., None], force)
 
-    def advance(self, rate: Array, up: Array, wrench: Wrench, width_s: float) -> CycleMotion:
-        """Through one cycle from ``rate`` (3, S) and ``up`` (3, S)."""
+    def held(self, loose: Loose, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:  # noqa: ARG002
+        """What holds the body, with :meth:`fixed` (3, S) at the cycle's start, the last iterate and bins of ``h`` s: nothing."""
+        return Held(state.fixed, loose.rest, loose.rest_slope)
+
+    def advance(self, rate: Array, fixed: Array, wrench: Wrench, width_s: float) -> CycleMotion:
+        """Through one cycle from ``rate`` (3, S), with :meth:`fixed` (3, S) there."""
         inertia = self.inertia
-        inverse = np.moveaxis(np.linalg.inv(np.moveaxis(inertia, -1, 0)), 0, -1)[..., None]
+        inverse = self.inverse[..., None]
         inertia = inertia[..., None]
         h = width_s
         driven, gathered = apply(inverse, self.moment(wrench.mean)), apply(inverse, self.moment(wrench.gathered))
         rest = np.zeros_like(driven)
-        ups = np.zeros_like(driven) + up[..., None]
-        state = _State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, ups)
+        state = State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None])
         open_members = np.ones(rate.shape[1], dtype=bool)
         for _ in range(ITERATIONS):
-            found = self._iterate(state, rate, up, inertia, inverse, driven, gathered, wrench, h)
+            found = self._iterate(state, rate, fixed, inertia, inverse, driven, gathered, wrench, h)
             moved = np.abs(found.end - state.end).max((0, 2)) > TOLERANCE * (1 + np.abs(found.end).max((0, 2)))
             # a member's own convergence alone decides when it stops, so that its bytes don't depend on who flies beside it
             state = found if open_members.all() else state.where(open_members, found)
             open_members = open_members & moved
             if not open_members.any():
                 break
-        return CycleMotion(state.mean, state.dot, state.up, state.end[..., -1])
+        return CycleMotion(state.mean, state.dot, state.fixed, state.end[..., -1])
 
     def _iterate(
         self,
-        state: _State,
+        state: State,
         rate: Array,
-        up: Array,
+        fixed: Array,
         inertia: Array,
         inverse: Array,
         driven: Array,
         gathered: Array,
         wrench: Wrench,
         h: float,
-    ) -> _State:
+    ) -> State:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
         mean = start + gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
         momentum, torque = apply(inertia, mean) + wrench.momentum, apply(inertia, state.dot) + wrench.momentum_slope
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
         rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque))
         rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque))
-        ups = state.up
-        if self.bearing is not None:
-            ups, push = self._on_bearing(up, mean, state, wrench, h)
-            rest = self._with_bearing(rest + driven, ups, push, inverse) - driven
-            swing = cross(self.arm[..., None], cross(ups, mean))
-            rest_slope = rest_slope - apply(inverse, (self.rotating_mass * self.bearing.gravity)[:, None] * swing)
-        dot = driven + rest
-        return _State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, rest, ups, rest_slope)
-
-    def _on_bearing(self, up: Array, mean: Array, state: _State, wrench: Wrench, h: float) -> tuple[Array, Array]:
-        """Vertical (3, S, B) and the bracket behind p, (S, B) N."""
-        assert self.bearing is not None
-        slope = cross(state.up, mean)
-        turning = slope + h * h / 12 * cross(slope, state.dot)
-        start = up[..., None] + h * (np.cumsum(turning, -1) - turning)
-        ups = start + h / 2 * turning - h * h / 12 * (cross(slope, mean) + cross(state.up, state.dot))
-        arm, share = self.arm[..., None], self.share[:, None]
-        centripetal = cross(mean, cross(mean, arm))
-        push = share * dot(ups, wrench.mean[3:]) - self.rotating_mass[:, None] * (self.bearing.gravity + share * dot(ups, centripetal))
-        return ups, push
-
-    def _with_bearing(self, driven: Array, ups: Array, push: Array, inverse: Array) -> Array:
-        """(A₀ + k p pᵀ)⁻¹ (A₀ driven + p push), by Sherman and Morrison."""
-        p = cross(self.arm[..., None], ups)
-        k = (self.rotating_mass * self.share)[:, None]
-        turned = apply(inverse, p)
-        size = dot(p, turned)
-        solved: Array = driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
-        return solved
+        held = self.held(Loose(mean, driven, rest, rest_slope, inverse), state, fixed, wrench, h)
+        dot = driven + held.rest
+        return State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)
 
     def specific_force(self, motion: CycleMotion, force: Array, position: Array, width_s: float) -> Array:
         """(3, S, B) mean specific force at ``position`` (3,) [m from O], body axes, m/s²; ``force`` (3, S, B) N."""
-        centre = self.bodies.cg if self.bearing is None else np.broadcast_to(self.bearing.position[:, None], self.bodies.cg.shape)
-        return self.centre_force(motion, force, width_s) + lever(motion, position[:, None, None] - centre[..., None], width_s)
+        return self.centre_force(motion, force, width_s) + lever(motion, position[:, None, None] - self.centre[..., None], width_s)
 
-    def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:
-        """(3, S, B) specific force of the CG (free: F/m) or of the bearing (level pull of jets and body, and gravity), m/s²."""
-        if self.bearing is None:
-            felt: Array = force / self.bodies.mass[:, None]
-            return felt
-        pull = force / self.bodies.mass[:, None] - self.share[:, None] * lever(motion, self.arm[..., None], width_s)
-        return pull - motion.up * dot(motion.up, pull) + self.bearing.gravity * motion.up
+    def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:  # noqa: ARG002
+        """(3, S, B) specific force of the centre, m/s²: of the CG, F/m."""
+        felt: Array = force / self.bodies.mass[:, None]
+        return felt
 
 
 def lever(motion: CycleMotion, arm: Array, width_s: float) -> Array:
@@ -224,20 +203,21 @@ def lever(motion: CycleMotion, arm: Array, width_s: float) -> Array:
 
 
 @dataclass(frozen=True)
-class _State:
-    """One iterate: rates at the bins' ends, bin means, ω̇, its part that is not the commands', the vertical, slope of that part."""
+class State:
+    """One iterate: rates at the bins' ends, bin means, ω̇, its part that is not the commands', what stands still, slope of that part."""
 
     end: Array
     mean: Array
     dot: Array
     rest: Array
-    up: Array
+    fixed: Array
     rest_slope: Array | float = 0.0
 
-    def where(self, members: Array, other: _State) -> _State:
+    def where(self, members: Array, other: State) -> State:
+        """The other one's of some ``members`` (S,)."""
         chosen = members[:, None]
-        fields = ("end", "mean", "dot", "rest", "up", "rest_slope")
-        return _State(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
+        fields = ("end", "mean", "dot", "rest", "fixed", "rest_slope")
+        return State(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in fields))
 
 
 def rotation_vectors(motion: CycleMotion, width_s: float) -> Array:

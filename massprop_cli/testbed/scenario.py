@@ -112,7 +112,7 @@ class Actuators(Section):
 
 
 class Disturbance(Section):
-    """A torque that nobody commanded."""
+    """What nobody commanded: a torque; a table's slope."""
 
     torque_n_m: NonNegative | None = Field(None, description="one sigma per cycle, white, each axis; absent: as the vehicle file states")
     walk_n_m: NonNegative | None = Field(
@@ -122,6 +122,13 @@ class Disturbance(Section):
     periodic_n_m: Vector = Field(ZERO, description="amplitude of a sine that begins with the log")
     periodic_s: Positive = Field(10.0, description="its period")
     rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate, over that rate at the cycle's start")
+    table_tilt_rad: tuple[FiniteFloat, FiniteFloat] = Field((0.0, 0.0), description="by which a table is turned about the world's X and Y")
+    table_hold: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="part of the weight's pull along a tilted table that something holds, and the accelerometer feels",
+    )
 
 
 class Fuel(Section):
@@ -199,7 +206,7 @@ class Scenario(Timed):
         self._check_times()
         self._check_phases()
         self._check_plan()
-        bearing = self.vehicle.environment.bearing_mass_kg if self.vehicle.on_air_bearing else 0.0
+        bearing = self.vehicle.bearing_mass_kg
         if self.truth.mass <= bearing:
             raise ValueError(f"truth.mass = {self.truth.mass:g} kg includes the bearing's {bearing:g} kg: it must be larger")
         return self
@@ -267,8 +274,12 @@ class Scenario(Timed):
     def _check_plan(self) -> None:
         if self.fuel is not None and not self.vehicle.jets:
             raise ValueError("[fuel] needs jets that burn it")
-        if self.vehicle.on_air_bearing and any(e.kind == "dock" and e.motion == "momentum_conserved" for e in self.events):
-            raise ValueError('docking on an air bearing is simulated with motion = "rates_kept" only')
+        kind = self.vehicle.environment.kind
+        if kind != "free" and any(e.kind == "dock" and e.motion == "momentum_conserved" for e in self.events):
+            where = "an air bearing" if kind == "air_bearing" else "a table"
+            raise ValueError(f'docking on {where} is simulated with motion = "rates_kept" only')
+        if kind == "planar" and any(self.initial.rate_rad_s[:2]):
+            raise ValueError("initial.rate_rad_s: a vehicle on a table turns about Z alone; make the others 0")
         if self.control is None and any(s.motion == "hold" or s.closed_loop for s in self.plan):
             raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
         self._check_wheels()

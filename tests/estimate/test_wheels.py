@@ -115,3 +115,47 @@ def test_no_momentum_that_is_held_may_be_left_out() -> None:
     still = vehiclefile.changed(flight.vehicle, ["wheels.2.spin_inertia_kg_m2=1e-9"])
     analysis = flow.examine(log, VehicleSource(still, "", ""))
     assert analysis.notices
+
+
+TABLE = (
+    "duration_s=20",
+    "actuators.max_wheel_torque_n_m=0.05",
+    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=20}, {motion="random", axes=["yaw"], start_s=0, end_s=10}, '
+    '{motion="random", axes=["yaw"], start_s=10, end_s=20, by_wheels=true}]',
+)
+
+
+def on_table(column: str) -> str:
+    """Two wheels, one of them askew: the table takes up what it does about X, and the momentum that it turns about Z."""
+    return (
+        f'vehicle.wheels=[{{name="z", axis=[0, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, column="{column}", '
+        "start_rad_s=60}, "
+        f'{{name="askew", axis=[0.5, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=false, column="{column}", start_rad_s=-40}}]'
+    )
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(("column", "thrust"), [("speed", 1.0), ("torque", 1.0), ("speed", 0.95)])
+def test_a_table_tells_the_same_four_beside_wheels_which_tell_the_thrust_as_well(column: str, thrust: float) -> None:
+    """Errors within 4 sigma, sigmas 0.9 to 1.2 of the bound with thrust known, whether it is or is 5 % weaker than stated ± 5 %."""
+    weak = () if thrust == 1 else (f"actuators.scale={thrust}", "vehicle.thrust.scale_sigma=0.05")
+    source = scenario.load("planar", (*TABLE, on_table(column), *weak))
+    flight = simulate.fly(source, [1])
+    analysis = estimated(flight)
+    values, sigmas = found(analysis)
+    told = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
+    assert np.abs((values - flight.truth[0][0]) / sigmas)[told].max() < 4
+    over = (sigmas / limits(source, flight))[told]
+    assert 0.9 < over.min() < over.max() < 1.2
+    assert [estimate.verdict for estimate in analysis.conclusions[0].estimates.values()].count("unobservable") == 6
+    assert not analysis.notices
+
+
+@pytest.mark.numerical
+def test_where_jets_are_uncertain_the_wheels_still_tell_izz() -> None:
+    """Eight jets ± 1 mm, four along each axis: the CG ± 1 mm / √4; Izz, which jets alone would tell to 1 %, to twice what exact ones do."""
+    flight = simulate.fly(scenario.load("planar", (*TABLE, on_table("speed"))), [1])
+    places = [f"jets.{i}.position_sigma_m=0.001" for i in range(8)]
+    exact, uncertain = (found(estimated(flight, *settings))[1] for settings in ((), places))
+    np.testing.assert_allclose(uncertain[6:8], 0.5e-3, rtol=0.1)
+    assert exact[5] < uncertain[5] < 2.5 * exact[5]

@@ -7,9 +7,11 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor, times
-from massprop_cli.model.lift import MOMENT, MU, J, Lift, gamma, products, products_by_rate
+from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import parameters
 from massprop_cli.model.plant import BearingBody, FreeBody, Plant, Reference
+from massprop_cli.model.plant.plant import MOMENT, MU, J
 from tests.model.test_plant import BODY, moment_about_cg, motion
 
 pytestmark = pytest.mark.numerical
@@ -34,7 +36,7 @@ def test_gyroscopic_torque_is_linear_in_products_of_rates() -> None:
 
 
 @BOTH
-def test_angular_acceleration_is_linear_in_the_coefficients(plant: Plant) -> None:
+def test_angular_acceleration_is_linear_in_the_coefficients(plant: FreeBody | BearingBody) -> None:
     """ω̇ from the moments about the CG, solved for by iteration, against Φ z about O or the bearing."""
     moving = motion()
     for _ in range(60):

@@ -6,7 +6,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix, lever_arm, tensor, times
-from massprop_cli.model.plant import BearingBody, FreeBody, Motion, Plant, Reference
+from massprop_cli.model.plant import BearingBody, FreeBody, Motion, Reference
 
 CG = np.array([0.012, -0.02, 0.03])
 MU = 1 / 25.0
@@ -23,7 +23,7 @@ def motion(rate_dot: Array | None = None) -> Motion:
     return Motion(wrench, rate, guess if rate_dot is None else rate_dot, up)
 
 
-def force_at_centre(plant: Plant, moving: Motion) -> Array:
+def force_at_centre(plant: FreeBody | BearingBody, moving: Motion) -> Array:
     """(K, B, 3) specific force: of a free body's CG F/m; of a bearing, that slides level under body and base, with gravity."""
     force = moving.wrench[..., 3:]
     if isinstance(plant, FreeBody):
@@ -48,7 +48,7 @@ def test_on_a_bearing_base_and_body_share_the_momentum_that_the_jets_give() -> N
     np.testing.assert_allclose((force * moving.up).sum(-1), plant.gravity, rtol=1e-12)
 
 
-def moment_about_cg(plant: Plant, moving: Motion) -> Array:
+def moment_about_cg(plant: FreeBody | BearingBody, moving: Motion) -> Array:
     """(K, B, 3) jets' and bearing's together, the bearing's force from the acceleration of the CG."""
     moment = times(np.hstack([np.eye(3), -cross_matrix(CG)]), moving.wrench)
     if isinstance(plant, FreeBody):

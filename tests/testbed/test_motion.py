@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.testbed.environment.bearing import Bearing, OnBearing
 from massprop_cli.testbed.motion import (
-    Bearing,
     Bodies,
     CycleMotion,
     Dynamics,
@@ -49,7 +49,7 @@ def coast(
 
 
 def test_a_tumbling_free_body_keeps_angular_momentum_and_energy() -> None:
-    rates, attitudes, _ = coast(Dynamics(bodies(), None), np.array([1.2, 0.9, -0.7]), 400)
+    rates, attitudes, _ = coast(Dynamics(bodies()), np.array([1.2, 0.9, -0.7]), 400)
     momentum = to_world(attitudes.T, INERTIA @ rates.T)
     energy = np.einsum("ki,ij,kj->k", rates, INERTIA, rates) / 2
     assert np.abs(momentum - momentum[:, :1]).max() < 2e-7 * np.linalg.norm(momentum[:, 0])
@@ -59,7 +59,7 @@ def test_a_tumbling_free_body_keeps_angular_momentum_and_energy() -> None:
 
 def test_half_the_bin_width_leaves_a_sixteenth_of_the_error_or_less() -> None:
     def end(bins: int) -> Array:
-        rates, _, _ = coast(Dynamics(bodies(), None), np.array([1.2, 0.9, -0.7]), 100, np.array([0.3, -0.5, 0.4, 0, 0, 0]), bins)
+        rates, _, _ = coast(Dynamics(bodies()), np.array([1.2, 0.9, -0.7]), 100, np.array([0.3, -0.5, 0.4, 0, 0, 0]), bins)
         last: Array = rates[-1]
         return last
 
@@ -71,7 +71,7 @@ def test_half_the_bin_width_leaves_a_sixteenth_of_the_error_or_less() -> None:
 
 def test_constant_torque_about_a_principal_axis_turns_as_the_closed_form() -> None:
     inertia = np.diag([0.5, 2.0, 2.2])
-    rates, attitudes, _ = coast(Dynamics(bodies(inertia), None), np.zeros(3), 60, np.array([0.2, 0, 0, 0, 0, 0]))
+    rates, attitudes, _ = coast(Dynamics(bodies(inertia)), np.zeros(3), 60, np.array([0.2, 0, 0, 0, 0, 0]))
     time = PERIOD * np.arange(61)
     assert np.allclose(rates[:, 0], 0.4 * time, rtol=0, atol=1e-12)
     assert np.allclose(2 * np.arctan2(attitudes[:, 1], attitudes[:, 0]), 0.2 * time**2, rtol=0, atol=1e-11)
@@ -81,7 +81,7 @@ def test_constant_torque_about_a_principal_axis_turns_as_the_closed_form() -> No
 def test_a_divert_through_the_cg_turns_nothing_and_pushes_by_force_over_mass() -> None:
     cg = (0.02, -0.03, 0.01)
     force = np.array([1.0, -2.0, 0.5])
-    dynamics = Dynamics(bodies(cg=cg, mass=8.0), None)
+    dynamics = Dynamics(bodies(cg=cg, mass=8.0))
     rates, _, motions = coast(dynamics, np.zeros(3), 20, np.concatenate([np.cross(cg, force), force]))
     assert np.abs(rates).max() < 1e-15
     felt = dynamics.specific_force(motions[-1], np.tile(force[:, None, None], (1, 1, BINS)), np.array([0.1, 0.2, -0.1]), WIDTH)
@@ -91,7 +91,7 @@ def test_a_divert_through_the_cg_turns_nothing_and_pushes_by_force_over_mass() -
 def test_a_torque_free_axisymmetric_body_precesses_at_the_known_rate() -> None:
     inertia = np.diag([2.0, 2.0, 3.0])
     spin, cone = 1.5, 0.4
-    rates, _, _ = coast(Dynamics(bodies(inertia), None), np.array([cone, 0.0, spin]), 200)
+    rates, _, _ = coast(Dynamics(bodies(inertia)), np.array([cone, 0.0, spin]), 200)
     phase = (3.0 - 2.0) / 2.0 * spin * PERIOD * np.arange(201)
     expected = np.stack([cone * np.cos(phase), cone * np.sin(phase), np.full(201, spin)], 1)
     assert np.abs(rates - expected).max() < 1e-8
@@ -100,9 +100,9 @@ def test_a_torque_free_axisymmetric_body_precesses_at_the_known_rate() -> None:
 BEARING = Bearing(np.array([0.01, -0.02, 0.03]), 5.0, 9.80665)
 
 
-def hanging() -> Dynamics:
+def hanging() -> OnBearing:
     """Ten millimetres off the bearing, fast enough for every term to matter."""
-    return Dynamics(bodies(cg=(0.016, -0.013, 0.021), mass=25.0), BEARING)
+    return OnBearing(bodies(cg=(0.016, -0.013, 0.021), mass=25.0), BEARING)
 
 
 def test_a_body_swinging_on_the_bearing_keeps_its_energy() -> None:
@@ -143,8 +143,8 @@ def test_the_bearings_vertical_reaction_is_the_weight_and_the_inertial_part() ->
     pushed = 0.0
     for motion in motions:
         felt = dynamics.specific_force(motion, force, dynamics.bodies.cg[:, 0], PERIOD / FINE)
-        impulse += PERIOD / FINE * float(((20.0 * felt - force) * motion.up).sum())
-        pushed += PERIOD / FINE * float((force * motion.up).sum())
+        impulse += PERIOD / FINE * float(((20.0 * felt - force) * motion.fixed).sum())
+        pushed += PERIOD / FINE * float((force * motion.fixed).sum())
     climb = np.einsum("ki,ki->k", np.cross(rates, arm), vertical(attitudes.T).T)
     expected = 20.0 * BEARING.gravity * 40 * PERIOD + 20.0 * (climb[-1] - climb[0]) - pushed
     assert impulse == pytest.approx(expected, rel=1e-7)
@@ -176,10 +176,10 @@ def test_a_members_bytes_do_not_depend_on_who_flies_beside_it() -> None:
     mean = rng.normal(0, 0.5, (6, 7, BINS))
     many = Bodies(np.repeat(INERTIA[..., None], 7, -1), np.full((3, 7), 0.01), np.full(7, 25.0))
     up = vertical(quaternions(rng.normal(0, 0.3, (3, 7))))
-    together = Dynamics(many, BEARING).advance(rate, up, Wrench(mean, mean * WIDTH / 2), WIDTH)
+    together = OnBearing(many, BEARING).advance(rate, up, Wrench(mean, mean * WIDTH / 2), WIDTH)
     for member in range(7):
         one = slice(member, member + 1)
         single = Bodies(many.inertia[..., one], many.cg[:, one], many.mass[one])
-        alone = Dynamics(single, BEARING).advance(rate[:, one], up[:, one], Wrench(mean[:, one], mean[:, one] * WIDTH / 2), WIDTH)
+        alone = OnBearing(single, BEARING).advance(rate[:, one], up[:, one], Wrench(mean[:, one], mean[:, one] * WIDTH / 2), WIDTH)
         assert np.array_equal(alone.rate, together.rate[:, one])
         assert np.array_equal(alone.rate_end, together.rate_end[:, one])

@@ -144,6 +144,7 @@ def test_listing_names_every_packaged_scenario_with_a_description() -> None:
     assert [line.split()[0] for line in lines] == [
         "docking",
         "free-flyer",
+        "planar",
         "preliminary",
         "refined",
         "testbed",

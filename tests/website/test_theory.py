@@ -7,7 +7,7 @@ import re
 from website.stage import ROOT
 
 TEXT = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
-NAMED = re.compile(r"`(?P<file>[a-z]+/[a-z_]+\.py)`(?P<names>(?:,\s+`[A-Za-z_]+`)*)")
+NAMED = re.compile(r"`(?P<file>[a-z]+/[a-z_/]+\.py)`(?P<names>(?:,\s+`[A-Za-z_]+`)*)")
 
 
 def test_each_named_function_is_in_its_file() -> None:

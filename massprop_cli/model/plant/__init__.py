@@ -1,0 +1,24 @@
+"""What an environment makes of commands and mass properties: one file for each, and the one that the vehicle file states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.plant.bearing import BearingBody
+from massprop_cli.model.plant.free import FreeBody
+from massprop_cli.model.plant.planar import PlanarBody
+from massprop_cli.model.plant.plant import Felt, Motion, Plant, Reference
+
+
+def plant_of(vehicle: Vehicle) -> Plant:
+    """The environment that the vehicle file states."""
+    environment = vehicle.environment
+    if environment.kind == "free":
+        return FreeBody()
+    if environment.kind == "planar":
+        return PlanarBody(environment.gravity_m_s2 * environment.table_tilt_sigma_rad)
+    return BearingBody(np.array(environment.bearing_position_m), environment.bearing_mass_kg, environment.gravity_m_s2)
+
+
+__all__ = ["BearingBody", "Felt", "FreeBody", "Motion", "PlanarBody", "Plant", "Reference", "plant_of"]

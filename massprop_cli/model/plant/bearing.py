@@ -1,0 +1,211 @@
+"""A body on an air bearing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, parallel_axis, tensor, times
+from massprop_cli.model.gyroscopic import gamma
+from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
+
+
+@dataclass(frozen=True)
+class BearingBody:
+    """A body turning about a bearing b whose base slides on a horizontal plane.
+
+    The bearing's reaction is whatever keeps b level: all forces but gravity on the rotating mass m_r sum to m_r f, f the specific
+    force of the CG, so the moment about the CG is ``τ − b × F − m_r (c − b) × f``. The bearing point accelerates horizontally only,
+    ``a = P (F − m_r (ω̇ × s + ω × (ω × s))) / m``, s = c − b, P the projector on the plane; m = m_r + bearing mass. θ = (I_b⁻¹, κ, mu),
+    I_b the inertia about b, κ = m_r s the first moment, u the vertical:
+
+    w[k+1] − w[k] = J l − g J [κ]× ∬u − mu J [κ]× ∬P F − J Γ(I_b) q + J (mu κ × ∬P (ω̇ × κ + …))
+    f = g u + P (mu F − mu (ω̇ × κ + …)) + ω̇ × ρ + …,   ρ = r − b
+
+    (l, q: torque about b and products under the triangular window, ∬ of what else is under it.)
+    """
+
+    bearing: Array
+    bearing_mass: float
+    gravity: float
+    channels = 15
+    force = slice(6, 9)
+    pivoted = True
+    tilt_sigma = 0.0
+
+    @property
+    def told(self) -> BoolArray:
+        """All."""
+        return np.ones(10, dtype=bool)
+
+    @property
+    def pivot(self) -> Array:
+        """The bearing."""
+        return self.bearing
+
+    def centre(self, _: Reference) -> Array:
+        """The bearing."""
+        return self.bearing
+
+    def jet_moment(self, _: Reference) -> Array:
+        """(3, 6) wrench to moment about the bearing."""
+        return np.hstack([np.eye(3), -cross_matrix(self.bearing)])
+
+    def rotating_mass(self, reference: Reference) -> float:
+        """m_r, kg; not below a hundredth of the whole, so that a poor reference stays a body."""
+        return max(1 / reference.mu - self.bearing_mass, 0.01 / reference.mu)
+
+    def tilts(self, attitude_logged: bool) -> int:
+        """Three, where the attitude comes from the gyro: true attitude = integrated attitude turned by their rotation vector."""
+        return 0 if attitude_logged else 3
+
+    def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
+        """The integrated attitude turns with the measured rate, the vehicle with the true one."""
+        each = duration[:-1, None, None]
+        return np.eye(3) - cross_matrix(rate[:-1]) * each, np.eye(3) * each
+
+    def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
+        """(K, B, 3, 3) by an attitude error φ, which turns the vertical u into ``u + u × φ``."""
+        offset = cross_matrix(reference.cg - self.bearing)
+        return -self.rotating_mass(reference) * offset @ self.force_by_tilt(motion)
+
+    def force_by_tilt(self, motion: Motion) -> Array:
+        """(K, B, 3, 3) of the specific force at the bearing."""
+        return self.gravity * cross_matrix(motion.up)
+
+    def theta(self, reference: Reference) -> Array:
+        """(10,) θ of a reference."""
+        rotating = self.rotating_mass(reference)
+        offset = reference.cg - self.bearing
+        inertia = reference.inertia + parallel_axis(rotating, offset)
+        moment = rotating * offset
+        return np.concatenate([elements(np.linalg.inv(inertia)), moment, [reference.mu]])
+
+    def parameters(self, theta: Array) -> Array:
+        """(..., 10) the state's parameters of θ (..., 10)."""
+        inertia = np.linalg.inv(tensor(theta[..., J]))
+        found = theta.copy()
+        rotating = self._rotating(theta)[..., None]
+        offset = theta[..., MOMENT] / rotating
+        spread = (offset**2).sum(-1)[..., None, None] * np.eye(3) - offset[..., :, None] * offset[..., None, :]
+        found[..., J] = elements(inertia - rotating[..., None] * spread)
+        found[..., MOMENT] = self.bearing + offset
+        return found
+
+    def slopes(self, theta: Array) -> Array:
+        """(..., 10, 10) their derivative: I = I_b − (κ² 1 − κ κᵀ) / m_r,  c = b + κ / m_r,  dm_r = −dmu / mu²."""
+        inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
+        found = np.zeros((*theta.shape, 10))
+        found[...] = np.eye(10)
+        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT @ inertia), -1, -2)
+        kappa, rotating = theta[..., MOMENT], self._rotating(theta)[..., None]
+        unit = np.eye(3)
+        outer = unit[:, :, None] * kappa[..., None, None, :]
+        change = 2 * kappa[..., :, None, None] * unit - outer - np.swapaxes(outer, -1, -2)
+        found[..., :6, MOMENT] = -np.swapaxes(elements(change), -1, -2) / rotating[..., None]
+        by_mass = -1 / theta[..., MU, None] ** 2 / rotating**2
+        spread = (kappa**2).sum(-1)[..., None, None] * unit - kappa[..., :, None] * kappa[..., None, :]
+        found[..., :6, MU] = elements(spread) * by_mass
+        found[..., 6:9, MOMENT] = unit / rotating[..., None]
+        found[..., 6:9, MU] = -kappa * by_mass
+        return found
+
+    def trace_beyond(self, theta: Array) -> float:
+        """That of κ about the bearing."""
+        return float(2 * theta[MOMENT] @ theta[MOMENT] / float(self._rotating(theta)))
+
+    def moment_over_cg(self, theta: Array) -> Array:
+        """m_r."""
+        return self._rotating(theta)
+
+    def response(self, theta: Array) -> Array:
+        """(3, 15) Φ = [J | −g J [κ]× | −mu J [κ]× | −J Γ(I_b)]."""
+        inverse = tensor(theta[J])
+        lever, gyro = inverse @ cross_matrix(theta[MOMENT]), inverse @ gamma(np.linalg.inv(inverse))
+        return np.hstack([inverse, -self.gravity * lever, -theta[MU] * lever, -gyro])
+
+    def coefficients(self, theta: Array) -> tuple[Array, Array]:
+        """(49,) φ = (Φ, mu, mu κ), and (49, 10) its derivative."""
+        inverse, moment, mu, gravity = tensor(theta[J]), theta[MOMENT], theta[MU], self.gravity
+        turn = cross_matrix(moment)
+        gyro, gyro_by_inverse = coupling(inverse)
+        lever, by_inverse, by_moment = inverse @ turn, UNIT @ turn, inverse @ TURN
+        slopes = np.zeros((10, 3 * self.channels + 4))
+        rows = slopes[:, : 3 * self.channels].reshape(10, 3, self.channels)
+        rows[J, :, :3], rows[J, :, -6:] = UNIT, -gyro_by_inverse
+        rows[J, :, 3:6], rows[J, :, 6:9] = -gravity * by_inverse, -mu * by_inverse
+        rows[MOMENT, :, 3:6], rows[MOMENT, :, 6:9] = -gravity * by_moment, -mu * by_moment
+        rows[MU, :, 6:9], slopes[MU, -3:] = -lever, moment
+        slopes[MU, -4] = 1.0
+        slopes[MOMENT, -3:] = float(mu) * np.eye(3)
+        phi = np.hstack([inverse, -gravity * lever, -mu * lever, -gyro])
+        return np.concatenate([phi.ravel(), [mu], float(mu) * moment]), slopes.T
+
+    def commanded(self, wrench: Array) -> Array:
+        """(..., 3) the torque about the bearing."""
+        torque: Array = wrench[..., :3] - cross(self.bearing, wrench[..., 3:])
+        return torque
+
+    def acting(self, wrench: Array, up: Array, level_of: Array) -> Array:
+        """(K, B, 9) that torque, the vertical, the level part of the force."""
+        return np.concatenate([self.commanded(wrench), up, level(level_of, wrench[..., 3:])], -1)
+
+    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:
+        """The vertical, and the level part of the force."""
+        force = level(motion.up, motion.wrench[..., 3:]), level(motion.up, skew[..., 3:]).sum(1)
+        return [(motion.up, (ups[1] - ups[0]) * bin_s[:, None] / 12), force]
+
+    def turning(self, theta: Array) -> Array:
+        """(3, 3) J."""
+        return tensor(theta[J])
+
+    def swing(self, theta: Array, motion: Motion) -> Array:
+        """(K, B, 3) by the acceleration that the CG's own swing gives the base: second order in κ."""
+        kappa = theta[MOMENT]
+        swung = cross(kappa, level(motion.up, lever_arm(motion.rate, motion.rate_dot, kappa))) * theta[MU]
+        return times(tensor(theta[J]), swung)
+
+    def felt(self, reference: Reference, motion: Motion, turning: Turning, position: Array) -> Felt:
+        """Products of ω̇ with mu κ are split about the reference."""
+        theta = self.theta(reference)
+        arm, along = position - self.bearing, cross_matrix(theta[MU] * theta[MOMENT])
+        onto_level = np.eye(3) - np.einsum("kbi,kbj->kij", motion.up, motion.up) / motion.up.shape[1]
+        euler = onto_level @ along - cross_matrix(arm)
+        own = np.empty((len(turning.whole), 3, 4))
+        own[..., 0], own[..., 1:] = turning.whole[:, self.force], -onto_level @ turning.rotation
+        weight = self.gravity * turning.whole[:, 3:6]
+        offset = weight + times(turning.centripetal, arm) - times(onto_level @ along, turning.rate_dot)
+        return Felt(euler, own, offset)
+
+    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
+        """(K, 3, g) moment about the bearing, and (K, 3, g) specific force: the level part of a push moves body and base."""
+        theta = self.theta(reference)
+        along = theta[MU] * cross_matrix(theta[MOMENT])
+        onto_level = np.eye(3) - up[:, :, None] * up[:, None, :]
+        pull = onto_level @ wrench[:, 3:].T
+        moment = self.commanded(wrench).T - along @ pull
+        turning = self.turning(theta) @ moment
+        felt = theta[MU] * pull + onto_level @ along @ turning - cross_matrix(position - self.bearing) @ turning
+        return moment, felt
+
+    def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:
+        """(K, 6, 10) what torque and specific force tell of the parameters; the weight, not the lever arm, shows the CG."""
+        rows = turned_rows(rate, rate_dot)
+        rows[:, :3, 6:9] = -cross_matrix((self.gravity * up + force * reference.mu) / reference.mu)
+        rows[:, 3:, 9] = force
+        return rows
+
+    def _rotating(self, theta: Array) -> Array:
+        """(...,) m_r of θ (..., 10)."""
+        mass = 1 / theta[..., MU]
+        found: Array = np.maximum(mass - self.bearing_mass, 0.01 * mass)
+        return found
+
+
+def level(up: Array, v: Array) -> Array:
+    """The part of vectors that lies in the level plane, P v."""
+    part: Array = v - up * np.einsum("...i,...i->...", up, v)[..., None]
+    return part

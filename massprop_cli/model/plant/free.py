@@ -1,0 +1,175 @@
+"""A body in free flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inertia_regressor, tensor, times
+from massprop_cli.model.gyroscopic import gamma
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
+
+UNIT, TURN = tensor(np.eye(6)), cross_matrix(np.eye(3))
+"""Derivatives of a tensor by its elements, and of [v]× by those of v."""
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """``moment = τ − c × F``; the specific force of the CG is ``F/m`` (thesis eq. 2.3, 4.13).
+
+    θ = (I⁻¹, c, mu):
+
+    w[k+1] − w[k] = J l − J [c]× p − J Γ(I) q
+    f = mu F + ω̇ × ρ + ω × (ω × ρ),   ρ = r − c
+
+    (l, p, q: torque, force and products under the triangular window of :mod:`massprop_cli.prepare.align`.)
+    """
+
+    channels = 12
+    force = slice(3, 6)
+    pivoted = False
+    tilt_sigma = 0.0
+
+    @property
+    def told(self) -> BoolArray:
+        """All."""
+        return np.ones(10, dtype=bool)
+
+    @property
+    def pivot(self) -> Array:
+        """O."""
+        return np.zeros(3)
+
+    def centre(self, reference: Reference) -> Array:
+        """The CG."""
+        return reference.cg
+
+    def jet_moment(self, reference: Reference) -> Array:
+        """(3, 6) wrench to moment about the CG."""
+        return np.hstack([np.eye(3), -cross_matrix(reference.cg)])
+
+    def rotating_mass(self, reference: Reference) -> float:
+        """The whole."""
+        return 1 / reference.mu
+
+    def tilts(self, attitude_logged: bool) -> int:  # noqa: ARG002
+        """None: there is no weight."""
+        return 0
+
+    def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:  # noqa: ARG002
+        """Of none."""
+        return np.zeros((len(rate) - 1, 0, 0)), np.zeros((len(rate) - 1, 0, 3))
+
+    def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
+        """By none."""
+        return np.zeros((*motion.rate.shape, 0))
+
+    def force_by_tilt(self, motion: Motion) -> Array:
+        """By none."""
+        return np.zeros((*motion.rate.shape, 0))
+
+    def theta(self, reference: Reference) -> Array:
+        """(10,) θ of a reference."""
+        return np.concatenate([elements(np.linalg.inv(reference.inertia)), reference.cg, [reference.mu]])
+
+    def parameters(self, theta: Array) -> Array:
+        """(..., 10) the state's parameters of θ (..., 10)."""
+        found = theta.copy()
+        found[..., J] = elements(np.linalg.inv(tensor(theta[..., J])))
+        return found
+
+    def slopes(self, theta: Array) -> Array:
+        """(..., 10, 10) their derivative with respect to θ (..., 10)."""
+        inertia = np.linalg.inv(tensor(theta[..., J]))[..., None, :, :]
+        found = np.zeros((*theta.shape, 10))
+        found[...] = np.eye(10)
+        found[..., :6, J] = np.swapaxes(elements(-inertia @ UNIT @ inertia), -1, -2)
+        return found
+
+    def trace_beyond(self, _: Array) -> float:
+        """None: both are about the CG."""
+        return 0.0
+
+    def moment_over_cg(self, theta: Array) -> Array:
+        """One: θ has the CG itself."""
+        return np.ones(theta.shape[:-1])
+
+    def response(self, theta: Array) -> Array:
+        """(3, 12) Φ = [J | −J [c]× | −J Γ(I)]."""
+        inverse = tensor(theta[J])
+        lever, gyro = inverse @ cross_matrix(theta[MOMENT]), inverse @ gamma(np.linalg.inv(inverse))
+        return np.hstack([inverse, -lever, -gyro])
+
+    def coefficients(self, theta: Array) -> tuple[Array, Array]:
+        """(40,) φ = (Φ, mu, c), and (40, 10) its derivative."""
+        inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]
+        turn = cross_matrix(moment)
+        gyro, gyro_by_inverse = coupling(inverse)
+        slopes = np.zeros((10, 3 * self.channels + 4))
+        rows = slopes[:, : 3 * self.channels].reshape(10, 3, self.channels)
+        rows[J, :, :3], rows[J, :, -6:] = UNIT, -gyro_by_inverse
+        rows[J, :, 3:6], rows[MOMENT, :, 3:6] = -(UNIT @ turn), -(inverse @ TURN)
+        slopes[MU, -4] = 1.0
+        slopes[MOMENT, -3:] = np.eye(3)
+        phi = np.hstack([inverse, -(inverse @ turn), -gyro])
+        return np.concatenate([phi.ravel(), [mu], moment]), slopes.T
+
+    def commanded(self, wrench: Array) -> Array:
+        """(..., 6) the wrench."""
+        return wrench
+
+    def acting(self, wrench: Array, up: Array, level_of: Array) -> Array:  # noqa: ARG002
+        """(K, B, 6) the wrench."""
+        return wrench
+
+    def by_attitude(self, motion: Motion, ups: tuple[Array, Array], skew: Array, bin_s: Array) -> list[tuple[Array, Array]]:  # noqa: ARG002
+        """Nothing."""
+        return []
+
+    def turning(self, theta: Array) -> Array:
+        """(3, 3) J."""
+        return tensor(theta[J])
+
+    def swing(self, _: Array, motion: Motion) -> Array:
+        """None."""
+        return np.zeros_like(motion.rate)
+
+    def felt(self, reference: Reference, motion: Motion, turning: Turning, position: Array) -> Felt:  # noqa: ARG002
+        """Products of ω̇ with c are split about the reference."""
+        euler = np.broadcast_to(-cross_matrix(position - reference.cg), turning.rotation.shape)
+        own = np.empty((len(turning.whole), 3, 4))
+        own[..., 0], own[..., 1:] = turning.whole[:, self.force], -turning.rotation
+        offset = times(turning.centripetal, position) + cross(turning.rate_dot, reference.cg)
+        return Felt(euler, own, offset)
+
+    def pushed(self, reference: Reference, wrench: Array, up: Array, position: Array) -> tuple[Array, Array]:
+        """(K, 3, g) moment, and (K, 3, g) specific force: the same at any attitude."""
+        moment = self.jet_moment(reference) @ wrench.T
+        turning = self.turning(self.theta(reference)) @ moment
+        felt = reference.mu * wrench[:, 3:].T - cross_matrix(position - reference.cg) @ turning
+        shape = (len(up), 3, len(wrench))
+        return np.broadcast_to(moment, shape), np.broadcast_to(felt, shape)
+
+    def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:  # noqa: ARG002
+        """(K, 6, 10) what torque and specific force tell of the parameters."""
+        rows = turned_rows(rate, rate_dot)
+        rows[:, :3, 6:9] = -cross_matrix(force)
+        rows[:, 3:, 9] = force
+        rows[:, 3:, 6:9] = -(cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate))
+        return rows
+
+
+def coupling(inverse: Array) -> tuple[Array, Array]:
+    """(3, 6) J Γ(I) of J, and (6, 3, 6) its derivative by J's elements."""
+    inertia = np.linalg.inv(inverse)
+    about = gamma(inertia)
+    return inverse @ about, UNIT @ about + inverse @ gamma(-inertia @ UNIT @ inertia)
+
+
+def turned_rows(rate: Array, rate_dot: Array) -> Array:
+    """(K, 6, 10) rows that say what the torque of K motions tells of the inertia, and nothing else yet."""
+    rows = np.zeros((len(rate), 6, 10))
+    rows[:, :3, :6] = inertia_regressor(rate_dot) + cross_matrix(rate) @ inertia_regressor(rate)
+    return rows

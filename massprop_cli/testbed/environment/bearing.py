@@ -1,0 +1,100 @@
+"""Motion on an air bearing.
+
+A spherical bearing at b on a base that slides on a horizontal plane (5 degrees of freedom), s = c − b, u the vertical, ``p = s × u``, m_r
+the rotating and m the whole mass: ``A ω̇ = M w − ω × (A₀ ω + h) + p (…)`` with ``A₀ = I − (m_r − m_r²/m) [s]×²``,
+``A = A₀ + (m_r²/m) p pᵀ``, ``M w = τ − b × F − (m_r/m) s × F`` and ``p ( (m_r/m) u·F − m_r g − (m_r²/m) u·(ω × (ω × s)) )``. It is the
+moment about the CG of jets and reaction, the base's horizontal acceleration and its reaction eliminated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.testbed.motion import CycleMotion, Dynamics, Held, Loose, State, Wrench, apply, cross, dot, lever, outer_square, vertical
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """Where an air bearing sits and what it carries."""
+
+    position: Array
+    """(3,) from O, m."""
+    mass: float
+    gravity: float
+
+
+@dataclass(frozen=True)
+class OnBearing(Dynamics):
+    """The coefficients above."""
+
+    bearing: Bearing
+
+    @property
+    def arm(self) -> Array:
+        """(3, S) s, bearing to CG, m."""
+        return self.bodies.cg - self.bearing.position[:, None]
+
+    @property
+    def rotating_mass(self) -> Array:
+        """(S,) m_r, kg."""
+        return self.bodies.mass - self.bearing.mass
+
+    @property
+    def share(self) -> Array:
+        """(S,) m_r / m."""
+        return self.rotating_mass / self.bodies.mass
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3, S) A₀, kg m²."""
+        return self.bodies.inertia + self.rotating_mass * (1 - self.share) * outer_square(self.arm)
+
+    @property
+    def centre(self) -> Array:
+        """(3, S) the bearing."""
+        return np.broadcast_to(self.bearing.position[:, None], self.bodies.cg.shape)
+
+    def fixed(self, attitude: Array) -> Array:
+        """(3, S) the vertical."""
+        return vertical(attitude)
+
+    def moment(self, wrench: Array) -> Array:
+        """(3, S, B) M w, N m."""
+        torque, force = wrench[:3], wrench[3:]
+        return torque - cross(self.bearing.position[:, None, None] + (self.share * self.arm)[..., None], force)
+
+    def held(self, loose: Loose, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
+        """By the bearing, which carries the weight."""
+        ups, push = self._carried(fixed, loose.mean, state, wrench, h)
+        rest = self._with_bearing(loose.rest + loose.driven, ups, push, loose.inverse) - loose.driven
+        swing = cross(self.arm[..., None], cross(ups, loose.mean))
+        slope = loose.rest_slope - apply(loose.inverse, (self.rotating_mass * self.bearing.gravity)[:, None] * swing)
+        return Held(ups, rest, slope)
+
+    def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:
+        """(3, S, B) specific force of the bearing, m/s²: level pull of jets and body, and gravity."""
+        pull = force / self.bodies.mass[:, None] - self.share[:, None] * lever(motion, self.arm[..., None], width_s)
+        return pull - motion.fixed * dot(motion.fixed, pull) + self.bearing.gravity * motion.fixed
+
+    def _carried(self, up: Array, mean: Array, state: State, wrench: Wrench, h: float) -> tuple[Array, Array]:
+        """Vertical (3, S, B) and the bracket behind p, (S, B) N."""
+        slope = cross(state.fixed, mean)
+        turning = slope + h * h / 12 * cross(slope, state.dot)
+        start = up[..., None] + h * (np.cumsum(turning, -1) - turning)
+        ups = start + h / 2 * turning - h * h / 12 * (cross(slope, mean) + cross(state.fixed, state.dot))
+        arm, share = self.arm[..., None], self.share[:, None]
+        centripetal = cross(mean, cross(mean, arm))
+        push = share * dot(ups, wrench.mean[3:]) - self.rotating_mass[:, None] * (self.bearing.gravity + share * dot(ups, centripetal))
+        return ups, push
+
+    def _with_bearing(self, driven: Array, ups: Array, push: Array, inverse: Array) -> Array:
+        """(A₀ + k p pᵀ)⁻¹ (A₀ driven + p push), by Sherman and Morrison."""
+        p = cross(self.arm[..., None], ups)
+        k = (self.rotating_mass * self.share)[:, None]
+        turned = apply(inverse, p)
+        size = dot(p, turned)
+        solved: Array = driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
+        return solved

@@ -1,0 +1,80 @@
+"""A log from a table through every command: what has no part in its motion is said so everywhere, and breaks nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from massprop_cli.base import exits
+from tests.commandline import massprop
+
+NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
+VEHICLE = """
+schema = 1
+name = "platform"
+cycle = { period_s = 0.05 }
+imu = { position_m = [0.09, -0.05, 0.12], gyro_noise_rad_s = 1e-4, accel_noise_m_s2 = 0.01 }
+environment = { kind = "planar" }
+nominal = { izz = 0.26, mass = 14 }
+jets = [
+    { name = "xp", position_m = [-0.15, 0, 0.04], force_n = [1, 0, 0] },
+    { name = "xn", position_m = [0.15, 0, 0.04], force_n = [-1, 0, 0] },
+    { name = "yp1", position_m = [0.15, -0.15, 0.04], force_n = [0, 0.5, 0] },
+    { name = "yp2", position_m = [-0.15, -0.15, 0.04], force_n = [0, 0.5, 0] },
+    { name = "yn1", position_m = [0.15, 0.15, 0.04], force_n = [0, -0.5, 0] },
+    { name = "yn2", position_m = [-0.15, 0.15, 0.04], force_n = [0, -0.5, 0] },
+]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("table")
+    assert massprop(found, "simulate", "planar", "--out", "flown", "-q").returncode == 0
+    assert massprop(found, "estimate", "flown/log.parquet", "--out", "result", "-q").returncode == 0
+    return found
+
+
+def test_what_has_no_part_in_the_motion_is_unobservable_and_null(folder: Path) -> None:
+    estimates = json.loads((folder / "result/result.json").read_text(encoding="utf-8"))["phases"][0]["estimates"]
+    for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "cg_z"):
+        assert estimates[name]["value"] is None
+        assert estimates[name]["sigma"] is None
+        assert estimates[name]["verdict"] == "unobservable"
+        assert estimates[name]["reason"] == NO_PART
+    assert {estimates[name]["verdict"] for name in ("izz", "cg_x", "cg_y", "mass")} == {"converged"}
+
+
+def test_every_report_says_so(folder: Path) -> None:
+    done = massprop(folder, "report", "result", "--format", "html,md,csv,junit", "--out", "report", "-q")
+    assert done.returncode == 0, done.stderr
+    for suffix in ("html", "md", "csv", "junit.xml"):
+        text = (folder / f"report/report.{suffix}").read_text(encoding="utf-8")
+        assert NO_PART in text
+        assert "torque about X" not in text
+    assert "On a table the vehicle slides and yaws" in (folder / "report/report.md").read_text(encoding="utf-8")
+
+
+def test_a_check_has_nothing_to_object_to(folder: Path) -> None:
+    assert "nothing to object to" in massprop(folder, "check", "flown/log.parquet").stdout
+
+
+@pytest.mark.thorough
+def test_what_the_plan_predicts_for_a_table_is_what_an_estimate_of_it_has(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    wanted = "izz 1 %, cg_x 0.5 mm, mass 5 %"
+    done = massprop(tmp_path, "plan", "--vehicle", "vehicle.toml", "--want", wanted, "--max-time", "15", "--out", "plan")
+    assert done.returncode == 0, done.stderr
+    assert "No motion of this vehicle can tell ixx, ixy, ixz, iyy, iyz, cg_z" in done.stdout.replace("\n", " ")
+    assert massprop(tmp_path, "simulate", "plan/scenario.toml", "--out", "flown", "-q").returncode == 0
+    required = "izz<1%,cg_x<0.5mm,mass<5%"
+    assert massprop(tmp_path, "estimate", "flown/log.parquet", "--out", "result", "--require", required, "-q").returncode == 0
+
+
+def test_the_thesiss_filters_are_refused(folder: Path) -> None:
+    done = massprop(folder, "estimate", "flown/log.parquet", "--method", "thesis", "--out", "thesis")
+    assert done.returncode == exits.INPUT
+    assert "leave it out on a table" in done.stderr
+    assert not (folder / "thesis").exists()

@@ -1,0 +1,66 @@
+"""The estimate on a table that is out of level, against the Cramér–Rao bound and without what the slope would do to it.
+
+Over many seeds: benchmarks/planar.py, docs/planar-accuracy.md.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed.scenario import ScenarioSource
+from massprop_cli.testbed.simulate import Flight
+
+pytestmark = pytest.mark.numerical
+
+TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
+SEEDS = range(1, 7)
+
+
+@cache
+def flown(hold: float) -> tuple[ScenarioSource, Flight]:
+    """0.3 degrees of tilt, of whose pull this part is held."""
+    source = scenario.load("planar")
+    disturbance = source.scenario.disturbance.model_copy(update={"table_hold": hold})
+    short = source.scenario.model_copy(update={"disturbance": disturbance, "duration_s": 40.0, "plan": source.scenario.plan[:3]})
+    shorter = ScenarioSource(short, source.source)
+    return shorter, simulate.fly(shorter, list(SEEDS))
+
+
+@cache
+def estimated(hold: float, tilt_sigma_rad: float = 0.01) -> tuple[Array, Array]:
+    """(S, 4) errors and (S, 4) sigmas."""
+    _, flights = flown(hold)
+    environment = flights.vehicle.environment.model_copy(update={"table_tilt_sigma_rad": tilt_sigma_rad})
+    vehicle = flights.vehicle.model_copy(update={"environment": environment})
+    found = [flow.examine(flights.log(i), VehicleSource(vehicle, "planar", "")).conclusions[0] for i in range(len(SEEDS))]
+    assert all(c.estimates[name].value is None for c in found for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "cg_z"))
+    assert {c.estimates["ixx"].verdict for c in found} == {"unobservable"}
+    errors = np.array([c.values[TOLD] for c in found]) - flights.truth[0][0][TOLD]
+    return errors, np.sqrt([np.diag(c.covariance)[TOLD] for c in found])
+
+
+def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
+    source, flights = flown(1.0)
+    error, sigma = estimated(1.0)
+    limit = np.sqrt(np.diag(bound.cramer_rao(source, flights, 0)[0]))[TOLD]
+    np.testing.assert_allclose(sigma[0], limit, rtol=0.06)
+    chi_square = ((error / sigma) ** 2).sum()
+    assert 7.5 < chi_square < 53  # of 24, one in a thousand is outside
+
+
+def test_what_is_felt_of_the_slope_makes_no_difference() -> None:
+    assert (np.abs(estimated(1.0)[0] - estimated(0.0)[0]) < 0.02 * estimated(0.0)[1]).all()
+
+
+def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over() -> None:
+    """The accelerometer's noise is widened, and the mass is no better than what that leaves of it."""
+    error, sigma = estimated(1.0, 0.0)
+    assert (sigma[:, 3] > 5 * estimated(1.0)[1][:, 3]).all()
+    assert (np.abs(error[:, 3]) < 4 * sigma[:, 3]).all()

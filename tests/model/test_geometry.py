@@ -1,0 +1,84 @@
+"""What one sigma of uncertain geometry does, against the same log read with a vehicle that has it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.model.geometry import uncertain_jets
+from massprop_cli.model.linearise import lifted
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.sensitivity import Consider, Side, Variant, fed, with_geometry
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+from massprop_cli.testbed import scenario, simulate
+
+pytestmark = pytest.mark.numerical
+
+CYCLES = slice(50, 350)
+STEP = 1e-4
+
+
+def flown(name: str) -> tuple[Log, Vehicle, Reference]:
+    found = simulate.fly(scenario.load(name), [1])
+    truth = found.truth[0][0]
+    return found.log(0), found.vehicle, Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9])
+
+
+def changed(vehicle: Vehicle, number: int, jet: Jet) -> Vehicle:
+    jets = tuple(jet if i == number else other for i, other in enumerate(vehicle.jets))
+    return Vehicle.model_validate(vehicle.model_copy(update={"jets": jets}).model_dump(by_alias=True))
+
+
+@pytest.mark.parametrize(("name", "apart"), [("free-flyer", 0.01), ("planar", 0.001), ("testbed", 0.04)])
+def test_a_jets_columns_are_what_the_changed_jet_does(name: str, apart: float) -> None:
+    """In free flight but for what the change does to the motion within a cycle; on the bearing with the level of its middle."""
+    log, vehicle, reference = flown(name)
+    timing = Timing(float(vehicle.cycle.command_delay_cycles), 0.0)
+    samples = Stream.of(log, vehicle, timing)
+    number = int(np.argmax(log.command[CYCLES].sum(0)))
+    jet = vehicle.jets[number]
+    sigmas = {"thrust_sigma": STEP, "position_sigma_m": STEP, "direction_sigma_rad": STEP}
+    uncertain = changed(vehicle, number, jet.model_copy(update=sigmas))
+    jets = uncertain_jets(uncertain)
+    assert set(jets.channels) == {number}
+    variants = []
+    for change in jets.wrench:
+        # the place that gives this torque: what is across the force
+        force = np.array(jet.force_n) + change[3:]
+        place = np.array(jet.position_m) + np.cross(force, change[:3] - np.cross(jet.position_m, change[3:])) / (force @ force)
+        other = changed(vehicle, number, jet.model_copy(update={"force_n": tuple(force.tolist()), "position_m": tuple(place.tolist())}))
+        variants.append(Variant(Side(samples), Side(Stream.of(log, other, timing), other), 1.0))
+    here = lifted(samples, CYCLES, reference, vehicle)
+    by_columns = fed(here, samples, CYCLES, reference, vehicle, Consider(jets=jets))
+    by_reading = fed(here, samples, CYCLES, reference, vehicle, Consider(tuple(variants)))
+    for found, expected in zip(by_columns, by_reading, strict=True):
+        for g in range(len(jets.kinds)):
+            size = np.abs(expected[..., g]).max()
+            if jets.kinds[g] != "jet-position" or name != "planar":
+                assert size > 0
+            np.testing.assert_allclose(found[..., g], expected[..., g], atol=max(apart * size, 1e-9))
+
+
+def test_a_place_along_the_jet_is_nothing_and_on_a_table_neither_is_what_it_takes_up() -> None:
+    jet = Jet(name="x", position_m=(0.0, 0.2, 0.1), force_n=(1.0, 0.0, 0.0), position_sigma_m=0.01)
+    vehicle = Vehicle.model_validate({"schema": 1, "cycle": {"period_s": 0.05}, "jets": [jet.model_dump()]})
+    found = uncertain_jets(vehicle)
+    np.testing.assert_allclose(np.abs(found.wrench).sum(0), [0.0, 0.01, 0.01, 0.0, 0.0, 0.0], atol=1e-15)
+    table = vehicle.model_copy(update={"environment": vehicle.environment.model_copy(update={"kind": "planar"})})
+    np.testing.assert_allclose(np.abs(uncertain_jets(table).wrench), [[0.0, 0.0, 0.01, 0.0, 0.0, 0.0]], atol=1e-15)
+
+
+def test_what_is_not_uncertain_has_no_column() -> None:
+    log, vehicle, _ = flown("planar")
+    samples = Stream.of(log, vehicle, Timing(1.0, 0.0))
+    assert with_geometry(Consider(), log, vehicle, samples).kinds == ()
+    imu = vehicle.imu.model_copy(update={"position_sigma_m": 1e-3})
+    only = with_geometry(Consider(), log, vehicle.model_copy(update={"imu": imu}), samples)
+    assert only.kinds == ("imu-position",) * 3
+    assert replace(only, imu=()).kinds == ()
