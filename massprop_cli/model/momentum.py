@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross
+from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel
 from massprop_cli.model.plant import Motion, Plant, Reference
@@ -37,8 +37,8 @@ def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, referenc
     assert executed.stored is not None
     channels, found = executed.channels, []
     if vehicle.thrust.scale_sigma > 0:
-        own = channels.wrench[: channels.thrusting] @ plant.jet_moment(reference).T
-        found.append(_impulse(channels.rising[:, : channels.thrusting] @ own, channels.whole[:, : channels.thrusting] @ own))
+        own, _ = plant.pushed(reference, channels.wrench[: channels.thrusting], motion.up.mean(1), plant.pivot)
+        found.append(_impulse(*(times(own, part[:, : channels.thrusting]) for part in (channels.rising, channels.whole))))
     for i, wheel in enumerate(vehicle.spinning):
         first, torque = _sigmas(wheel)
         # speed and inertia make all its momentum and torque; a torque column makes both, but for the momentum that it began with

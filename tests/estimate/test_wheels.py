@@ -159,3 +159,25 @@ def test_where_jets_are_uncertain_the_wheels_still_tell_izz() -> None:
     exact, uncertain = (found(estimated(flight, *settings))[1] for settings in ((), places))
     np.testing.assert_allclose(uncertain[6:8], 0.5e-3, rtol=0.1)
     assert exact[5] < uncertain[5] < 2.5 * exact[5]
+
+
+BEARING = (
+    "duration_s=20",
+    "actuators.max_wheel_torque_n_m=0.05",
+    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=20}, {motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=10}, '
+    '{motion="random", axes=["roll", "pitch", "yaw"], start_s=10, end_s=20, by_wheels=true}]',
+    'vehicle.wheels=[{name="x", axis=[1, 0, 0], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, start_rad_s=60}, '
+    '{name="y", axis=[0, 1, 0], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, start_rad_s=-50}, '
+    '{name="askew", axis=[0.5, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=false, start_rad_s=-40}]',
+)
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", [2, 3])
+def test_weak_thrust_on_a_bearing_is_weak_in_what_moves_the_base_too(seed: int) -> None:
+    """Thrust 5 % weaker than stated ± 5 %: every error within 4 sigma, and the mass as good as the bound of known thrust."""
+    source = scenario.load("testbed", (*BEARING, "actuators.scale=0.95", "vehicle.thrust.scale_sigma=0.05"))
+    flight = simulate.fly(source, [seed])
+    values, sigmas = found(estimated(flight))
+    assert np.abs((values - flight.truth[0][0]) / sigmas).max() < 4
+    assert 0.9 < sigmas[9] / limits(source, flight)[9] < 1.2
