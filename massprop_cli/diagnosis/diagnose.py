@@ -147,9 +147,9 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
 
 
 def _by_wander(trial: Trial, look: Look) -> bool:
-    """Whether it is steady beside a torque that wanders: that one's mean, or what the accelerometer feels of it by the lever arm."""
+    """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
     beside = (trial.look or look).free.beside
-    return trial.fitted.supposed.code in ("accel-bias", "steady-torque") and any(one.walk > 0 for one in beside)
+    return trial.fitted.supposed.code in ("accel-bias", "steady-torque", "rate-torque") and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:

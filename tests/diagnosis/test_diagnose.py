@@ -83,7 +83,9 @@ def failure(jets: list[str], thrust: float) -> list[str]:
         pytest.param(failure(["pitch_p1"], -1.0), nothing, "jet-sign", "pitch_p1", marks=pytest.mark.numerical),
         pytest.param(failure(["divert_zn"], -1.0), nothing, "jet-sign", "divert_zn", marks=pytest.mark.slow),
         pytest.param(failure(["yaw_n2"], 0.0), nothing, "jet-dead", "yaw_n2", marks=pytest.mark.slow),
-        pytest.param(failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp (+0.8", marks=pytest.mark.slow),
+        pytest.param(
+            failure(["divert_xp", "divert_xn"], 0.8), nothing, "thrust-scale", "divert_xp, divert_xn (+0.8", marks=pytest.mark.slow
+        ),
         (["actuators.delay_cycles=4.0"], nothing, "delay-mismatch", "shows 4"),
         (["actuators.delay_cycles=2.3"], nothing, "delay-mismatch", "shows 2.3"),
         pytest.param(["actuators.lag_s=0.03"], nothing, "thrust-lag", "follows commands with a lag of 0.0", marks=pytest.mark.numerical),

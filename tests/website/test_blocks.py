@@ -38,6 +38,7 @@ COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
 massprop simulate free-flyer --seeds 2 -q --out flights
+massprop simulate free-flyer --csv -q --out records && cp records/log.csv .
 for n in 1 2; do massprop estimate flights/seed-000$n/log.parquet -q --out run-$n; done
 massprop estimate log.parquet -q --out baseline/log
 for name in alone docked; do massprop simulate $([ $name = alone ] && echo testbed || echo testbed-joined) -q --out at-$name; done
