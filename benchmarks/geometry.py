@@ -20,7 +20,8 @@ from commit import commit
 from massprop_cli import QUANTITIES, __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.inputs.equipment import Jet
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
-from massprop_cli.inputs.vehicle import EnvironmentKind
+from massprop_cli.inputs.equipment import EnvironmentKind
 
 FILE = "outcome.json"
 CHECKED = "check.json"

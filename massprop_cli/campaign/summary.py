@@ -21,7 +21,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import location, pool
 from massprop_cli.campaign.outcome import Item, Outcome, Value, contradicted, packed, unpacked
 from massprop_cli.campaign.plan import Job
-from massprop_cli.inputs.vehicle import EnvironmentKind
+from massprop_cli.inputs.equipment import EnvironmentKind
 
 INFORMED = ("converged", "not_converged")
 """Verdicts of values that the motion told."""

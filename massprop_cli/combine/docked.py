@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import Verdict
@@ -29,23 +31,13 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     found = docking.difference(values[:10], values[10:])
     slope = docking.difference_slope(values[:10], values[10:])
     covariance = slope @ joint_covariance @ slope.T
-    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
     verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
     verdict: Verdict = "contradicted" if "contradicted" in verdicts else "converged" if set(verdicts) == {"converged"} else "not_converged"
     reason = {"converged": "both sides converged", "contradicted": "a side is contradicted"}.get(
         verdict, "not every quantity of both sides converged"
     )
-    estimates = {
-        name: EstimateItem(
-            value=float(found[i]) if told else None,
-            sigma=float(np.sqrt(covariance[i, i])) if told else None,
-            unit=UNITS[name],
-            verdict=verdict,
-            final_at_s=None,
-            reason=reason,
-        )
-        for i, name in enumerate(QUANTITIES)
-    }
+    told = docking.estimates_of(found, covariance, verdict, reason)
+    estimates = {name: EstimateItem(**asdict(estimate)) for name, estimate in told.items()}
     contradiction = "; ".join(f"phase {phase.name}: {phase.contradiction}" for phase in (single, combined) if phase.contradiction)
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction=contradiction

@@ -18,7 +18,8 @@ from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
 from massprop_cli.estimate.quantities import alone, quantities
-from massprop_cli.inputs.vehicle import EnvironmentKind, Vehicle
+from massprop_cli.inputs.equipment import EnvironmentKind
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed.bound import natural_sizes
 

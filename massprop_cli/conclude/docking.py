@@ -48,25 +48,24 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
-    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
     verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
     reason = "both phases converged" if settled else "not every quantity of both phases converged"
     if contradictions:
         reason = f"log and vehicle file contradict each other in {' and '.join(c.phase.name for c in pair if c.contradiction)}"
-    estimates = {
-        name: Estimate(
-            value=float(found[i]) if told else None,
-            sigma=float(np.sqrt(covariance[i, i])) if told else None,
-            unit=UNITS[name],
-            verdict=verdict,
-            final_at_s=None,
-            reason=reason,
-        )
-        for i, name in enumerate(QUANTITIES)
-    }
+    estimates = estimates_of(found, covariance, verdict, reason)
     estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
+
+
+def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: str) -> dict[str, Estimate]:
+    """The ten quantities (10,) with their sigmas; without a value unless all can be told."""
+    told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
+    sigma = np.sqrt(np.diag(covariance)) if told else found
+    return {
+        name: Estimate(float(value) if told else None, float(one) if told else None, UNITS[name], verdict, None, reason)
+        for name, value, one in zip(QUANTITIES, found, sigma, strict=True)
+    }
 
 
 def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:

@@ -13,8 +13,9 @@ from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Column, Jet, Vehicle
+from massprop_cli.inputs.vehicle import Column, Vehicle
 from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing, with_lag
 

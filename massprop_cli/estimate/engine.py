@@ -21,9 +21,10 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import alone, discrepancies, quantities
-from massprop_cli.estimate.regression import Regression, Run
+from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.residual import Residual, residual
 from massprop_cli.estimate.rows import Response, Rows
+from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.handed import StatusError

@@ -15,7 +15,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate import engine
-from massprop_cli.estimate.regression import Regression, Run
+from massprop_cli.estimate.regression import Regression
+from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference

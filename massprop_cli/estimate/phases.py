@@ -139,16 +139,14 @@ def _sized(
         used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used)
         starts = _first(samples, phases, used)
         for _ in range(ROUNDS):
-            fits = _fits(samples, phases, starts, used, consider, SIZING)
-            excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+            fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
             sized = disturbances.with_disturbances(samples, pieces, excess, used)
             if sized == used:
                 break
             used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
     if used != plain.used or not _stand(fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits = _fits(samples, phases, _first(samples, phases, used), used, consider, engine.SETTLINGS)
-        excess = disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, engine.SETTLINGS)
     return used, fits, excess
 
 

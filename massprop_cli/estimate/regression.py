@@ -1,30 +1,25 @@
-"""All that a phase has said so far, in a triangle of constant size, and the mass properties that it gives.
+"""The mass properties that a phase's triangle gives, and what it tells of them cycle by cycle.
 
-The response is linear in the coefficients φ of :mod:`massprop_cli.model.plant` whatever the mass properties are, so what a small filter on
-all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the
-triangle of an orthogonal factorisation. The ten values are a few Gauss–Newton steps on that triangle.
-
-Until an axis has been driven, noise in the measured rates looks like what its inertia would do through the gyroscopic coupling. So that
-coupling, J Γ(I), stays free of the inertia until the commands alone tell each axis' response.
+What the cycles have said is the triangle of :mod:`massprop_cli.estimate.triangle`; the ten values are a few Gauss–Newton steps on it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, grown, root_beside_unit, triangle_of
 from massprop_cli.estimate.kalman import State
-from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
+from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
+from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import RATE, Layout
-from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.plant import Reference
 from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import System, drift, prior, system_of
+from massprop_cli.model.system import drift
 from massprop_cli.prepare.compensate import Source
 
 PASSES = 4
@@ -35,76 +30,26 @@ STALE = 0.1
 """Largest second-order error of what is linear about the reference, in sigmas, before it is renewed."""
 ASTRAY = 0.4
 """... and of a value given on the way, before a block is ended for it."""
-LOOSE = 3.0
-"""One sigma of the coefficients of the gyroscopic coupling while they are free: ratios of moments of inertia."""
 FAINT = 0.4
 """Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 INCONSISTENT = 60.0
 """More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
 KNOWN = 0.1
 """Relative sigma below which an axis' response counts as known."""
-PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
-"""Of its natural size, one sigma of the pull of each of θ towards where the search began: what the data don't tell stays there. What turns
-on a bearing is balanced."""
-GROWN = 100.0
-"""Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STILL = 0.1
 """A step of fewer sigmas is the last."""
-
 MOMENTS = [0, 3, 5]
 """Where θ's J_xx, J_yy, J_zz stand."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """All that is kept of the cycles before ``at``."""
-
-    at: int
-    reference: Reference
-    """About which they, and those to come, are taken in."""
-    estimate: Reference
-    """What they told; what they don't tell stays near the centre."""
-    centre: Reference
-    """Where the search began."""
-    bound: bool
-    """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
-    moved: int
-    """The cycle at which the reference was last moved."""
-    state: State | None
-    """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
-    triangle: Array
-    """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
-
-
-class Regression:
-    """Of one phase."""
+class Regression(Triangle):
+    """Of one phase: solves its triangle, and says what that tells."""
 
     def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
-        self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
-        self.lift = Lift(plant_of(vehicle))
-        self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
-        self.prior = prior(samples, vehicle)
-        self.free = int((self.prior > 0).sum())
-        """m, the states whose beginning is unknown."""
-        self.assumed = consider.columns(len(samples.wrench))
-        """e, the assumptions."""
-        self.uncertain = len(consider.kinds)
-        """u, the unknowns of the geometry, each in its own sigmas."""
+        super().__init__(samples, cycles, vehicle, consider)
         self._last: tuple[Run, Array, Array, Array] | None = None
-        self._begun: tuple[Reference, Array, Array] | None = None
-
-    def begin(self, reference: Reference) -> Run:
-        """Before the first cycle."""
-        size = self.free + self.lift.size + 1 + self.assumed + self.uncertain
-        known = known_rows(self.prior, size)
-        triangle = np.vstack([known, np.zeros((size - len(known), size))])
-        return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
-
-    def take(self, run: Run, end: int) -> tuple[Run, Taken]:
-        """The cycles from ``run.at`` to ``end``."""
-        return self._with(run, end, self._system(run.at, end, run.reference))
 
     def again(self, ring: list[Run], reference: Reference) -> list[Run]:
         """The cycles of the ring anew, about a reference that they give themselves from ``reference`` on."""
@@ -120,61 +65,6 @@ class Regression:
                 break
             reference = ring[-1].estimate
         return ring
-
-    def _system(self, first: int, end: int, reference: Reference) -> System:
-        """Of the cycles from ``first`` on, with the step that leads into it."""
-        cycles = slice(max(first - 1, self.cycles.start), end)
-        return system_of(self.samples, cycles, reference, self.vehicle, self.consider)
-
-    def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
-        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
-        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
-        return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
-
-    def _renewed(self, run: Run, system: System) -> Run:
-        """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
-        turn = slice(-self.free, 3 - self.free or None)
-        if run.state is None or system.process is not None or self.lift.plant.pivoted:
-            return run
-        if np.abs(run.state.mean[:3, turn]).max() < GROWN:
-            return run
-        # the triangle's first rows alone hold the old beginning; all others are what it leaves
-        triangle = run.triangle.copy()
-        triangle[:3] = known_rows(self.prior, len(triangle))[:3]
-        mean = run.state.mean.copy()
-        mean[:3], mean[:3, turn] = 0.0, np.eye(3)
-        return replace(run, state=State(mean, run.state.root), triangle=triangle)
-
-    def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
-        """Rows (…, M + 1 + e + u) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
-
-        Nuisances are the beginnings, unless ``bound`` the coefficients of the gyroscopic coupling (their departure over ``LOOSE``), and
-        what is uncertain of the geometry.
-        """
-        phi, slopes = self.lift.coefficients(theta)
-        by_phi = rows[..., self.free : self.free + self.lift.size]
-        left = rows[..., self.free + self.lift.size :].copy()
-        left[..., 0] -= by_phi @ phi
-        left, geometry = left[..., : 1 + self.assumed], -left[..., 1 + self.assumed :]
-        parts = [rows[..., : self.free], geometry, by_phi @ (slopes * scale), left]
-        if not bound:
-            coupling = self.lift.coupling
-            held = slopes * scale
-            held[coupling] = 0.0
-            parts[1:3] = [LOOSE * by_phi[..., coupling], geometry, by_phi @ held]
-        return np.concatenate(parts, -1)
-
-    def _nuisances(self, bound: bool) -> int:
-        return self.free + self.uncertain + (0 if bound else len(self.lift.coupling))
-
-    def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
-        """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
-        bound = run.bound if bound is None else bound
-        rows, count = self._reduced(run.triangle, theta, scale, bound), self._nuisances(bound) + 10
-        known = np.eye(count - self.free, rows.shape[1], self.free)
-        if centre is not None:
-            known[-10:, count] = (centre - theta) / scale
-        return triangle_of(np.vstack([rows, known]))
 
     def improved(self, run: Run) -> Run:
         """With the estimate that the triangle gives; what the data don't tell stays near where the search began."""
@@ -201,17 +91,6 @@ class Regression:
         phi, _ = self.lift.coefficients(theta)
         found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
         return found
-
-    def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
-        """(10,) where the search began, and (10,) one sigma of the pull towards it."""
-        if self._begun is None or self._begun[0] is not run.centre:
-            centre = self.lift.theta(run.centre)
-            self._begun = run.centre, centre, self.lift.sizes(centre)
-        _, centre, sizes = self._begun
-        cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
-        pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
-        pull *= np.maximum(self.lift.sizes(theta), sizes)
-        return centre, pull
 
     def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
         """Gauss–Newton on the triangle from ``theta``: θ, the geometry and the states' beginnings, Φ (3, C), chi-square of the rest."""

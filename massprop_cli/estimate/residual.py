@@ -8,7 +8,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, grown, root_beside_unit
 from massprop_cli.estimate.nuisance import Taken, ordered
-from massprop_cli.estimate.regression import Regression, Run
+from massprop_cli.estimate.regression import Regression
+from massprop_cli.estimate.triangle import Run
 
 
 class Residual(NamedTuple):

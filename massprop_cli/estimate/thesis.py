@@ -15,8 +15,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, tensor, torque_regressor
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.kalman import Innovation, State, predict, update
+from massprop_cli.inputs.estimatorsettings import ThesisSettings
 from massprop_cli.inputs.telemetry import Notice
-from massprop_cli.inputs.vehicle import Phase, ThesisSettings, Vehicle
+from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.observability import observable
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source, acceleration

@@ -1,4 +1,4 @@
-/* The mass properties that a triangle gives (massprop_cli/estimate/regression.py). */
+/* The mass properties that a triangle gives (massprop_cli/estimate/regression.py, triangle.py). */
 #ifndef MASSPROP_SOLVE_H
 #define MASSPROP_SOLVE_H
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.inputs.equipment import Jet
+from massprop_cli.inputs.vehicle import Vehicle
 
 
 class Change(NamedTuple):

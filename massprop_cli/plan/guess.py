@@ -17,7 +17,7 @@ from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.inputs.section import NonNegative, Section
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed.bound import natural_sizes
-from massprop_cli.testbed.scenario import Actuators, Body, Sensors
+from massprop_cli.testbed.conditions import Actuators, Body, Sensors
 
 SPREAD = 0.2
 CG_SPREAD = 0.05

@@ -16,7 +16,8 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan.guess import Guess
 from massprop_cli.plan.limits import Used, used
 from massprop_cli.testbed import bound, mission
-from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
+from massprop_cli.testbed.conditions import Control
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Change, fly
 from massprop_cli.testbed.timeline import AXES, Axis, Segment
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import rotors
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals

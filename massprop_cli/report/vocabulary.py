@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from massprop_cli.conclude.verdict import NO_PART, WANTED, Verdict
-from massprop_cli.inputs.vehicle import EnvironmentKind
+from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import Result
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 from massprop_cli.base import escape
 from massprop_cli.conclude.verdict import Verdict
-from massprop_cli.inputs.vehicle import EnvironmentKind
+from massprop_cli.inputs.equipment import EnvironmentKind
 
 AXES = ("x", "y", "z")
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]

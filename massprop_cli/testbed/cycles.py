@@ -11,6 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
+from massprop_cli.testbed.conditions import Control
 from massprop_cli.testbed.environment import dynamics_in
 from massprop_cli.testbed.motion import (
     Bodies,
@@ -22,7 +23,7 @@ from massprop_cli.testbed.motion import (
     quaternions,
     rotation_vectors,
 )
-from massprop_cli.testbed.scenario import Control, Scenario, ScenarioSource
+from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
 from massprop_cli.testbed.wheels import Wheels
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.testbed.conditions import Body, Fuel
 from massprop_cli.testbed.motion import Bodies, apply, cross, outer_square
-from massprop_cli.testbed.scenario import Body, Fuel
 from massprop_cli.testbed.timeline import Event
 
 STANDARD_GRAVITY = 9.80665

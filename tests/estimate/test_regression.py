@@ -9,10 +9,11 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, disturbances, engine, nuisance, regression
+from massprop_cli.estimate import compiled, disturbances, engine, nuisance, triangle
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
 from massprop_cli.estimate.regression import Regression
+from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, system_of
@@ -93,7 +94,7 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
         spans.append(cycles)
         return system_of(samples, cycles, *rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(regression, "system_of", counted)
+    monkeypatch.setattr(triangle, "system_of", counted)
     monkeypatch.setattr(compiled, "holds", lambda *_: False)
     flown = simulate.fly(scenario.load("free-flyer"), [3])
     samples = Timing(2.0, 0.0).of(flown.log(0), flown.vehicle)
@@ -147,13 +148,13 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     renewed: list[int] = []
     once = Regression._renewed
 
-    def counted(self: Regression, run: regression.Run, system: System) -> regression.Run:
+    def counted(self: Regression, run: Run, system: System) -> Run:
         found = once(self, run, system)
         renewed.extend([run.at] * (found is not run))
         return found
 
     monkeypatch.setattr(Regression, "_renewed", counted)
-    monkeypatch.setattr(regression, "GROWN", 0.9)
+    monkeypatch.setattr(triangle, "GROWN", 0.9)
     monkeypatch.setattr(engine, "WHOLE", 32)
     pieces = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
     assert len(renewed) >= 8

@@ -10,7 +10,8 @@ import pytest
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs.vehicle import Imu, Jet, Vehicle
+from massprop_cli.inputs.equipment import Imu, Jet
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from massprop_cli import job
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import tablefile, telemetry, vehicle, vehiclefile
+from massprop_cli.inputs import equipment, tablefile, telemetry, vehiclefile
 from massprop_cli.result import schema
 from tests.hostile import SAMPLE, flight
 from tests.targets import flyer
@@ -76,7 +76,12 @@ def vehicles(draw: Any) -> dict[str, Any]:
 
 SETTINGS = [
     (section, name)
-    for section, model in (("cycle", vehicle.Cycle), ("imu", vehicle.Imu), ("environment", vehicle.Environment), ("thrust", vehicle.Thrust))
+    for section, model in (
+        ("cycle", equipment.Cycle),
+        ("imu", equipment.Imu),
+        ("environment", equipment.Environment),
+        ("thrust", equipment.Thrust),
+    )
     for name in model.model_fields
 ]
 

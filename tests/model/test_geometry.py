@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.rigidbody import tensor
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Jet, Vehicle
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import uncertain_jets
 from massprop_cli.model.linearise import lifted
 from massprop_cli.model.plant import Reference

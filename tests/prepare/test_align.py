@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.vehicle import Jet
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.prepare.actuators import held, pulses
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.signal import Signal, window_integrals

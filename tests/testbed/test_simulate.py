@@ -19,7 +19,7 @@ from massprop_cli.cli import app
 from massprop_cli.inputs import columns, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
 from massprop_cli.inputs.telemetry import read
-from massprop_cli.testbed import output, scenario, simulate, truth
+from massprop_cli.testbed import conditions, output, simulate, truth
 from massprop_cli.testbed.motion import to_world
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
@@ -132,7 +132,7 @@ def test_momentum_is_conserved_when_an_object_docks() -> None:
     # torque-free before: the rate just before docking is found by flying without it
     undisturbed = simulate.fly(source(sensors=quiet(), initial={"rate_rad_s": [0.2, 0.1, -0.3]}, plan=[]), [1])
     before = undisturbed.rate_rad_s[0, 60]
-    docked = scenario.Body.model_validate(data)
+    docked = conditions.Body.model_validate(data)
     spin = first.inertia[..., 0] @ before + docked.inertia @ np.array(event.docked_rate_rad_s)
     velocity = np.array(event.docked_velocity_m_s)
     mass1, mass2, cg1, cg2, cg12 = 22.0, 9.0, first.cg[:, 0], docked.values[6:9], values[1, 6:9]

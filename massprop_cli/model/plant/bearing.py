@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, parallel_axis, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole
 
 
 @dataclass(frozen=True)
-class BearingBody:
+class BearingBody(Whole):
     """A body turning about a bearing b whose base slides on a horizontal plane.
 
     The bearing's reaction is whatever keeps b level: all forces but gravity on the rotating mass m_r sum to m_r f, f the specific
@@ -34,12 +34,6 @@ class BearingBody:
     channels = 15
     force = slice(6, 9)
     pivoted = True
-    tilt_sigma = 0.0
-
-    @property
-    def told(self) -> BoolArray:
-        """All."""
-        return np.ones(10, dtype=bool)
 
     @property
     def pivot(self) -> Array:

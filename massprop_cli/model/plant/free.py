@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inertia_regressor, tensor, times
 from massprop_cli.model.gyroscopic import gamma
-from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
+from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole
 
 UNIT, TURN = tensor(np.eye(6)), cross_matrix(np.eye(3))
 """Derivatives of a tensor by its elements, and of [v]× by those of v."""
 
 
 @dataclass(frozen=True)
-class FreeBody:
+class FreeBody(Whole):
     """``moment = τ − c × F``; the specific force of the CG is ``F/m`` (thesis eq. 2.3, 4.13).
 
     θ = (I⁻¹, c, mu):
@@ -30,12 +30,6 @@ class FreeBody:
     channels = 12
     force = slice(3, 6)
     pivoted = False
-    tilt_sigma = 0.0
-
-    @property
-    def told(self) -> BoolArray:
-        """All."""
-        return np.ones(10, dtype=bool)
 
     @property
     def pivot(self) -> Array:

@@ -39,7 +39,7 @@ class PlanarBody(FreeBody):
         return TOLD
 
     @property
-    def tilt_sigma(self) -> float:  # type: ignore[override]
+    def tilt_sigma(self) -> float:
         """That of n."""
         return self.slope_sigma
 

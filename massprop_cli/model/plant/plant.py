@@ -86,6 +86,20 @@ class Felt(NamedTuple):
     """(K, 3)"""
 
 
+class Whole:
+    """A body of which every parameter shows in its motion, and which is held by nothing that may slope."""
+
+    @property
+    def told(self) -> BoolArray:
+        """All."""
+        return np.ones(10, dtype=bool)
+
+    @property
+    def tilt_sigma(self) -> float:
+        """There is nothing that begins so."""
+        return 0.0
+
+
 class Plant(Protocol):
     """One environment."""
 

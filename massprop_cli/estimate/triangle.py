@@ -1,0 +1,148 @@
+"""What a phase has said so far: whitened rows on φ, kept as a triangle of constant size.
+
+The response is linear in the coefficients φ of :mod:`massprop_cli.model.plant` whatever the mass properties are, so what a small filter on
+all else (:mod:`massprop_cli.estimate.nuisance`) leaves of the log is ``w + W φ``, white and of unit variance. These rows are kept as the
+triangle of an orthogonal factorisation, and posed about any θ when its departure from there is asked for.
+
+Until an axis has been driven, noise in the measured rates looks like what its inertia would do through the gyroscopic coupling. So that
+coupling, J Γ(I), stays free of the inertia until the commands alone tell each axis' response.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.estimate.kalman import State
+from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.model.system import System, prior, system_of
+from massprop_cli.prepare.compensate import Source
+
+LOOSE = 3.0
+"""One sigma of the coefficients of the gyroscopic coupling while they are free: ratios of moments of inertia."""
+PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
+"""Of its natural size, one sigma of the pull of each of θ towards where the search began: what the data don't tell stays there. What turns
+on a bearing is balanced."""
+GROWN = 100.0
+"""Growth of an error along the motion beyond which what a rate long past says of the present one is lost in the model's own rounding."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that is kept of the cycles before ``at``."""
+
+    at: int
+    reference: Reference
+    """About which they, and those to come, are taken in."""
+    estimate: Reference
+    """What they told; what they don't tell stays near the centre."""
+    centre: Reference
+    """Where the search began."""
+    bound: bool
+    """Whether each axis is known without the gyroscopic coupling, so that this may be taken as what the inertia makes it."""
+    moved: int
+    """The cycle at which the reference was last moved."""
+    state: State | None
+    """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
+    triangle: Array
+    """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
+
+
+class Triangle:
+    """Of one phase: takes cycles in, and poses what they say."""
+
+    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+        self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
+        self.lift = Lift(plant_of(vehicle))
+        self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
+        self.prior = prior(samples, vehicle)
+        self.free = int((self.prior > 0).sum())
+        """m, the states whose beginning is unknown."""
+        self.assumed = consider.columns(len(samples.wrench))
+        """e, the assumptions."""
+        self.uncertain = len(consider.kinds)
+        """u, the unknowns of the geometry, each in its own sigmas."""
+        self._begun: tuple[Reference, Array, Array] | None = None
+
+    def begin(self, reference: Reference) -> Run:
+        """Before the first cycle."""
+        size = self.free + self.lift.size + 1 + self.assumed + self.uncertain
+        known = known_rows(self.prior, size)
+        triangle = np.vstack([known, np.zeros((size - len(known), size))])
+        return Run(self.cycles.start, reference, reference, reference, False, self.cycles.start, None, triangle)
+
+    def take(self, run: Run, end: int) -> tuple[Run, Taken]:
+        """The cycles from ``run.at`` to ``end``."""
+        return self._with(run, end, self._system(run.at, end, run.reference))
+
+    def _system(self, first: int, end: int, reference: Reference) -> System:
+        """Of the cycles from ``first`` on, with the step that leads into it."""
+        cycles = slice(max(first - 1, self.cycles.start), end)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider)
+
+    def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
+        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
+        triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
+        return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
+
+    def _renewed(self, run: Run, system: System) -> Run:
+        """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
+        turn = slice(-self.free, 3 - self.free or None)
+        if run.state is None or system.process is not None or self.lift.plant.pivoted:
+            return run
+        if np.abs(run.state.mean[:3, turn]).max() < GROWN:
+            return run
+        # the triangle's first rows alone hold the old beginning; all others are what it leaves
+        triangle = run.triangle.copy()
+        triangle[:3] = known_rows(self.prior, len(triangle))[:3]
+        mean = run.state.mean.copy()
+        mean[:3], mean[:3, turn] = 0.0, np.eye(3)
+        return replace(run, state=State(mean, run.state.root), triangle=triangle)
+
+    def _reduced(self, rows: Array, theta: Array, scale: Array, bound: bool) -> Array:
+        """Rows (…, M + 1 + e + u) on beginnings and φ as rows on nuisances and θ's departure over ``scale``: (…, n + 11 + e).
+
+        Nuisances are the beginnings, unless ``bound`` the coefficients of the gyroscopic coupling (their departure over ``LOOSE``), and
+        what is uncertain of the geometry.
+        """
+        phi, slopes = self.lift.coefficients(theta)
+        by_phi = rows[..., self.free : self.free + self.lift.size]
+        left = rows[..., self.free + self.lift.size :].copy()
+        left[..., 0] -= by_phi @ phi
+        left, geometry = left[..., : 1 + self.assumed], -left[..., 1 + self.assumed :]
+        parts = [rows[..., : self.free], geometry, by_phi @ (slopes * scale), left]
+        if not bound:
+            coupling = self.lift.coupling
+            held = slopes * scale
+            held[coupling] = 0.0
+            parts[1:3] = [LOOSE * by_phi[..., coupling], geometry, by_phi @ held]
+        return np.concatenate(parts, -1)
+
+    def _nuisances(self, bound: bool) -> int:
+        return self.free + self.uncertain + (0 if bound else len(self.lift.coupling))
+
+    def _posed(self, run: Run, theta: Array, scale: Array, centre: Array | None = None, bound: bool | None = None) -> Array:
+        """(n + 11 + …, n + 11 + e) triangle about ``theta`` of all that a run has taken in, with a prior of ``scale`` about ``centre``."""
+        bound = run.bound if bound is None else bound
+        rows, count = self._reduced(run.triangle, theta, scale, bound), self._nuisances(bound) + 10
+        known = np.eye(count - self.free, rows.shape[1], self.free)
+        if centre is not None:
+            known[-10:, count] = (centre - theta) / scale
+        return triangle_of(np.vstack([rows, known]))
+
+    def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
+        """(10,) where the search began, and (10,) one sigma of the pull towards it."""
+        if self._begun is None or self._begun[0] is not run.centre:
+            centre = self.lift.theta(run.centre)
+            self._begun = run.centre, centre, self.lift.sizes(centre)
+        _, centre, sizes = self._begun
+        cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
+        pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
+        pull *= np.maximum(self.lift.sizes(theta), sizes)
+        return centre, pull

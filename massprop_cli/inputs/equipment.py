@@ -1,0 +1,142 @@
+"""What a vehicle file states of cycle, IMU, environment, thrust and jets."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat, field_validator, model_validator
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
+
+FASTEST_PPM = 1e5
+
+
+EnvironmentKind = Literal["free", "air_bearing", "planar"]
+
+
+class Cycle(Section):
+    """Control cycle and the delay between command and execution."""
+
+    period_s: Positive
+    pwm_tick_s: Positive | None = Field(None, description="informative: on-times are not quantised again")
+    command_delay_cycles: NonNegative | Literal["auto"] = Field(
+        0.0, description="from the start of the cycle that issued a command to the start of its execution"
+    )
+    command_delay_sigma_cycles: NonNegative = Field(0.0, description="one sigma of a stated delay; goes into every sigma")
+
+
+class Imu(Section):
+    """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean."""
+
+    clock_drift_ppm: Real = Field(
+        0.0,
+        ge=-FASTEST_PPM,
+        le=FASTEST_PPM,
+        description="by how much the IMU's clock runs faster than that of the commands; they agree where the log begins",
+    )
+    position_m: Place = Field(ZERO, description="from O, body axes")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of position_m, along each axis")
+    body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
+    mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of body_from_imu, about each axis")
+    gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
+    accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
+    gyro_bias_sigma_rad_s: NonNegative = 0.0
+    accel_bias_sigma_m_s2: NonNegative = 0.0
+    gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")
+    accel_lag_s: NonNegative = Field(0.0, description="the same within the accelerometer; noise is what is before it")
+    gyro_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of gyro_lag_s; goes into every sigma")
+    accel_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of accel_lag_s; goes into every sigma")
+    gyro_range_rad_s: Positive | None = None
+    accel_range_m_s2: Positive | None = None
+    gyro_outliers_s: tuple[FiniteFloat, ...] | None = Field(
+        None, description="time_s of records whose gyro readings are not used; absent: found in the log"
+    )
+    accel_outliers_s: tuple[FiniteFloat, ...] | None = Field(
+        None, description="time_s of records whose accelerometer readings are not used; absent: found in the log"
+    )
+
+    @field_validator("body_from_imu")
+    @classmethod
+    def _is_rotation(cls, rows: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
+        matrix = np.array(rows)
+        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+            raise ValueError("is not a rotation matrix; give orthonormal rows with determinant +1")
+        return rows
+
+
+class Environment(Section):
+    """Free flight; a spherical air bearing on a base that slides on a horizontal plane; or a table on which the vehicle slides and yaws."""
+
+    kind: EnvironmentKind = Field(
+        "free", description="planar: a table with x, y and yaw; body Z points up from it, and the accelerometer feels gravity along Z"
+    )
+    gravity_m_s2: NonNegative = 9.80665
+    bearing_position_m: Place = Field(ZERO, description="centre of rotation, from O")
+    bearing_mass_kg: NonNegative = Field(0.0, description="translates with the vehicle, does not rotate")
+    table_tilt_sigma_rad: NonNegative = Field(
+        0.01, le=0.2, description="one sigma of each of a table's two tilts, which stand still in the world; 0: level"
+    )
+    initial_attitude_wxyz: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
+    disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
+    disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
+
+    @field_validator("initial_attitude_wxyz")
+    @classmethod
+    def _is_unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        if abs(np.linalg.norm(quaternion) - 1) > 1e-6:
+            raise ValueError("is not a unit quaternion; divide it by its norm")
+        return quaternion
+
+    @model_validator(mode="after")
+    def _has_a_vertical(self) -> Environment:
+        if self.kind == "air_bearing" and self.gravity_m_s2 == 0:
+            raise ValueError('kind = "air_bearing" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity')
+        return self
+
+    @model_validator(mode="after")
+    def _stands_on_its_table(self) -> Environment:
+        if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
+            raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
+        return self
+
+    @property
+    def moving(self) -> Array:
+        """(6,) which torques about, and forces along, the body axes move the vehicle (1): on a table what else there is it takes up (0)."""
+        return np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]) if self.kind == "planar" else np.ones(6)
+
+    @property
+    def steady_force_m_s2(self) -> Array:
+        """(3,) specific force that is the same in body axes however the vehicle moves: on a table, of what carries its weight."""
+        return np.array([0.0, 0.0, self.gravity_m_s2 if self.kind == "planar" else 0.0])
+
+
+class Thrust(Section):
+    """Uncertainty and dynamics of the actuators."""
+
+    scale_sigma: NonNegative = Field(0.0, description="common relative uncertainty of all forces and torques")
+    pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
+    lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
+    lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
+    lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
+
+    @property
+    def stated_lag_s(self) -> float:
+        """The lag as a number; ValueError where it is still to be found."""
+        if self.lag_s == "auto":
+            raise ValueError("the lag is not found yet")
+        return self.lag_s
+
+
+class Jet(Section):
+    """One on/off jet: where it acts and the force on the vehicle at full thrust."""
+
+    name: str = Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")
+    position_m: Place
+    force_n: Vector
+    rise_s: NonNegative = Field(0.0, description="linear rise to full thrust")
+    fall_s: NonNegative = Field(0.0, description="linear fall from full thrust")
+    thrust_sigma: NonNegative = Field(0.0, le=0.3, description="relative uncertainty of its thrust, beside the one that all have in common")
+    position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of its place, along each axis")
+    direction_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of its direction, about each axis across it")

@@ -1,0 +1,135 @@
+"""What a scenario states of the body, its sensors and actuators as they really are, and of what disturbs it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat, model_validator
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
+from massprop_cli.inputs.vehicle import PRODUCTS
+
+
+class Body(Section):
+    """True mass properties of a body: inertia about its CG, CG from O, body axes."""
+
+    ixx: Positive
+    ixy: FiniteFloat = 0.0
+    ixz: FiniteFloat = 0.0
+    iyy: Positive
+    iyz: FiniteFloat = 0.0
+    izz: Positive
+    poi_convention: Literal["tensor", "positive_integral"] = Field(
+        "tensor", description="sign of the products: ixy = -Σ m x y, or +Σ m x y"
+    )
+    cg_x: FiniteFloat = 0.0
+    cg_y: FiniteFloat = 0.0
+    cg_z: FiniteFloat = 0.0
+    mass: Positive = Field(description="on an air bearing with the bearing's")
+
+    @model_validator(mode="after")
+    def _is_body(self) -> Body:
+        moments = np.linalg.eigvalsh(self.inertia)
+        if moments[0] <= 1e-9 * moments[-1]:
+            raise ValueError(f"the inertia is singular or not positive definite (least principal moment {moments[0]:.4g} kg m^2)")
+        return self
+
+    @property
+    def values(self) -> Array:
+        """(10,) in the order of :data:`massprop_cli.QUANTITIES`, products as the tensor's own elements."""
+        flip = -1.0 if self.poi_convention == "positive_integral" else 1.0
+        return np.array([getattr(self, name) * (flip if name in PRODUCTS else 1.0) for name in QUANTITIES])
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the CG, kg m²."""
+        ixx, ixy, ixz, iyy, iyz, izz = self.values[:6]
+        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+    @property
+    def breaks_triangle(self) -> bool:
+        """Whether no real body has these principal moments."""
+        low, middle, high = np.linalg.eigvalsh(self.inertia)
+        return bool(low + middle < high * (1 - 1e-9))
+
+
+class Sensors(Section):
+    """The IMU as it really is; noise is one sigma of a cycle's mean, absent: as the vehicle file states (none there: none)."""
+
+    records_per_cycle: int = Field(1, ge=1, le=200, description="IMU records logged in each control cycle")
+    gyro_noise_rad_s: NonNegative | None = None
+    accel_noise_m_s2: NonNegative | None = None
+    gyro_bias_rad_s: Vector = Field(ZERO, description="IMU axes")
+    accel_bias_m_s2: Vector = Field(ZERO, description="IMU axes")
+    gyro_quantum_rad: NonNegative = Field(0.0, description="smallest angle increment; what is left over goes into the next record")
+    accel_quantum_m_s: NonNegative = Field(0.0, description="smallest velocity increment")
+    log_attitude: bool = Field(False, description="write quat_w … quat_z")
+
+
+class Failure(Section):
+    """A jet that does not do what the vehicle file says."""
+
+    jet: str
+    thrust: FiniteFloat = Field(0.0, description="factor on its thrust: 0 dead, 0.8 weak, -1 mounted the wrong way")
+    start_s: NonNegative = 0.0
+    end_s: Positive | None = None
+
+
+class Actuators(Section):
+    """Jets or wrench as they really are; absent: as the vehicle file states."""
+
+    pwm_tick_s: Positive | None = Field(None, description="on-times are rounded to this; absent: cycle.pwm_tick_s, or not rounded")
+    minimum_pulse_s: NonNegative = Field(0.0, description="shorter pulses are not fired")
+    delay_cycles: NonNegative | None = Field(None, description="true delay, may be fractional")
+    lag_s: NonNegative | None = Field(None, description="true first-order lag")
+    scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
+    pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
+    max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
+    max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
+    max_wheel_torque_n_m: Positive | None = Field(None, description="full torque on each of the vehicle's wheels")
+    wheel_scale: Positive = Field(1.0, description="true spin inertia of the wheels over the vehicle file's")
+    failures: tuple[Failure, ...] = ()
+
+
+class Disturbance(Section):
+    """What nobody commanded: a torque; a table's slope."""
+
+    torque_n_m: NonNegative | None = Field(None, description="one sigma per cycle, white, each axis; absent: as the vehicle file states")
+    walk_n_m: NonNegative | None = Field(
+        None, description="one sigma of a slow torque's change per cycle; absent: as the vehicle file states"
+    )
+    constant_n_m: Vector = ZERO
+    periodic_n_m: Vector = Field(ZERO, description="amplitude of a sine that begins with the log")
+    periodic_s: Positive = Field(10.0, description="its period")
+    rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate, over that rate at the cycle's start")
+    table_tilt_rad: tuple[FiniteFloat, FiniteFloat] = Field((0.0, 0.0), description="by which a table is turned about the world's X and Y")
+    table_hold: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="part of the weight's pull along a tilted table that something holds, and the accelerometer feels",
+    )
+
+
+class Fuel(Section):
+    """Fuel burnt by the jets: mass falls with the impulse given, CG and inertia too where the tank's place is known."""
+
+    specific_impulse_s: Positive
+    tank_position_m: Vector | None = Field(None, description="from O; the fuel counts as a point there")
+
+
+class Control(Section):
+    """Attitude hold: ``τ = ω × Î ω − D ω − K q_vec`` per axis, from the gyro's rates and the attitude integrated from them."""
+
+    inertia_kg_m2: Vector = Field(ZERO, description="diagonal of the controller's own inertia Î")
+    rate_gain_n_m_s: Vector
+    attitude_gain_n_m: Vector
+
+
+class Initial(Section):
+    """Motion at the start of the log; the attitude is the vehicle file's."""
+
+    rate_rad_s: Vector = ZERO
