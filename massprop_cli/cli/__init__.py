@@ -33,14 +33,6 @@ onethread.prefer()
 _Misread: Any = typer.BadParameter.__mro__[1]
 """What typer raises of a command line; older ones have it from click, newer ones of their own."""
 
-app = typer.Typer(
-    name="massprop",
-    help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
-    no_args_is_help=True,
-    cls=Group,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    pretty_exceptions_enable=False,
-)
 _PANELS = {
     "One log": (estimate, report, compare),
     "On board and live": (export_flight, live),
@@ -49,11 +41,6 @@ _PANELS = {
     "Before and after a test": (plan, simulate, check),
     "Files": (schema,),
 }
-for _panel, _commands in _PANELS.items():
-    for _command in _commands:
-        _said = told(_command)
-        _name = _command.__name__.replace("_", "-")
-        app.command(_name, cls=Command, help=_said.text, epilog=epilog(_said), rich_help_panel=_panel)(_command)
 
 
 def _version(value: bool) -> None:
@@ -62,9 +49,30 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False) -> None:
     """Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data."""
+
+
+def application(only: str | None = None) -> typer.Typer:
+    """All commands; or one alone, by the name that a shell gives it, where there is such a one: what isn't asked for isn't built."""
+    found = typer.Typer(
+        name="massprop",
+        help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
+        no_args_is_help=True,
+        cls=Group,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        pretty_exceptions_enable=False,
+    )
+    found.callback()(_main)
+    commands = {command.__name__.replace("_", "-"): (command, panel) for panel, some in _PANELS.items() for command in some}
+    for name, (command, panel) in commands.items():
+        if only in (None, name) or only not in commands:
+            said = told(command)
+            found.command(name, cls=Command, help=said.text, epilog=epilog(said), rich_help_panel=panel)(command)
+    return found
+
+
+app = application()
 
 
 def main() -> None:
@@ -86,7 +94,7 @@ def main() -> None:
 def _run() -> int:
     """The exit code of the command; what can't be understood of a command line is told on one line, as everything else."""
     try:
-        code: Any = app(standalone_mode=False)
+        code: Any = application(next(iter(sys.argv[1:]), None))(standalone_mode=False)
         return int(code or 0)
     except KeyboardInterrupt:
         return _told("interrupted", exits.INTERRUPTED)

@@ -22,7 +22,7 @@ Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max
 class Item(BaseModel):
     """Part of a result; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", defer_build=True)
 
 
 class Provenance(Item):
