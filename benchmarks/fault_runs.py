@@ -205,7 +205,7 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
     keys += [] if scale is None else [f"estimator.accel_noise_scale={list(scale)}"]
     used = changed(case.vehicle, [*keys, "estimator.adapt_noise=false"])
     with np.errstate(all="ignore"):
-        samples = compensate(align(case.log, used, found.timing.delay), used)
+        samples = compensate(align(case.log, used, found.timing.delay, found.timing.lag_s(used)), used)
         phases = [(history.phase, history.cycles) for history in found.histories]
         try:
             plain = as_stated(samples, phases, used, Consider())

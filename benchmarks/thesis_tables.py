@@ -54,7 +54,7 @@ def own_sensing(flown: simulate.Flight, quiet: simulate.Flight, rng: np.random.G
     the jets on or off through a whole cycle that is the rate at the cycle's end. Its accelerometer feels F/m, as if it sat at the CG.
     """
     vehicle = flown.vehicle.model_copy(update={"imu": flown.vehicle.imu.model_copy(update={"position_m": (0.0, 0.0, 0.0)})})
-    aligned = align(flown.log(0), vehicle, 0.0)
+    aligned = align(flown.log(0), vehicle, 0.0, 0.0)
     samples = compensate(aligned, vehicle)
     cycles = len(samples)
     mean = quiet.delta_theta_rad[0].reshape(cycles, TICKS, 3) / TICK_S

@@ -69,7 +69,7 @@ def main() -> None:
     print(HEAD)
     for name, factors in VARIATIONS.items():
         used = tuned(flown.vehicle, *factors)
-        samples = compensate(align(flown.log(0), used, 0.0), used)
+        samples = compensate(align(flown.log(0), used, 0.0, 0.0), used)
         history, _ = thesis.replay(samples, slice(0, len(samples)), flown.phases[0], used)
         notice = "; ".join(f"`{notice.code}`" for notice in history.notices)
         for moment, column in MOMENTS.items():

@@ -223,7 +223,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
 def _offline(found: Analysis, cure: Cure) -> list[Array]:
     """(10,) what off-line fits of each phase give with a fault mended so; NaN where there is none."""
     log, vehicle = cure.log(found.log), vehiclefile.changed(found.source.vehicle, cure.settings)
-    timing = stated_timing(vehicle)
+    timing = stated_timing(vehicle, found.timing)
     samples = Stream.of(log, vehicle, timing)
     fits = as_stated(samples, phases_of(log, vehicle, samples), vehicle, Consider()).fits
     return [np.full(10, np.nan) if fit is None else fit.history.values[-1] for fit in fits]

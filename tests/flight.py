@@ -100,7 +100,7 @@ class Flight:
         return Log(Path("flight.parquet"), "", len(time), 1, time, np.full(len(time), CYCLE), theta, velocity, "jets", self.on, None, ())
 
     def aligned(self, rng: np.random.Generator | None = None) -> Aligned:
-        return align(self.log(rng), self.used, float(self.used.cycle.command_delay_cycles))
+        return align(self.log(rng), self.used, float(self.used.cycle.command_delay_cycles), self.used.thrust.stated_lag_s)
 
     def samples(self, rng: np.random.Generator | None = None) -> Samples:
         return compensate(self.aligned(rng), self.used)

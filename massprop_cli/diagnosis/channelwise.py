@@ -30,7 +30,7 @@ from massprop_cli.model.within import motion_within
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.align import Aligned, align
 from massprop_cli.prepare.compensate import Samples
-from massprop_cli.prepare.timing import Timing, with_lag
+from massprop_cli.prepare.timing import Timing
 
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
@@ -156,9 +156,9 @@ def design_of(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: A
     cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
     if cycles.stop - cycles.start < 2:
         raise InputError(f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands")
-    shifted = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
-    sides = [align(log, shifted, timing.delay + by) for by in (-SHIFT, SHIFT)]
-    risen = align(log, _slower(shifted), timing.delay) if log.command_kind == "jets" else None
+    lag_s = timing.lag_s(vehicle)
+    sides = [align(log, vehicle, timing.delay + by, lag_s) for by in (-SHIFT, SHIFT)]
+    risen = align(log, _slower(vehicle), timing.delay, lag_s) if log.command_kind == "jets" else None
     parts = list(_columns(samples, sides, risen, vehicle, cycles))
     places, at = {}, 0
     for name, growth, _ in parts:

@@ -17,7 +17,7 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Column, Vehicle
 from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
-from massprop_cli.prepare.timing import Timing, with_lag
+from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]
 BY_HAND = ("torque", "drag", "mass_rate", "inertia_rate")
@@ -146,7 +146,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     lag = timing.lag + float(get("lag")[0])
     began = 1e-6 * fast * model.clock_s[0] / vehicle.cycle.period_s
     timing = Timing(max(timing.delay + float(get("delay")[0]) - began, 0.0), max(lag, 0.0))
-    return Case(log, with_lag(vehicle, timing.lag * vehicle.cycle.period_s), timing)
+    return Case(log, vehicle, timing)
 
 
 def _on_columns(found: Fitted) -> Cure:

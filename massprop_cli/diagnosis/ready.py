@@ -39,7 +39,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
-    stated = with_timing(source.vehicle, timing, detected)
+    stated = with_timing(source.vehicle, detected)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
     read, told = log, list[Notice]()

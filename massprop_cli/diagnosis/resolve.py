@@ -15,27 +15,23 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider, late, lowpassed
 from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing, with_lag
+from massprop_cli.prepare.timing import Timing
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
 
-def with_timing(stated: Vehicle, used: Timing, detected: Found | None) -> Vehicle:
-    """The vehicle with its lag as a number, and with the sigmas of a timing that was found in the log."""
-    period = stated.cycle.period_s
-    resolved = with_lag(stated, used.lag * period)
+def with_timing(stated: Vehicle, detected: Found | None) -> Vehicle:
+    """The vehicle with the sigmas of a timing that was found in the log."""
     if detected is None:
-        return resolved
+        return stated
     cycle, thrust = {}, {}
     if stated.cycle.command_delay_cycles == "auto":
         cycle["command_delay_sigma_cycles"] = detected.sigma.delay
     if stated.thrust.lag_s == "auto":
-        thrust["lag_sigma_s"] = detected.sigma.lag * period
+        thrust["lag_sigma_s"] = detected.sigma.lag_s(stated)
     if cycle and thrust:
         thrust["lag_delay_correlation"] = detected.correlation
-    return resolved.model_copy(
-        update={"cycle": resolved.cycle.model_copy(update=cycle), "thrust": resolved.thrust.model_copy(update=thrust)}
-    )
+    return stated.model_copy(update={"cycle": stated.cycle.model_copy(update=cycle), "thrust": stated.thrust.model_copy(update=thrust)})
 
 
 def uncertain_timing(log: Log, stated: Vehicle, used: Timing) -> Consider:
@@ -53,10 +49,10 @@ def uncertain_timing(log: Log, stated: Vehicle, used: Timing) -> Consider:
     return Consider(tuple(found.values()), sigma @ correlation @ sigma)
 
 
-def stated_timing(stated: Vehicle, instead: float = 0.0) -> Timing:
-    """Delay and lag of the vehicle file in cycles, with ``instead`` where it says "auto"."""
+def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing:  # noqa: B008  a constant
+    """Delay and lag of the vehicle file in cycles, as ``found`` where it says "auto"."""
     delay, lag = stated.cycle.command_delay_cycles, stated.thrust.lag_s
-    return Timing(instead if delay == "auto" else delay, instead if lag == "auto" else lag / stated.cycle.period_s)
+    return Timing(found.delay if delay == "auto" else delay, found.lag if lag == "auto" else lag / stated.cycle.period_s)
 
 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
@@ -71,10 +67,9 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
     found = None
     if coarse is not None:
-        vehicle = with_lag(source.vehicle, coarse.lag * source.vehicle.cycle.period_s)
-        samples = Stream.of(log, vehicle, coarse)
-        pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
-        used, _ = disturbances.with_noise_levels(samples, pieces, vehicle)
+        samples = Stream.of(log, source.vehicle, coarse)
+        pieces = [cycles for _, cycles in phases_of(log, source.vehicle, samples)]
+        used, _ = disturbances.with_noise_levels(samples, pieces, source.vehicle)
         found = delay.detect(log, used, pieces, coarse, unknown)
     if found is None:
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}

@@ -24,6 +24,7 @@ from massprop_cli.model.handed import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
 
 VALUES = 30
 """Values, sigmas and verdicts of the ten quantities."""
@@ -32,29 +33,29 @@ VERDICTS = ("untold", "not_excited", "not_converged", "converged")
 NO_TOLERANCE = (0.0, 0.0, 0.0)
 
 
-def beyond(vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> str:
+def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
     """What of the commands' timing the kernel can't hold; empty where it holds all."""
     if vehicle.imu.clock_drift_ppm != 0:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
-    if vehicle.thrust.lag_s != 0:
+    if timing.lag != 0:
         return "thrust.lag_s is not 0, and the kernel knows no lag"
     if len(vehicle.jets) > COMMANDS:
         return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    if (delay_cycles * vehicle.cycle.period_s + ramps) / shortest_s + 4 >= PENDING:
-        return f"a delay of {delay_cycles:g} cycles, and the kernel holds {PENDING - 5}"
+    if (timing.delay * vehicle.cycle.period_s + ramps) / shortest_s + 4 >= PENDING:
+        return f"a delay of {timing.delay:g} cycles, and the kernel holds {PENDING - 5}"
     return ""
 
 
 def holds(samples: Source) -> bool:
     """Whether these are cycles as they were read, whose commands the kernel can align."""
-    if not isinstance(samples, Stream) or samples.gyro != 1.0 or samples.vehicle.thrust.lag_s == "auto":
+    if not isinstance(samples, Stream) or samples.gyro != 1.0:
         return False
     log = samples.log
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    return not beyond(samples.vehicle, samples.alignment.delay, shortest)
+    return not beyond(samples.vehicle, samples.alignment.timing, shortest)
 
 
 class Reported(NamedTuple):
@@ -110,7 +111,7 @@ def replayed(
 ) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
     """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
     log = samples.log
-    commands = commands_of(log.command_kind == "jets", samples.attitude_logged, vehicle, samples.alignment.delay)
+    commands = commands_of(log.command_kind == "jets", samples.attitude_logged, vehicle, samples.alignment.timing.delay)
     flight = Flight(commands, compiled.table(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
 
     def rows() -> Iterator[Rows]:

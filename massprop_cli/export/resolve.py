@@ -11,12 +11,14 @@ from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE
+from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, flown
 from massprop_cli.inputs import tablefile, telemetry, vehiclefile
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import handed
+from massprop_cli.prepare.timing import Timing
 
 
 class Attitude(NamedTuple):
@@ -59,13 +61,13 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:
         raise InputError(f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; or give a log")
-    delay = 0.0 if vehicle.cycle.command_delay_cycles == "auto" else vehicle.cycle.command_delay_cycles
-    _check(source, vehicle, delay, vehicle.cycle.period_s)
+    timing = stated_timing(vehicle)
+    _check(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
         Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
         for name, own in [(phase.name, vehicle.in_phase(phase)) for phase in vehicle.phases] or [("all", vehicle)]
     )
-    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, delay)
+    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, timing.delay)
     return Resolved(vehicle, commands, legs, None)
 
 
@@ -76,7 +78,7 @@ def told(source: VehicleSource, log_path: Path) -> Resolved:
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     log, vehicle = found.samples.log, found.vehicle
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    _check(source, vehicle, found.timing.delay, shortest)
+    _check(source, vehicle, found.timing, shortest)
     commands = flown.commands_of(log.command_kind == "jets", found.samples.attitude_logged, vehicle, found.timing.delay)
     legs = []
     for history in found.histories:
@@ -90,8 +92,8 @@ def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
     return vehiclefile.load(path, assignments)
 
 
-def _check(source: VehicleSource, vehicle: Vehicle, delay_cycles: float, shortest_s: float) -> None:
-    problem = handed.unknown(vehicle) or flown.beyond(vehicle, delay_cycles, shortest_s)
+def _check(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> None:
+    problem = handed.unknown(vehicle) or flown.beyond(vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"

@@ -77,12 +77,13 @@ def held(start_s: Array, value: Array) -> Signal:
     return Signal(start_s, np.diff(value, prepend=0.0), np.zeros_like(start_s))
 
 
-def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array) -> tuple[Array, Array]:
+def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
     """Integral and first moment per bin, (bins, commands), of each jet's thrust fraction, wrench component, or rotor's thrust in N.
 
-    By the commands of the cycles ``issued``, which are executed from ``begin_s`` on.
+    By the commands of the cycles ``issued``, which are executed from ``begin_s`` on, with the lag ``lag_s`` where an actuator has none of
+    its own.
     """
-    command, lag_s = log.command[issued].T, vehicle.thrust.stated_lag_s
+    command = log.command[issued].T
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, cycle_edges(log, issued)[0])
         begun = (begin_s if rotor.column == "command" else at_once for rotor in vehicle.rotors)
@@ -96,6 +97,6 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     return window_integrals(signals, edges_s, lag_s)
 
 
-def longest_lag_s(vehicle: Vehicle) -> float:
+def longest_lag_s(vehicle: Vehicle, lag_s: float) -> float:
     """Of any actuator."""
-    return max([vehicle.thrust.stated_lag_s, *(lag for rotor in vehicle.rotors for lag in rotor.lags(vehicle.thrust.stated_lag_s))])
+    return max([lag_s, *(lag for rotor in vehicle.rotors for lag in rotor.lags(lag_s))])

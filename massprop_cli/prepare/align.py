@@ -113,25 +113,25 @@ _PER_CYCLE = (
 )
 
 
-def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None = None) -> Aligned:
+def align(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice | None = None) -> Aligned:
     """Sum records into cycles and pair each cycle with what was executed during it; all of them, or ``cycles`` with both ends given.
 
-    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods. Raises
-    :class:`InputError` if the log is shorter than the delay.
+    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods; thrust follows them with the first-order
+    lag ``lag_s``. Raises :class:`InputError` if the log is shorter than the delay.
     """
     of = slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
-    usable_s = first_usable_s(log, vehicle, delay_s)
+    usable_s = first_usable_s(log, vehicle, delay_s, lag_s)
     labelled, length = cycle_edges(log, of)
     start, duration = by_commands_clock(log, vehicle, labelled), length * pace(vehicle)
     # and those whose commands may still act; the one that comes next may go on with a pulse
-    before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s)))
+    before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s, lag_s)))
     ahead = max(float(start[-1] - labelled[-1]), 0.0) / vehicle.cycle.period_s
     issued = slice(before, min(of.stop + 1 + int(np.ceil(ahead)), log.cycles))
     wrench = channel_wrench(log, vehicle)
     bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
     edges = _bin_edges(start, duration, bins)
-    integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges)
+    integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges, lag_s)
     thrusting, stored = integral.shape[1], None
     if log.wheels:
         torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
@@ -160,23 +160,23 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, cycles: slice | None 
     )
 
 
-def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float) -> float:
+def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle)
+    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s)
     usable_s = max(first + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
-            f"{longest_lag_s(vehicle):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
+            f"{longest_lag_s(vehicle, lag_s):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     return usable_s
 
 
-def _memory_s(vehicle: Vehicle, delay_s: float) -> float:
+def _memory_s(vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle)
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle, lag_s)
 
 
 def _net(part: Array, wrench: Array) -> Array:

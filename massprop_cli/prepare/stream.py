@@ -15,7 +15,7 @@ from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, first_usable_s
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, check_attitude, compensate, integrate_attitude
-from massprop_cli.prepare.timing import Timing, with_lag
+from massprop_cli.prepare.timing import Timing
 
 GRID = 1024
 """Parts begin at multiples of so many cycles, ..."""
@@ -27,17 +27,19 @@ class Alignment:
     """Of one log under one timing; the part that was asked for last is kept, since what is varied beside it asks for the same."""
 
     def __init__(self, log: Log, vehicle: Vehicle, timing: Timing) -> None:
-        self.log, self.delay = lowpass.undone(log, vehicle), timing.delay
-        self.vehicle = with_lag(vehicle, timing.lag * vehicle.cycle.period_s)
-        self.usable_s = first_usable_s(log, self.vehicle, self.delay * self.vehicle.cycle.period_s)
+        self.log, self.vehicle, self.timing = lowpass.undone(log, vehicle), vehicle, timing
+        self.usable_s = first_usable_s(log, vehicle, timing.delay * vehicle.cycle.period_s, timing.lag_s(vehicle))
         self._held = slice(0, min(LEAST, log.cycles))
-        self._aligned = align(self.log, self.vehicle, self.delay, self._held)
+        self._aligned = self._align(self._held)
 
     def part(self, cycles: slice) -> Aligned:
         """Of these cycles."""
         if cycles != self._held:
-            self._held, self._aligned = cycles, align(self.log, self.vehicle, self.delay, cycles)
+            self._held, self._aligned = cycles, self._align(cycles)
         return self._aligned
+
+    def _align(self, cycles: slice) -> Aligned:
+        return align(self.log, self.vehicle, self.timing.delay, self.timing.lag_s(self.vehicle), cycles)
 
 
 class Stream:

@@ -21,13 +21,12 @@ class Timing(NamedTuple):
     def of(self, log: Log, vehicle: Vehicle) -> Samples:
         """The log's samples under this timing."""
         log = lowpass.undone(log, vehicle)
-        return compensate(align(log, with_lag(vehicle, self.lag * vehicle.cycle.period_s), self.delay), vehicle)
+        return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle)), vehicle)
+
+    def lag_s(self, vehicle: Vehicle) -> float:
+        """The lag in seconds."""
+        return self.lag * vehicle.cycle.period_s
 
     def moved(self, unknown: Sequence[str], steps: Iterable[float]) -> Timing:
         """With some entries changed, none below zero."""
         return self._replace(**{name: max(getattr(self, name) + float(step), 0.0) for name, step in zip(unknown, steps, strict=True)})
-
-
-def with_lag(vehicle: Vehicle, lag_s: float) -> Vehicle:
-    """The vehicle with this lag of its thrust."""
-    return vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"lag_s": lag_s})})

@@ -112,7 +112,7 @@ def _lag(analysis: Analysis) -> Lag:
     automatic = analysis.source.vehicle.thrust.lag_s == "auto"
     found, period = analysis.detected, analysis.source.vehicle.cycle.period_s
     return Lag(
-        lag_s=analysis.vehicle.thrust.stated_lag_s,
+        lag_s=analysis.timing.lag_s(analysis.vehicle),
         source="detected" if automatic else "option" if _overridden(analysis, "thrust.lag_s") else "vehicle",
         sigma_s=found.sigma.lag * period if automatic and found is not None else None,
     )

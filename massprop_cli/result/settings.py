@@ -12,7 +12,7 @@ from massprop_cli.inputs import vehicle
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
     """Dotted keys and values which, given back as settings, reproduce the result."""
     used = analysis.vehicle
-    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": used.thrust.lag_s}
+    keys: dict[str, Any] = {"cycle.command_delay_cycles": analysis.timing.delay, "thrust.lag_s": analysis.timing.lag_s(used)}
     timing_sigmas = {
         "cycle.command_delay_sigma_cycles": used.cycle.command_delay_sigma_cycles,
         "thrust.lag_sigma_s": used.thrust.lag_sigma_s,

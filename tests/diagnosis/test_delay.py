@@ -13,6 +13,7 @@ from massprop_cli import flow
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
 
 SHORT = ["duration_s=20.0", "vehicle.cycle.command_delay_cycles=auto"]
@@ -89,7 +90,7 @@ def test_an_unknown_lag_is_found_alone_and_with_the_delay(true_s: float, unknown
     period = flight.vehicle.cycle.period_s
     assert abs(found.timing.lag * period - true_s) < max(4.5 * found.detected.sigma.lag * period, 1e-6)
     assert found.detected.sigma.lag * period < 1e-4
-    assert found.vehicle.thrust.lag_s == pytest.approx(found.timing.lag * period)
+    assert build.result(found).lag.lag_s == found.timing.lag * period
     assert abs(found.timing.delay - 1.3) <= 4.5 * found.detected.sigma.delay
     assert (found.detected.sigma.delay > 0) is ("delay" in unknown)
     errors = found.conclusions[0].values - flight.truth[0, 0]

@@ -87,7 +87,7 @@ def mistaken(gyro: float, mounting: Array) -> Samples:
     flown = flight.standard("free")
     log = flown.log(np.random.default_rng(3))
     turned = flown.used.model_copy(update={"imu": flown.used.imu.model_copy(update={"body_from_imu": mounting.tolist()})})
-    return compensate(align(replace(log, delta_theta_imu_rad=gyro * log.delta_theta_imu_rad), turned, 2.0), turned)
+    return compensate(align(replace(log, delta_theta_imu_rad=gyro * log.delta_theta_imu_rad), turned, 2.0, 0.0), turned)
 
 
 @pytest.mark.parametrize("cyclic", [False, True])

@@ -149,8 +149,8 @@ def test_a_drifting_clock_moves_commands_by_what_it_is_ahead(ppm: float) -> None
     edges = flight.CYCLE * np.arange(161) * pace
     begin, end = (flight.CYCLE * k for k in (102, 103))
     overlap = np.clip(np.minimum(edges[1:], end) - np.maximum(edges[:-1], begin), 0.0, None)
-    aligned = align(log, used, 2.0)
+    aligned = align(log, used, 2.0, 0.0)
     np.testing.assert_allclose(aligned.channels.whole[:, 0], overlap, atol=1e-12)
     np.testing.assert_allclose(aligned.duration_s, flight.CYCLE * pace)
     # a part of the log keeps the time at which both clocks agreed
-    np.testing.assert_allclose(align(log.part(90, 130), used, 2.0).channels.whole[:, 0], overlap[90:130], atol=1e-12)
+    np.testing.assert_allclose(align(log.part(90, 130), used, 2.0, 0.0).channels.whole[:, 0], overlap[90:130], atol=1e-12)

@@ -16,7 +16,7 @@ def test_both_columns_tell_the_same_momentum() -> None:
     found = {}
     for column in ("speed", "torque"):
         flown = simulate.fly(scenario.load("wheels", (*SHORT, *friction, *(f"vehicle.wheels.{i}.column={column}" for i in range(3)))), [1])
-        stored = align(flown.log(0), flown.vehicle, 2.0).stored
+        stored = align(flown.log(0), flown.vehicle, 2.0, 0.0).stored
         assert stored is not None
         found[column] = stored.mean.mean(1)
     rate = flown.rate_rad_s[0]
@@ -29,7 +29,7 @@ def test_both_columns_tell_the_same_momentum() -> None:
 
 def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_opposite() -> None:
     flown = simulate.fly(scenario.load("wheels", SHORT), [1])
-    aligned = align(flown.log(0), flown.vehicle, 2.0)
+    aligned = align(flown.log(0), flown.vehicle, 2.0, 0.0)
     stored, speed = aligned.stored, flown.wheel_rad_s[0]
     assert stored is not None
     assert not aligned.usable[:2].any()  # before the first speed nothing is known, nor before the first command executes
@@ -43,7 +43,7 @@ def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_op
 def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
     for name in ("wheels", "wheels-and-jets"):
         flown = simulate.fly(scenario.load(name, ("duration_s=15", "plan=[]", "vehicle.wheels.0.viscous_friction_n_m_s=1e-4")), [1])
-        whole, part = align(flown.log(0), flown.vehicle, 2.0), align(flown.log(0), flown.vehicle, 2.0, slice(100, 180))
+        whole, part = align(flown.log(0), flown.vehicle, 2.0, 0.0), align(flown.log(0), flown.vehicle, 2.0, 0.0, slice(100, 180))
         assert whole.stored is not None
         assert part.stored is not None
         assert np.abs(whole.stored.mean[100:180] - part.stored.mean).max() < 1e-12

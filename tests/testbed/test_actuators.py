@@ -43,7 +43,7 @@ def test_executed_impulse_is_what_alignment_makes_of_the_same_commands(delay: fl
     issued[30:33, 0] = 0.05  # touching pulses
     issued[33, 0] = 0.02
     log = flight.Flight(flown.vehicle, issued, np.zeros((CYCLES, 3)), np.zeros((CYCLES, 3))).log()
-    aligned = align(log, flown.vehicle, delay)
+    aligned = align(log, flown.vehicle, delay, lag_s)
     assert np.allclose(executed(flown, issued), aligned.impulse_bins, rtol=0, atol=1e-15 + 1e-12 * np.abs(aligned.impulse_bins).max())
 
 
