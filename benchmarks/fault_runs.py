@@ -202,7 +202,7 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
     settings = twin.vehicle.environment
     keys = [f"environment.{key}={getattr(settings, key)}" for key in ("disturbance_torque_n_m", "disturbance_walk_n_m")]
     scale = twin.vehicle.estimator.accel_noise_scale
-    keys += [] if scale is None else [f"estimator.accel_noise_scale={list(scale)}"]
+    keys += [f"estimator.accel_noise_scale={list(scale)}"]
     used = changed(case.vehicle, [*keys, "estimator.adapt_noise=false"])
     with np.errstate(all="ignore"):
         samples = compensate(align(case.log, used, found.timing.delay, found.timing.lag_s(used)), used)

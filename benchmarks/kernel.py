@@ -216,7 +216,7 @@ def precision(where: Path) -> None:
     print()
 
 
-def last(found: resolve.Resolved, leg: resolve.Leg, of: Kernel) -> tuple[np.ndarray, np.ndarray]:
+def last(found: resolve.Constants, leg: resolve.Leg, of: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Values and sigmas at the end of a phase."""
     assert found.log is not None
     flight = flown.Flight(found.commands, leg.vehicle, leg.rule, of)

@@ -13,6 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.align import Aligned, align
 from massprop_cli.prepare.compensate import Samples, compensate
 
@@ -54,6 +55,13 @@ def vehicle(kind: str = "free", delay: float = 2.0, **sections: Any) -> Vehicle:
     return Vehicle.model_validate(data)
 
 
+def resolved(used: Vehicle) -> Resolved:
+    """Whose noise is stated."""
+    found = Resolved.stated(used)
+    assert found is not None
+    return found
+
+
 def pulses(cycles: int, seed: int = 1, quiet: int = 0, last: int | None = None) -> Array:
     """(cycles, 18) on-times: a random couple or divert every few cycles, nothing in the first ``quiet`` and after ``last``."""
     rng = np.random.default_rng(seed)
@@ -90,6 +98,10 @@ class Flight:
     on: Array
     delta_theta: Array
     delta_v: Array
+
+    @property
+    def resolved(self) -> Resolved:
+        return resolved(self.used)
 
     def log(self, rng: np.random.Generator | None = None, gyro: float = 1e-4, accel: float = 0.02) -> Log:
         theta, velocity = self.delta_theta.copy(), self.delta_v.copy()

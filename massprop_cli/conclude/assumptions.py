@@ -24,6 +24,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel
 from massprop_cli.model.linearise import MU
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, Side, Variant, late
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
@@ -131,13 +132,13 @@ class Examined:
 
 def examined(
     log: Log,
-    vehicle: Vehicle,
+    vehicle: Resolved,
     timing: Timing,
     samples: Stream,
     settled: Sequence[History],
     consider: Consider = Consider(),  # noqa: B008
 ) -> Examined:
-    """One pass through each phase about its off-line fit; noise levels must be set in ``vehicle``.
+    """One pass through each phase about its off-line fit.
 
     The geometry that is uncertain in ``consider`` is unknown beside what is varied.
     """
@@ -153,9 +154,11 @@ def examined(
 
 
 def assumptions(
-    found: Examined, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
+    found: Examined | None, log: Log, vehicle: Vehicle, settled: Sequence[History], conclusions: Sequence[Conclusion]
 ) -> tuple[Assumption, ...]:
-    """All of a log. Without a reference in any phase only what needs none."""
+    """All of a log; nothing where nothing was examined. Without a reference in any phase only what needs none."""
+    if found is None:
+        return ()
     listed = _thrust_scale(vehicle, conclusions) if not vehicle.spinning else []
     effects: list[list[Effect]] = [[] for _ in found.taken]
     for history, conclusion, response in zip(settled, conclusions, found.responses, strict=True):

@@ -24,6 +24,7 @@ from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def by_known(history: History) -> Contradiction | None:
     return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
 
 
-def by_misfit(conclusion: Conclusion, settled: History, samples: Source, vehicle: Vehicle) -> tuple[Contradiction | None, Array]:
+def by_misfit(conclusion: Conclusion, settled: History, samples: Source, vehicle: Resolved) -> tuple[Contradiction | None, Array]:
     """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.diagnosis.lackoffit.innovation_test`."""
     factors = innovation_test(settled, samples)
     if settled.reference is None:

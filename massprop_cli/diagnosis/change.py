@@ -12,9 +12,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate.regression import STEPS, STILL, Regression
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
@@ -25,8 +25,8 @@ BLOCKS = 32
 FINER = 8
 
 
-def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Vehicle) -> int | None:
-    """The cycle before which a change explains most; None where ``piece`` is too short. Noise levels must be set in ``vehicle``."""
+def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
+    """The cycle before which a change explains most; None where ``piece`` is too short."""
     if piece.stop - piece.start < 4 * SHORTEST:
         return None
 
@@ -64,7 +64,7 @@ def _has_room(k: int, piece: slice) -> bool:
     return k in range(piece.start + SHORTEST, piece.stop - SHORTEST + 1)
 
 
-def stretch(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+def stretch(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> Array:
     """(N + 1, N + 1) triangle of what a stretch says of φ, the rate at its start and all other nuisances unknown; last, what is left."""
     regression = Regression(samples, cycles, vehicle, Consider())
     run, _ = regression.take(regression.begin(reference), cycles.stop)

@@ -26,6 +26,7 @@ from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import integrals
 from massprop_cli.model.plant import plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.within import motion_within
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.align import Aligned, align
@@ -117,7 +118,7 @@ class Free:
 
 
 def free_response(
-    log: Log, vehicle: Vehicle, timing: Timing, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None
+    log: Log, vehicle: Resolved, timing: Timing, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None
 ) -> Free:
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
@@ -125,7 +126,7 @@ def free_response(
     ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = design_of(log, vehicle, timing, piece, theta)
-    turning, beside = whitened(design.driven, (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, likely)
+    turning, beside = whitened(design.driven, vehicle.imu.gyro_noise_rad_s**2, likely)
     return _free(design, turning, beside)
 
 

@@ -16,6 +16,7 @@ from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Column, Vehicle
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing
 
@@ -36,7 +37,7 @@ class Case(NamedTuple):
     """A log as it is read."""
 
     log: Log
-    vehicle: Vehicle
+    vehicle: Resolved
     timing: Timing
 
 
@@ -199,9 +200,9 @@ def _jets(vehicle: Vehicle, found: Fitted, fired: list[int]) -> dict[int, Jet]:
     return mended
 
 
-def _with_jets(vehicle: Vehicle, changed: dict[int, Jet]) -> Vehicle:
+def _with_jets(vehicle: Resolved, changed: dict[int, Jet]) -> Resolved:
     jets = tuple(changed.get(i, jet) for i, jet in enumerate(vehicle.jets))
-    return Vehicle.model_construct(**{**dict(vehicle), "jets": jets}) if changed else vehicle
+    return Resolved.model_construct(**{**dict(vehicle), "jets": jets}) if changed else vehicle
 
 
 def _tilted(vehicle: Vehicle, tilt: Array) -> tuple[float, ...]:

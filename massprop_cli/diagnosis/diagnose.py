@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.trial import Trial, both, helped, hopeless, refined,
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 FINALISTS = (5, 12)
@@ -80,7 +80,7 @@ class Diagnosis:
     """Of what is named: −2 log likelihood, with its price."""
 
 
-def diagnose(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
+def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice]) -> Diagnosis:
     """Why the piece that fits worst doesn't fit, of a log of which a test has failed.
 
     Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.

@@ -22,10 +22,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import BLOCK, Source, blocks
 
@@ -63,7 +63,7 @@ def innovation_test(history: History, samples: Source) -> Array:
     return np.where(_deviate(mean, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
 
 
-def hidden_error(history: History, samples: Source, vehicle: Vehicle) -> Array:
+def hidden_error(history: History, samples: Source, vehicle: Resolved) -> Array:
     """(10,) by how much each quantity may be off through what the model does not hold, in its unit; 0 where nothing but chance is left.
 
     Rates and specific force each give their own; they count as each told the quantity (``history.information_share``).
@@ -86,7 +86,7 @@ def hidden_error(history: History, samples: Source, vehicle: Vehicle) -> Array:
     return found
 
 
-def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, quick: tuple[bool, bool]) -> tuple[_Rows, _Rows]:
+def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, quick: tuple[bool, bool]) -> tuple[_Rows, _Rows]:
     """Rows of rates and of specific force of a phase, folded part by part; ``quick``: something in them is known to wander."""
     found: list[_Rows] = []
     for part in blocks(cycles):
@@ -100,7 +100,7 @@ def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
     return rates, forces
 
 
-def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[_Rows, _Rows]:
+def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[_Rows, _Rows]:
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
@@ -116,7 +116,7 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle
     return rates.weighted(turning).without(ignored[1:, 0] | ignored[:-1, 0]), forces.weighted(pushing).without(ignored[:, 1])
 
 
-def _weights(executed: Aligned, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+def _weights(executed: Aligned, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
     """(K − 1,) and (K,) weights that make stated pulse errors as large in every cycle as the IMU's noise alone is."""
     covariance, count = executed.pulse_covariance, len(executed.start_s)
     if covariance is None:
@@ -124,7 +124,7 @@ def _weights(executed: Aligned, reference: Reference, vehicle: Vehicle) -> tuple
     moment = np.linalg.inv(reference.inertia) @ plant_of(vehicle).jet_moment(reference)
     turned = np.trace(moment @ covariance @ moment.T, axis1=1, axis2=2) / 3
     pushed = reference.mu**2 * np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2) / 3 / executed.duration_s**2
-    gyro, accel = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2, (vehicle.imu.accel_noise_m_s2 or 0.0) ** 2
+    gyro, accel = 2 * vehicle.imu.gyro_noise_rad_s**2, vehicle.imu.accel_noise_m_s2**2
     return np.sqrt(gyro / (gyro + turned[:-1] + turned[1:])), np.sqrt(accel / (accel + pushed))
 
 

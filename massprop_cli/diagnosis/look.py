@@ -68,7 +68,7 @@ def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: 
 
 def _look(case: Case, piece: slice, free: Free, theta: Array | None) -> Look:
     model = Model.of(free, case.vehicle, case.timing.lag, case.log.command_kind == "jets")
-    noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s or 0.0, case.vehicle.imu.accel_noise_m_s2 or 0.0], 3) ** 2
+    noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s, case.vehicle.imu.accel_noise_m_s2], 3) ** 2
     (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))], theta)
     return Look(case, piece, free, model, noise, stated)
 

@@ -15,6 +15,7 @@ from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import handed
 from massprop_cli.model.linearise import Layout, vehicle_numbers
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import prior
 from massprop_cli.prepare.compensate import Mounted, Source
@@ -39,7 +40,7 @@ def holds(vehicle: Vehicle, consider: Consider) -> bool:
 class Pass:
     """The causal pass through one phase."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved) -> None:
         library = kernel().library
         if library is None:
             raise RuntimeError("there is no compiled kernel")
@@ -72,11 +73,12 @@ class Pass:
         return reference_of(self.library, self.memory, 15 if self.vehicle.on_air_bearing else 12)
 
 
-def table(samples: Mounted, vehicle: Vehicle) -> Array:
+def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
     layout = Layout.of(samples, vehicle)
     own = layout.of_all(prior(samples, vehicle))[layout.torque]
-    return vehicle_numbers(layout, vehicle, float(own[0]) if own.size else 0.0, reach(vehicle))
+    gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
+    return vehicle_numbers(layout, vehicle, handed.Begun(gyro, (x, y, z), float(own[0]) if own.size else 0.0, reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

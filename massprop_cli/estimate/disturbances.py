@@ -5,7 +5,7 @@ Both come from a first pass over the log, are stated in the result's settings, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -16,10 +16,12 @@ from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
+from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import PARAMETERS, RATE, Layout, linearise, parameters, stepped
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered
 
 FLOOR = 1e-6
@@ -51,27 +53,32 @@ STRETCH = 4096
 """Most cycles over which one body is to explain what it can, before what is left is looked at."""
 
 
-def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
+def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Resolved, list[Notice]]:
     """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
-    notices = []
-    levels: dict[str, float] = {}
-    if vehicle.imu.gyro_noise_rad_s and vehicle.imu.accel_noise_m_s2:
-        return vehicle, []
+    stated = Resolved.stated(vehicle)
+    if stated is not None:
+        return stated, []
     unexplained = _unexplained(samples, cycles, vehicle)
-    for key, found_of in (("gyro_noise_rad_s", _rate), ("accel_noise_m_s2", partial(acceleration, vehicle=vehicle))):
-        stated = getattr(vehicle.imu, key)
-        if stated:
-            continue
-        signal = gathered(samples, slice(0, len(samples)), found_of)
-        floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-        found = min(white_level(signal, cycles), unexplained[key == "accel_noise_m_s2"])
-        levels[key] = max(found, floor)
-        if stated is None:
-            notices.append(Notice("noise-estimated", f"imu.{key} is not stated; {levels[key]:.3g} was estimated from the log"))
-        else:
-            source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
-            notices.append(Notice("noise-floor", f"imu.{key} is stated as 0; {levels[key]:.3g} stands in for it ({source})"))
-    return _changed(vehicle, imu=levels), notices
+    gyro, of_gyro = _level("gyro_noise_rad_s", samples, cycles, vehicle, _rate, unexplained[0])
+    accel, of_accel = _level("accel_noise_m_s2", samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
+    return Resolved.of(vehicle, gyro, accel), [*of_gyro, *of_accel]
+
+
+def _level(
+    key: str, samples: Source, cycles: Sequence[slice], vehicle: Vehicle, found_of: Callable[[Samples], Array], unexplained: float
+) -> tuple[float, list[Notice]]:
+    """One noise level, and what to tell of it."""
+    stated: float | None = getattr(vehicle.imu, key)
+    if stated:
+        return stated, []
+    signal = gathered(samples, slice(0, len(samples)), found_of)
+    floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
+    found = min(white_level(signal, cycles), unexplained)
+    level = max(found, floor)
+    if stated is None:
+        return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
+    source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
+    return level, [Notice("noise-floor", f"imu.{key} is stated as 0; {level:.3g} stands in for it ({source})")]
 
 
 def _rate(samples: Samples) -> Array:
@@ -136,7 +143,7 @@ def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Arra
     return step, target - (rows @ step).reshape(target.shape)
 
 
-def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
+def misfit(histories: Sequence[History], vehicle: Resolved) -> Array:
     """(6,) variance of the normalised innovations per channel where it is in excess of 1, NaN where noise explains them.
 
     The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
@@ -152,7 +159,7 @@ def misfit(histories: Sequence[History], vehicle: Vehicle) -> Array:
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
     least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if adapted else (EXCESS, CERTAIN)
     over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
-    sized = adapted or vehicle.estimator.accel_noise_scale is not None
+    sized = adapted or vehicle.estimator.accel_noise_scale != UNWIDENED
     by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _by_chance(1.5 * count / lags)
     over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
     if adapted:
@@ -176,7 +183,7 @@ def _long_run(z: Array, lags: int) -> Array:
     return density
 
 
-def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> Array:
+def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) -> Array:
     """(6,) infinite in the rate channels if a look at the differenced rates shows far more disturbance than is stated, else NaN.
 
     White gyro noise has lag-one autocovariance −½ of its variance, so variance plus twice the lag-one autocovariance is what it leaves.
@@ -184,7 +191,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
     excess = np.full(6, np.nan)
     if vehicle.environment.disturbance_walk_n_m > 0 or vehicle.uncertain_geometry:
         return excess  # what jets do otherwise than stated shows in the rates too
-    noise = 2 * (vehicle.imu.gyro_noise_rad_s or 0.0) ** 2
+    noise = 2 * vehicle.imu.gyro_noise_rad_s**2
     for piece in cycles:
         reference = beginning(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > GROSS_LEAST:
@@ -211,7 +218,7 @@ def _pulses(samples: Samples) -> Array:
     return np.zeros((len(samples), 6, 6)) if found is None else found
 
 
-def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Vehicle) -> Vehicle:
+def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Resolved) -> Resolved:
     """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
 
     Disturbance torque: at its likeliest levels (:mod:`massprop_cli.estimate.sizing`); where that was done before, raised by what is still
@@ -229,7 +236,7 @@ def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, v
         }
     estimator: dict[str, Any] = {}
     if not np.isnan(excess[3:]).all():
-        scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0)) * np.sqrt(np.fmax(excess[3:], 1.0))
+        scale = np.array(vehicle.estimator.accel_noise_scale) * np.sqrt(np.fmax(excess[3:], 1.0))
         estimator["accel_noise_scale"] = tuple(float(f) for f in scale)
     return _changed(vehicle, environment=environment, estimator=estimator)
 
@@ -247,7 +254,7 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
                 "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, a wrong delay or jet",
             )
         )
-    if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale and used.estimator.accel_noise_scale is not None:
+    if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale:
         x, y, z = used.estimator.accel_noise_scale
         found.append(
             Notice(
@@ -291,6 +298,6 @@ def _told(samples: Source, vehicle: Vehicle) -> list[int]:
     return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
 
 
-def _changed(vehicle: Vehicle, **sections: dict[str, Any]) -> Vehicle:
+def _changed(vehicle: Resolved, **sections: dict[str, Any]) -> Resolved:
     changes = {name: getattr(vehicle, name).model_copy(update=update) for name, update in sections.items() if update}
     return vehicle.model_copy(update=changes) if changes else vehicle

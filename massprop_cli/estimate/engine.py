@@ -26,11 +26,12 @@ from massprop_cli.estimate.residual import Residual, residual
 from massprop_cli.estimate.rows import Response, Rows
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.telemetry import Notice
-from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.handed import StatusError
 from massprop_cli.model.linearise import MU, natural_sizes
 from massprop_cli.model.observability import excitation, observable
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
@@ -59,11 +60,11 @@ def replay(
     samples: Source,
     cycles: slice,
     phase: Phase,
-    vehicle: Vehicle,
+    vehicle: Resolved,
     consider: Consider = Consider(),  # noqa: B008  a constant: it is frozen
     progress: Callable[[float], None] | None = None,
 ) -> History:
-    """Run the estimator through ``cycles`` (non-empty). ``vehicle`` must state noise levels (:mod:`massprop_cli.estimate.disturbances`).
+    """Run the estimator through ``cycles`` (non-empty).
 
     What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, on the way. Where the compiled kernel
     holds all that the vehicle asks for it runs instead of what stands here, which it follows decision by decision.
@@ -122,7 +123,7 @@ def _kept(ring: list[Run], oldest: int) -> list[Run]:
     return kept[:-1] if len(kept) > 1 and kept[-1].at - kept[-2].at < BLOCK else kept
 
 
-def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None) -> History:
+def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, progress: Callable[[float], None] | None) -> History:
     """The same, by the compiled kernel."""
     told = _Told(cycles, vehicle)
     if isinstance(samples, Stream) and flown.holds(samples):
@@ -138,7 +139,7 @@ def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Vehicle, pr
 class _Told:
     """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
 
-    def __init__(self, cycles: slice, vehicle: Vehicle, every: bool = True) -> None:
+    def __init__(self, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
         self.cycles, self.vehicle, self.every = cycles, vehicle, every
         count = cycles.stop - cycles.start
         self.normalised = np.empty((count, 6))
@@ -172,7 +173,7 @@ def settle(
     cycles: slice,
     phase: Phase,
     reference: Reference,
-    vehicle: Vehicle,
+    vehicle: Resolved,
     consider: Consider = Consider(),  # noqa: B008
     passes: int = SETTLINGS,
     bound: bool = False,
@@ -202,7 +203,7 @@ class Led(NamedTuple):
     """Whether each axis is known to be told without the gyroscopic coupling."""
 
 
-def led(samples: Source, cycles: slice, start: Led, vehicle: Vehicle, passes: int) -> Led:
+def led(samples: Source, cycles: slice, start: Led, vehicle: Resolved, passes: int) -> Led:
     """The body that so many passes find in ``cycles``."""
     run = _last_pass(Regression(samples, cycles, vehicle, Consider()), start.reference, passes, start.bound).run
     return Led(run.estimate, run.bound)
@@ -252,7 +253,7 @@ def blocks(regression: Regression, run: Run) -> Iterator[_Block]:
         yield _Block(before, taken, run)
 
 
-def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> Response:
+def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> Response:
     """What each assumption does, about ``reference``."""
     regression = Regression(samples, cycles, vehicle, consider)
     run = replace(regression.begin(reference), bound=True)

@@ -22,6 +22,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
 from massprop_cli.model.handed import checked
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -107,7 +108,7 @@ class Flight:
 
 
 def replayed(
-    samples: Stream, cycles: slice, vehicle: Vehicle, progress: Callable[[float], None] | None
+    samples: Stream, cycles: slice, vehicle: Resolved, progress: Callable[[float], None] | None
 ) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
     """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
     log = samples.log

@@ -17,9 +17,9 @@ from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate import engine
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
@@ -32,8 +32,8 @@ class Member(NamedTuple):
 
     samples: Source
     cycles: slice
-    vehicle: Vehicle
-    """With noise levels; its disturbances count."""
+    vehicle: Resolved
+    """Its disturbances count."""
     consider: Consider
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from massprop_cli.estimate.initial import beginning
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
@@ -29,11 +30,13 @@ Progress = Callable[[str, float], None]
 """Told the stage and how much of it is done, 0 to 1."""
 
 
+Used = TypeVar("Used", bound=Vehicle, covariant=True)
+
+
 class AsStated(NamedTuple):
     """Off-line fits of every phase with the noise that is stated, and nothing beside it."""
 
-    used: Vehicle
-    """With noise levels where none are stated."""
+    used: Resolved
     fits: list[engine.Settled | None]
     """None of a phase without motion."""
     excess: Array
@@ -53,13 +56,13 @@ class AsStated(NamedTuple):
         return self.misfit or any(fit is None for fit in self.fits)
 
 
-class Estimates(NamedTuple):
+class Estimates(NamedTuple, Generic[Used]):
     """Of every phase."""
 
-    used: Vehicle
+    used: Used
     """With the noise levels and disturbances that were found."""
     histories: tuple[History, ...]
-    """The causal pass."""
+    """The causal pass; the off-line fits with ``estimator.refine``."""
     settled: list[History]
     """The off-line fits that it is judged by; the causal pass where there is none; nothing by the thesis's method."""
     notices: list[Notice]
@@ -90,7 +93,7 @@ def _misfit(
     samples: Source,
     phases: Sequence[tuple[Phase, slice]],
     starts: Sequence[Led | None],
-    used: Vehicle,
+    used: Resolved,
     consider: Consider,
     passes: int,
 ) -> tuple[list[engine.Settled | None], Array]:
@@ -101,7 +104,7 @@ def _misfit(
 
 def estimates(
     samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
-) -> Estimates:
+) -> Estimates[Resolved]:
     """The estimator once through every phase, and the off-line fits that it is judged by.
 
     With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't.
@@ -112,11 +115,13 @@ def estimates(
         for phase, cycles in phases
     )
     settled = [history if fit is None else fit.history for history, fit in zip(histories, fits, strict=True)]
+    if used.estimator.refine:
+        histories = tuple(settled)
     notices = disturbances.disturbance_notices(plain.used, used, excess) if size else []
     return Estimates(used, histories, settled, plain.notices + notices)
 
 
-def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates:
+def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates[Vehicle]:
     """The thesis's own filters, one after the other, with its own matrices."""
     from massprop_cli.estimate import thesis
 
@@ -130,7 +135,7 @@ def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 def _sized(
     samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
-) -> tuple[Vehicle, list[engine.Settled | None], Array]:
+) -> tuple[Resolved, list[engine.Settled | None], Array]:
     """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
     pieces = [cycles for _, cycles in phases]
     used, fits, excess = plain.used, plain.fits, plain.excess
@@ -150,7 +155,7 @@ def _sized(
     return used, fits, excess
 
 
-def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Vehicle) -> list[Led | None]:
+def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Resolved) -> list[Led | None]:
     """What each phase is fitted about first."""
     return [_led_up(samples, cycles, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
 
@@ -159,7 +164,7 @@ def _fits(
     samples: Source,
     phases: Sequence[tuple[Phase, slice]],
     starts: Sequence[Led | None],
-    vehicle: Vehicle,
+    vehicle: Resolved,
     consider: Consider,
     passes: int,
 ) -> list[engine.Settled | None]:
@@ -171,7 +176,7 @@ def _fits(
     ]
 
 
-def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Vehicle) -> Led | None:
+def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Led | None:
     """A reference that a long phase may be fitted about: an error of it is carried along, so the phase's beginning is fitted first."""
     if reference is None:
         return None

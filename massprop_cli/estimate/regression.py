@@ -14,10 +14,10 @@ from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import RATE, Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.plant.plant import MOMENT
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import drift
 from massprop_cli.prepare.compensate import Source
@@ -47,7 +47,7 @@ MOMENTS = [0, 3, 5]
 class Regression(Triangle):
     """Of one phase: solves its triangle, and says what that tells."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider) -> None:
         super().__init__(samples, cycles, vehicle, consider)
         self._last: tuple[Run, Array, Array, Array] | None = None
 
@@ -130,7 +130,7 @@ class Regression(Triangle):
         """Whether the second order that was neglected, relative move times move in sigmas, doesn't show."""
         reference = run.reference
         elapsed = self.samples.part(slice(run.at - 1, run.at)).executed.end_s[0] - self.begun_s
-        if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * (self.vehicle.imu.gyro_noise_rad_s or 0.0)):
+        if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * self.vehicle.imu.gyro_noise_rad_s):
             return False
         theta, scale, triangle = self._about(run)
         return not self._stale(theta[None], self._sigma_of(triangle, scale)[None], reference, most).any()

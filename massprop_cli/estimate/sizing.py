@@ -17,10 +17,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import integrals
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.within import motion_within
 from massprop_cli.prepare.compensate import Source
 
@@ -40,7 +40,7 @@ class _Piece(NamedTuple):
     """One sigma, rad/s."""
 
 
-def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved) -> tuple[float, float]:
     """One sigma per cycle of a white torque, and of the change per cycle of a wandering one, N m, each axis alike."""
     pieces = [piece for part in cycles if (piece := _piece(samples, part, vehicle)) is not None]
     if not pieces:
@@ -78,7 +78,7 @@ def _determinant(triangle: Array) -> float:
     return 2 * float(np.log(diagonal[diagonal > 0]).sum())
 
 
-def _piece(samples: Source, cycles: slice, vehicle: Vehicle) -> _Piece | None:
+def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     """A phase's first cycles; None where they tell of no body, or are too few."""
     part = slice(cycles.start, min(cycles.start + LONGEST, cycles.stop))
     reference = beginning(samples, part, vehicle)
@@ -89,7 +89,7 @@ def _piece(samples: Source, cycles: slice, vehicle: Vehicle) -> _Piece | None:
     theta = lift.theta(reference)
     step, _, known = integrals(here, lift, theta, motion_within(here, reference, lift))
     rate = here.rate_rad_s - np.concatenate([np.zeros((1, 3)), np.cumsum(known, 0)])
-    noise = vehicle.imu.gyro_noise_rad_s or 0.0
+    noise = vehicle.imu.gyro_noise_rad_s
     driven = Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True)
     return _Piece(driven, _weights(reference, median(here.executed.duration_s), noise), noise)
 

@@ -17,9 +17,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, prior, system_of
 from massprop_cli.prepare.compensate import Source
@@ -57,7 +57,7 @@ class Run:
 class Triangle:
     """Of one phase: takes cycles in, and poses what they say."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Vehicle, consider: Consider) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider) -> None:
         self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
         self.lift = Lift(plant_of(vehicle))
         self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])

@@ -9,7 +9,7 @@ from massprop_cli import kernel as kernel_room
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
 from massprop_cli.export import tables, vector
-from massprop_cli.export.resolve import Resolved
+from massprop_cli.export.resolve import Constants
 from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
@@ -18,7 +18,7 @@ HOST = ("host.c", "host.h", "blocks.c")
 """What serves the ground alone."""
 
 
-def write(resolved: Resolved, folder: Path) -> list[str]:
+def write(resolved: Constants, folder: Path) -> list[str]:
     """Write all of it, whole; the files' names."""
     texts = contents(resolved)
     try:
@@ -31,7 +31,7 @@ def write(resolved: Resolved, folder: Path) -> list[str]:
     return list(texts)
 
 
-def contents(resolved: Resolved) -> dict[str, str]:
+def contents(resolved: Constants) -> dict[str, str]:
     """Each file's text."""
     sources = sorted(path for path in SOURCES.iterdir() if path.suffix in (".c", ".h") and path.name not in HOST)
     found = {path.name: path.read_text(encoding="utf-8") for path in sources}
@@ -49,7 +49,7 @@ def contents(resolved: Resolved) -> dict[str, str]:
     return found | {"README.md": _readme(resolved), "Makefile": _makefile(resolved, names)}
 
 
-def _makefile(resolved: Resolved, sources: str) -> str:
+def _makefile(resolved: Constants, sources: str) -> str:
     programs = ("replay", "sanitized")
     flown = "".join(
         f"\tif [ -x {program} ]; then $(RUN) ./{program} < vector.txt > replayed.txt && cmp replayed.txt expected.txt; fi\n"
@@ -60,7 +60,7 @@ def _makefile(resolved: Resolved, sources: str) -> str:
     return text.replace("@LIMITS@", tables.limits(resolved)).replace("@KERNEL@", sources).replace("@TEST@\n", test + "\n")
 
 
-def _readme(resolved: Resolved) -> str:
+def _readme(resolved: Constants) -> str:
     vehicle = resolved.vehicle
     delay_s, period_s = resolved.commands[4], vehicle.cycle.period_s
     late = delay_s < period_s

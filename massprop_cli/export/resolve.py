@@ -18,6 +18,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model import handed
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 
@@ -39,7 +40,7 @@ class Leg(NamedTuple):
     """Of the log; empty without one."""
 
 
-class Resolved(NamedTuple):
+class Constants(NamedTuple):
     """All that is constant of a flight."""
 
     vehicle: Vehicle
@@ -49,7 +50,7 @@ class Resolved(NamedTuple):
     log: Log | None
 
 
-def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | None = None) -> Resolved:
+def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | None = None) -> Constants:
     """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell. ``jets`` None: where it has any."""
     vehicle = source.vehicle
     open_keys = {
@@ -62,29 +63,29 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     if missing:
         raise InputError(f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; or give a log")
     timing = stated_timing(vehicle)
-    _check(source, vehicle, timing, vehicle.cycle.period_s)
+    used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
         Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
-        for name, own in [(phase.name, vehicle.in_phase(phase)) for phase in vehicle.phases] or [("all", vehicle)]
+        for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
     commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, timing.delay)
-    return Resolved(vehicle, commands, legs, None)
+    return Constants(vehicle, commands, legs, None)
 
 
-def told(source: VehicleSource, log_path: Path) -> Resolved:
+def told(source: VehicleSource, log_path: Path) -> Constants:
     """With what a log tells of noise levels, disturbances and timing, and the log itself as it was flown."""
     table = tablefile.read_table(log_path)
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     log, vehicle = found.samples.log, found.vehicle
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
-    _check(source, vehicle, found.timing, shortest)
+    used = _checked(source, vehicle, found.timing, shortest)
     commands = flown.commands_of(log.command_kind == "jets", found.samples.attitude_logged, vehicle, found.timing.delay)
     legs = []
     for history in found.histories:
-        own = vehicle.in_phase(history.phase)
+        own = used.in_phase(history.phase)
         legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles))
-    return Resolved(vehicle, commands, tuple(legs), log)
+    return Constants(vehicle, commands, tuple(legs), log)
 
 
 def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
@@ -92,14 +93,16 @@ def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
     return vehiclefile.load(path, assignments)
 
 
-def _check(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> None:
+def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
+    used = Resolved.stated(vehicle)
     problem = handed.unknown(vehicle) or flown.beyond(vehicle, timing, shortest_s)
     if vehicle.cycle.command_delay_sigma_cycles > 0 or vehicle.thrust.lag_sigma_s > 0:
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
         )
-    if problem:
+    if problem or used is None:
         raise InputError(f"{source.source}: {problem}")
+    return used
 
 
 def _rule(vehicle: Vehicle) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.export.resolve import Leg, Resolved
+from massprop_cli.export.resolve import Constants, Leg
 
 VEHICLE = (
     *(("bearing", 0), ("gyro_bias", 0), ("accel_bias", 0), ("slow_torque", 0), ("tilt", 0), ("bins", 0), ("pulses", 0)),
@@ -23,7 +23,7 @@ COMMANDS = (
 """The same of mp_commands, before its channels."""
 
 
-def limits(resolved: Resolved) -> str:
+def limits(resolved: Constants) -> str:
     """Flags of the compiler: as much room as this vehicle wants."""
     legs = [dict(_members(leg.vehicle, VEHICLE)) for leg in resolved.legs]
     beginnings = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque"))) for leg in legs)
@@ -36,7 +36,7 @@ def limits(resolved: Resolved) -> str:
     return " ".join(f"-DMP_{name}={value}" for name, value in found.items())
 
 
-def header(resolved: Resolved) -> str:
+def header(resolved: Constants) -> str:
     """table.h."""
     return f"""/* {_comment(resolved.vehicle.name)}: made by massprop export-flight. */
 #ifndef MASSPROP_TABLE_H
@@ -54,7 +54,7 @@ extern const mp_rule mp_rule_table[MP_PHASES];
 """
 
 
-def source(resolved: Resolved) -> str:
+def source(resolved: Constants) -> str:
     """table.c."""
     vehicles = ",\n".join(f"    {{ /* phase {_comment(leg.name)} */\n{_body(leg.vehicle, VEHICLE)}    }}" for leg in resolved.legs)
     rules = ",\n".join(f"    {{\n{_rule(leg)}    }}" for leg in resolved.legs)

@@ -9,11 +9,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import flown
-from massprop_cli.export.resolve import Leg, Resolved
+from massprop_cli.export.resolve import Constants, Leg
 from massprop_cli.inputs.telemetry import Log
 
 
-def given(resolved: Resolved, log: Log) -> str:
+def given(resolved: Constants, log: Log) -> str:
     """vector.txt: of each phase its number and how many cycles, then a line of hexadecimal numbers for each cycle."""
     lines = []
     for number, leg in enumerate(resolved.legs):
@@ -23,12 +23,12 @@ def given(resolved: Resolved, log: Log) -> str:
     return "\n".join(lines) + "\n"
 
 
-def expected(resolved: Resolved, log: Log) -> str:
+def expected(resolved: Constants, log: Log) -> str:
     """expected.txt: a line for each cycle that is estimated from: values and sigmas by their bits, and verdicts' numbers."""
     return "".join(line for leg in resolved.legs for line in _told(resolved, leg, log))
 
 
-def _told(resolved: Resolved, leg: Leg, log: Log) -> Iterator[str]:
+def _told(resolved: Constants, leg: Leg, log: Log) -> Iterator[str]:
     flight = flown.Flight(resolved.commands, leg.vehicle, leg.rule)
     found = flight.step(_cycles(leg, log), last=True)
     for value, sigma, verdict in zip(found.values, found.sigmas, found.verdicts, strict=True):

@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 
 from massprop_cli.inputs.section import NonNegative, Positive, Real, Section
 
+UNWIDENED = (1.0, 1.0, 1.0)
+"""Of accelerometer noise that counts as it is stated."""
+
 
 class ThesisSettings(Section):
     """Hand-set matrices of the thesis (appendix B): diagonals, SI. First filter nine states, second filter mass."""
@@ -37,8 +40,8 @@ class EstimatorSettings(Section):
     method: Literal["default", "thesis"] = "default"
     bins_per_cycle: int = Field(4, ge=2, le=200, description="resolution of motion within a control cycle")
     prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
-    accel_noise_scale: tuple[Positive, Positive, Positive] | None = Field(
-        None, description="factor on accel_noise per body axis; absent: from a first pass over the log"
+    accel_noise_scale: tuple[Positive, Positive, Positive] = Field(
+        UNWIDENED, description="factor on accel_noise_m_s2 per body axis, to which adapt_noise may add"
     )
     adapt_noise: bool = Field(True, description="size disturbances from a first pass where the stated noise can't explain the log")
     split_on_change: bool = Field(False, description="where the mass properties change at once within a phase, begin a new phase there")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
@@ -175,7 +175,7 @@ class Vehicle(Section):
                 )
         return mapping
 
-    def in_phase(self, phase: Phase) -> Vehicle:
+    def in_phase(self, phase: Phase) -> Self:
         """The vehicle with what is known of it in that phase, and of no other."""
         return self.model_copy(update={"known": {**self.known, **phase.known}})
 

@@ -14,7 +14,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.estimate import flown
 from massprop_cli.estimate.flown import Flight, Reported
 from massprop_cli.export import resolve
-from massprop_cli.export.resolve import Resolved
+from massprop_cli.export.resolve import Constants
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
 from massprop_cli.live.cycles import Cycle, Gatherer
@@ -30,7 +30,7 @@ RECORDED = "record.csv"
 class Live:
     """One flight through its phases."""
 
-    def __init__(self, resolved: Resolved) -> None:
+    def __init__(self, resolved: Constants) -> None:
         vehicle = resolved.vehicle
         self.legs, self.phases, self.leg = resolved.legs, vehicle.phases, -1 if vehicle.phases else 0
         self.late = resolved.commands[4] < vehicle.cycle.period_s

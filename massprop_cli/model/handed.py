@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,19 @@ from massprop_cli.prepare.compensate import Samples
 
 KINDS = ("free", "air_bearing")
 """Environments that the kernel knows."""
+
+
+class Begun(NamedTuple):
+    """What a flight begins with, and a linearisation does without."""
+
+    gyro_rad_s: float = 0.0
+    """Noise of a cycle's mean rate."""
+    accel_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The same of the specific force, along each body axis."""
+    slow_torque_sigma: float = 0.0
+    """Of where a slowly varying torque begins, N m."""
+    reach_m: float = 0.0
+    """Of the farthest jet."""
 
 
 def unknown(vehicle: Vehicle) -> str:
@@ -33,21 +47,19 @@ def unknown(vehicle: Vehicle) -> str:
     return ""
 
 
-def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], slow_torque_sigma: float, reach_m: float) -> Array:
+def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: Begun) -> Array:
     """All that is constant, in the order of ``mp_vehicle_of``.
 
-    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are; ``slow_torque_sigma`` of where such a torque begins;
-    ``reach_m`` of the farthest jet.
+    ``states``: whether gyro bias, accelerometer bias, slow torque and tilt are.
     """
     imu, environment, thrust = vehicle.imu, vehicle.environment, vehicle.thrust
     known = vehicle.known.get("mass")
-    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
     numbers = (
         *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, thrust.pulse_sigma > 0),
-        *(*imu.position_m, imu.gyro_noise_rad_s or 0.0, *(scale * (imu.accel_noise_m_s2 or 0.0))),
-        *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2, slow_torque_sigma),
+        *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
+        *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2, begun.slow_torque_sigma),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.estimator.prior_scale),
-        *(reach_m, known.value if known else 0.0),
+        *(begun.reach_m, known.value if known else 0.0),
         *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
     )
     return np.array(numbers, dtype=float)

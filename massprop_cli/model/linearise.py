@@ -212,14 +212,14 @@ def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, v
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
     about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], reference.gyro_bias, response.ravel())
-    numbers, size = vehicle_numbers(layout, vehicle), lift.size if onto is None else onto.shape[1]
+    numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
     return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
 
 
-def vehicle_numbers(layout: Layout, vehicle: Vehicle, slow_torque_sigma: float = 0.0, reach_m: float = 0.0) -> Array:
-    """All that is constant, as the kernel has it; what a flight begins with may be left out of a linearisation."""
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.Begun) -> Array:
+    """All that is constant, as the kernel has it."""
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
-    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], slow_torque_sigma, reach_m)
+    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
 
 
 def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows | None:

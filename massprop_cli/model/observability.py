@@ -9,6 +9,7 @@ from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regr
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.linearise import CG, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source, blocks
 
 DROWNED = 1 / 3
@@ -62,15 +63,13 @@ def _in_row_space(rows: Array) -> BoolArray:
     return within
 
 
-def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, BoolArray]:
+def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, BoolArray]:
     """Which channel told what, and which channels told nothing of the commands.
 
     Returns the share (10, 6) of each channel (rate x y z, specific force x y z) in the information on each quantity, and (6,) whether in
     that channel the part of the residual that is not white noise is more than ``DROWNED`` of what commands and mass properties explain.
     """
-    gyro = vehicle.imu.gyro_noise_rad_s or 1.0
-    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
-    accel = scale * (vehicle.imu.accel_noise_m_s2 or 1.0)
+    gyro, accel, plain = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:], vehicle.imu.accel_noise_m_s2
     theta = parameters(reference)
     commanded = theta.copy()
     commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
@@ -97,6 +96,6 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Ve
     variance = np.concatenate([(e**2).mean(0) for e in residual])
     lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
-    noise = np.concatenate([np.full(3, 2 * gyro**2), (accel / scale) ** 2])
+    noise = np.concatenate([np.full(3, 2 * gyro**2), np.full(3, plain**2)])
     significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(residual[1])))
     return share, (coloured > DROWNED * explained) & significant

@@ -17,6 +17,7 @@ from massprop_cli.model.lift import Lift
 from massprop_cli.model.linearise import MU, RATE, Layout, Lifted, lifted
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, fed
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import Mounted, Source
@@ -59,8 +60,8 @@ class System:
         )
 
 
-def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> System:
-    """The system of ``cycles`` about ``reference``. Noise levels must be set in ``vehicle``."""
+def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> System:
+    """The system of ``cycles`` about ``reference``."""
     free, executed = lifted(samples, cycles, reference, vehicle), samples.part(cycles).executed
     drive, measured = free.drive, free.measured
     if consider.columns(len(samples.wrench)) or consider.kinds:
@@ -111,7 +112,7 @@ def drift(vehicle: Vehicle) -> Array:
     return np.array([getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields])
 
 
-def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Vehicle, free: Lifted) -> tuple[list[Array], Array]:
+def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[list[Array], Array]:
     """Roots of process noise, (K − 1, n, 3) each, and that of the measurements' (K, 6, 6)."""
     duration = executed.duration_s
     states = free.transition.shape[1]
@@ -125,9 +126,7 @@ def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Veh
         walk[:, torque.start - RATE.start : torque.stop - RATE.start] = vehicle.environment.disturbance_walk_n_m * np.eye(3)
         roots.append(walk)
     measurement = np.zeros((len(duration), 6, 6))
-    scale = np.array(vehicle.estimator.accel_noise_scale or (1.0, 1.0, 1.0))
-    stated = np.concatenate([[vehicle.imu.gyro_noise_rad_s] * 3, scale * (vehicle.imu.accel_noise_m_s2 or 0.0)])
-    measurement[:] = np.diag(stated.astype(float))
+    measurement[:] = np.diag(vehicle.noise)
     if executed.pulse_covariance is not None:
         rate, force = _pulse_noise(executed.pulse_covariance, reference, vehicle, free, duration)
         roots.append(_in_rate(rate, states))

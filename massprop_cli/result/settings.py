@@ -7,6 +7,7 @@ from typing import Any
 from massprop_cli.base.configfile import literal
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehicle
+from massprop_cli.inputs.estimatorsettings import UNWIDENED
 
 
 def effective_settings(analysis: Analysis) -> dict[str, Any]:
@@ -24,8 +25,10 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
         ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),
     ):
         keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}
-    final = used.estimator.model_copy(update={"adapt_noise": False})
-    return keys | vehicle.flat(final, "estimator") | vehicle.flat(used.convergence, "convergence") | _set_by_user(analysis, keys)
+    estimator = vehicle.flat(used.estimator, "estimator") | {"estimator.adapt_noise": False}
+    if used.estimator.accel_noise_scale == UNWIDENED:
+        del estimator["estimator.accel_noise_scale"]
+    return keys | estimator | vehicle.flat(used.convergence, "convergence") | _set_by_user(analysis, keys)
 
 
 def setting_sources(analysis: Analysis) -> dict[str, str]:

@@ -164,27 +164,27 @@ def test_a_thrust_scale_common_to_both_phases_does_not_hide_the_docked_object() 
 
 
 def test_the_split_at_a_change_takes_a_docking_that_names_the_split_phase_with_it() -> None:
-    from massprop_cli.flow import _split
+    from massprop_cli.conclude.split import split
 
     _, used = faulty.sample("docking")
     before, after = (used.phases[0].name, used.phases[1].name)
     named = faulty.stated(used, f'docking.before="{before}"', f'docking.after="{after}"')
     middle = (named.phases[1].start_s + named.phases[1].end_s) / 2
-    cut = _split(named, named.phases, middle)
+    cut = split(named, named.phases, middle)
     assert [phase.name for phase in cut.phases] == [before, f"{after}-1", f"{after}-2"]
     assert cut.docking is not None
     assert (cut.docking.before, cut.docking.after) == (before, f"{after}-1")
-    early = _split(named, named.phases, (named.phases[0].start_s + named.phases[0].end_s) / 2)
+    early = split(named, named.phases, (named.phases[0].start_s + named.phases[0].end_s) / 2)
     assert early.docking is not None
     assert (early.docking.before, early.docking.after) == (f"{before}-2", after)
 
 
 def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
-    from massprop_cli.flow import _split
+    from massprop_cli.conclude.split import split
 
     _, used = faulty.sample("free-flyer")
     known = used.model_copy(update={"known": {"mass": Known(value=22.0, sigma=0.1)}})
-    cut = _split(known, [Phase(name="all", start_s=0.0, end_s=60.0)], 30.0)
+    cut = split(known, [Phase(name="all", start_s=0.0, end_s=60.0)], 30.0)
     assert [cut.in_phase(phase).known for phase in cut.phases] == [{}, {}]
 
 

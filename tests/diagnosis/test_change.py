@@ -14,6 +14,7 @@ from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
 from tests import flight
+from tests.flight import resolved
 from tests.model.test_linearise import reference
 
 
@@ -31,14 +32,14 @@ def docked(seed: int) -> tuple[Samples, Vehicle, Reference, int]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_docking_is_where_the_change_is_found(seed: int) -> None:
     samples, used, about, at = docked(seed)
-    found = change.likeliest(samples, slice(2, len(samples)), about, used)
+    found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))
     assert found is not None
     assert abs(found - at) <= 3
 
 
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
     samples, used, about, _ = docked(1)
-    assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, used) is None
+    assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
 
 
 def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
@@ -47,7 +48,7 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
     samples, used = flown.samples(np.random.default_rng(3)), flown.used
     lift = Lift(plant_of(used))
     about = reference(flight.TRUTH)
-    triangle = change.stretch(samples, slice(2, 320), about, used)
+    triangle = change.stretch(samples, slice(2, 320), about, resolved(used))
     left = change.least(triangle, lift, lift.theta(about))
     rows = 6 * 318
     assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
@@ -60,6 +61,6 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
 def test_two_stretches_say_together_what_their_rows_say() -> None:
     flown = flight.standard("free", 320)
     samples, used, about = flown.samples(np.random.default_rng(4)), flown.used, reference(flight.TRUTH)
-    one, other = (change.stretch(samples, piece, about, used) for piece in (slice(2, 160), slice(160, 320)))
+    one, other = (change.stretch(samples, piece, about, resolved(used)) for piece in (slice(2, 160), slice(160, 320)))
     both = change.joined(one, other)
     np.testing.assert_allclose(both.T @ both, one.T @ one + other.T @ other, rtol=1e-9, atol=1e-9 * np.abs(both.T @ both).max())

@@ -67,7 +67,7 @@ def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covarian
 def test_a_logs_own_motion_leaves_nothing_but_noise() -> None:
     for kind in ("free", "air_bearing"):
         flown = flight.standard(kind)
-        free = channelwise.free_response(flown.log(np.random.default_rng(2)), flown.used, DELAY, slice(2, 320))
+        free = channelwise.free_response(flown.log(np.random.default_rng(2)), flown.resolved, DELAY, slice(2, 320))
         ratio = free.variance / np.repeat([1e-4, 0.02], 3) ** 2
         assert 0.75 < ratio.min() < ratio.max() < 1.3
 
@@ -79,7 +79,7 @@ def test_a_body_that_turns_far_within_a_cycle_leaves_nothing_but_noise_with_its_
     flown = flight.fly(flight.vehicle(kind), flight.pulses(320), truth, rate=np.array([1.0, 2.0, 1.2]))
     log = flown.log(np.random.default_rng(2), gyro=2e-6)
     theta = Lift(plant_of(flown.used)).theta(Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9]))
-    plain, about = (channelwise.free_response(log, flown.used, DELAY, slice(2, 320), theta=given) for given in (None, theta))
+    plain, about = (channelwise.free_response(log, flown.resolved, DELAY, slice(2, 320), theta=given) for given in (None, theta))
     plainly, exactly = (np.sqrt(free.gyro.left / free.gyro.spare) / 2e-6 for free in (plain, about))
     assert plainly.max() > 5
     assert exactly.max() < 1.3
@@ -101,4 +101,4 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
 def test_too_short_a_log_is_refused() -> None:
     flown = flight.standard("free")
     with pytest.raises(InputError, match="too few for"):
-        channelwise.free_response(flown.log(), flown.used, DELAY, slice(2, 60))
+        channelwise.free_response(flown.log(), flown.resolved, DELAY, slice(2, 60))

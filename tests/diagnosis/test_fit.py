@@ -30,9 +30,9 @@ PHASE = Phase(name="all", start_s=0.0, end_s=16.0)
 def test_the_batch_fit_ends_where_the_filter_ends(kind: str) -> None:
     flown = flight.standard(kind)
     samples = flown.samples(np.random.default_rng(3))
-    causal = engine.replay(samples, CYCLES, PHASE, flown.used)
+    causal = engine.replay(samples, CYCLES, PHASE, flown.resolved)
     assert causal.reference is not None
-    history = engine.settle(samples, CYCLES, PHASE, causal.reference, flown.used).history
+    history = engine.settle(samples, CYCLES, PHASE, causal.reference, flown.resolved).history
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     rough = Reference(1.3 * tensor(truth[:6]), truth[6:9] + 0.0005, 0.8 / truth[9])
     found = fit(samples, CYCLES, rough, flown.used)

@@ -16,6 +16,7 @@ from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
+from tests.flight import resolved
 
 CYCLES = slice(2, 400)
 PHASE = Phase(name="all", start_s=0.0, end_s=99.0)
@@ -24,7 +25,7 @@ PHASE = Phase(name="all", start_s=0.0, end_s=99.0)
 def settled(samples: Samples, used: Vehicle, cycles: slice = CYCLES) -> History:
     true = faulty.truth("free-flyer")
     inertia = true[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3)
-    return engine.settle(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), used).history
+    return engine.settle(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), resolved(used)).history
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def _count(samples: Samples) -> int:
 
 def test_nothing_is_hidden_in_a_clean_log(clean: tuple[Samples, History]) -> None:
     samples, history = clean
-    np.testing.assert_array_equal(hidden_error(history, samples, faulty.sample("free-flyer")[1]), 0.0)
+    np.testing.assert_array_equal(hidden_error(history, samples, resolved(faulty.sample("free-flyer")[1])), 0.0)
 
 
 @pytest.mark.parametrize(("jet", "quantity"), [("roll_p1", 0), ("pitch_p1", 3), ("yaw_p1", 5)])
@@ -85,7 +86,7 @@ def test_a_jet_of_another_thrust_hides_about_the_error_that_it_makes(jet: str, q
     said = faulty.stated(faulty.pushing(used, {jet: 1.25}), "environment.disturbance_torque_n_m=0.005")
     samples = Timing(2.0, 0.0).of(log, said)
     history = settled(samples, said, slice(2, 1200))
-    hidden = hidden_error(history, samples, said)[quantity]
+    hidden = hidden_error(history, samples, resolved(said))[quantity]
     error = abs(history.values[-1, quantity] - faulty.truth("free-flyer")[quantity])
     assert error > 4 * history.sigmas[-1, quantity]  # the sigma does not hold ...
     assert 0.3 * error < hidden < 5 * error  # ... and the hidden error is of its size
@@ -110,6 +111,6 @@ def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
     phase = used.phases[1]
     cycles = phase_cycles(phase, samples.executed.end_s, samples.executed.usable)
     true = flown.truth[0][1]
-    history = engine.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used).history
+    history = engine.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), resolved(used)).history
     np.testing.assert_array_equal(innovation_test(history, samples), np.ones(6))
-    np.testing.assert_array_equal(hidden_error(history, samples, used), np.zeros(10))
+    np.testing.assert_array_equal(hidden_error(history, samples, resolved(used)), np.zeros(10))

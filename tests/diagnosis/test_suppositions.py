@@ -17,6 +17,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
 from tests import flight
+from tests.flight import resolved
 
 DELAY = Timing(2.0, 0.0)
 PIECE = slice(2, 320)
@@ -38,7 +39,7 @@ def theta(kind: str) -> Array:
 
 def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     """Chi-square that the true body leaves of a log, with entries of x as given."""
-    free = free_response(log, used, DELAY, PIECE)
+    free = free_response(log, resolved(used), DELAY, PIECE)
     model = Model.of(free, used, 0.0, True)
     x = model.stated
     x[:10] = theta(kind)
@@ -135,7 +136,7 @@ def test_commands_that_come_later_are_of_first_order(by: float, what: str) -> No
 def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     flown = flight.standard("free")
     log, used = weak(flown.log(np.random.default_rng(3)), flown.used)
-    free = free_response(log, used, DELAY, PIECE)
+    free = free_response(log, resolved(used), DELAY, PIECE)
     model = Model.of(free, used, 0.0, True)
     column = np.zeros((len(model.stated), 1))
     column[model.place("thrust").start] = 0.3

@@ -12,12 +12,14 @@ from massprop_cli import job
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, engine, flown
 from massprop_cli.estimate.history import History
-from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 from tests.analysed import SAMPLES, analysed
+from tests.flight import resolved
 
 pytestmark = [
     pytest.mark.numerical,
@@ -43,7 +45,7 @@ class _Both:
         samples: Source,
         cycles: slice,
         phase: Phase,
-        vehicle: Vehicle,
+        vehicle: Resolved,
         consider: Consider,
         *_: object,
     ) -> History:
@@ -105,7 +107,7 @@ def test_every_nuisance_agrees(log: str, settings: tuple[str, ...], monkeypatch:
 )
 def test_what_is_no_cycle_leaves_the_state_as_it_was(column: int, value: float, status: str) -> None:
     found = analysed("high-rate")
-    run = compiled.Pass(found.samples, found.histories[0].cycles, found.vehicle)
+    run = compiled.Pass(found.samples, found.histories[0].cycles, resolved(found.vehicle))
     good = handed.packed(found.samples.part(slice(100, 103)), found.vehicle)
     run.step(good[:2])
     before, bad = run.kept(), good[2:].copy()
@@ -123,7 +125,7 @@ def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
     found = analysed(name)
     vehicle, history = found.vehicle, found.histories[0]
     commands = flown.commands_of(True, False, vehicle, found.timing.delay)
-    flight = flown.Flight(commands, compiled.table(found.samples, vehicle), flown.rule_of(vehicle, (0.01, 0.01, 0.01)))
+    flight = flown.Flight(commands, compiled.table(found.samples, resolved(vehicle)), flown.rule_of(vehicle, (0.01, 0.01, 0.01)))
     fed = flown.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
     parts = [flight.step(fed[k : k + 1], k + 1 == len(fed)) for k in range(len(fed))]
     assert np.array_equal(np.concatenate([part.values for part in parts]), history.values, equal_nan=True)

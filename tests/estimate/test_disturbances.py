@@ -10,6 +10,7 @@ from massprop_cli.estimate.phases import Estimates, as_stated, estimates
 from massprop_cli.flow import examine
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.testbed import scenario, simulate
@@ -29,7 +30,7 @@ def test_absent_noise_levels_are_estimated_from_the_log() -> None:
         assert [n.code for n in notices] == ["noise-estimated"] * 2
 
 
-def sized(samples: Samples, used: Vehicle) -> Estimates:
+def sized(samples: Samples, used: Vehicle) -> Estimates[Resolved]:
     plain = as_stated(samples, PHASES, used, Consider())
     return estimates(samples, PHASES, plain, True, Consider(), lambda *_: None)
 

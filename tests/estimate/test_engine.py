@@ -59,7 +59,7 @@ def seeds(kind: str, count: int) -> Array:
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     flown = flight.standard(kind)
     phase, cycles = Phase(name="all", start_s=0, end_s=99), slice(2, 320)
-    found = [engine.replay(flown.samples(np.random.default_rng(s)), cycles, phase, flown.used) for s in range(count)]
+    found = [engine.replay(flown.samples(np.random.default_rng(s)), cycles, phase, flown.resolved) for s in range(count)]
     return np.stack([z_scores(history, truth) for history in found])
 
 
@@ -85,9 +85,9 @@ def test_estimates_depend_on_earlier_cycles_only() -> None:
     flown = flight.standard("free", 200)
     samples = flown.samples(np.random.default_rng(0))
     phase = Phase(name="all", start_s=0, end_s=99)
-    whole = engine.replay(samples, slice(2, 200), phase, flown.used)
+    whole = engine.replay(samples, slice(2, 200), phase, flown.resolved)
     for stop in (*range(10, 60), 101, 163):
-        part = engine.replay(samples, slice(2, stop), phase, flown.used)
+        part = engine.replay(samples, slice(2, stop), phase, flown.resolved)
         np.testing.assert_array_equal(whole.values[: stop - 2], part.values)
         np.testing.assert_array_equal(whole.sigmas[: stop - 2], part.sigmas)
 
@@ -111,7 +111,7 @@ def test_an_unexcited_first_half_changes_nothing_but_the_wait() -> None:
             np.vstack([pad, flown.delta_theta]) + noise[600 - quiet :, 0],
             np.vstack([pad, flown.delta_v]) + noise[600 - quiet :, 1],
         )
-        return engine.replay(moved.samples(), slice(2, quiet + 200), phase, flown.used)
+        return engine.replay(moved.samples(), slice(2, quiet + 200), phase, flown.resolved)
 
     late, early = final(600), final(100)
     assert np.isnan(late.values[:590]).all()
@@ -127,7 +127,7 @@ def test_the_prior_does_not_pull() -> None:
     finals = []
     for scale in (10.0, 100.0, 1000.0):
         settings = flown.used.estimator.model_copy(update={"prior_scale": scale})
-        finals.append(engine.replay(samples, slice(2, 200), phase, flown.used.model_copy(update={"estimator": settings})))
+        finals.append(engine.replay(samples, slice(2, 200), phase, flown.resolved.model_copy(update={"estimator": settings})))
     for other in finals[1:]:
         assert (np.abs(other.values[-1] - finals[0].values[-1]) < 0.1 * finals[0].sigmas[-1]).all()
 
@@ -141,8 +141,8 @@ def test_nothing_assumes_a_vehicle_of_a_certain_size(factor: float) -> None:
     used = flight.vehicle(jets=flight.jets(scale=factor))
     scaled = flight.Flight(used, on, flown.delta_theta, flown.delta_v)
     phase, proportional = Phase(name="all", start_s=0, end_s=99), np.array([factor] * 6 + [1.0] * 3 + [factor])
-    one = engine.replay(flown.samples(np.random.default_rng(1)), slice(2, 200), phase, flown.used)
-    other = engine.replay(scaled.samples(np.random.default_rng(1)), slice(2, 200), phase, used)
+    one = engine.replay(flown.samples(np.random.default_rng(1)), slice(2, 200), phase, flown.resolved)
+    other = engine.replay(scaled.samples(np.random.default_rng(1)), slice(2, 200), phase, flight.resolved(used))
     np.testing.assert_allclose(other.values[-1] / proportional, one.values[-1], atol=1e-3 * one.sigmas[-1].min(), rtol=1e-6)
     np.testing.assert_allclose(other.sigmas[-1] / proportional, one.sigmas[-1], rtol=1e-4)
 
@@ -154,7 +154,10 @@ def test_gyro_and_accelerometer_bias_are_estimated_away_where_stated() -> None:
     bias = np.array([0.008, -0.012, 0.005]), np.array([0.1, -0.06, 0.15])
     moved = flight.Flight(used, flown.on, flown.delta_theta + bias[0] * flight.CYCLE, flown.delta_v + bias[1] * flight.CYCLE)
     phase = Phase(name="all", start_s=0, end_s=99)
-    z = [z_scores(engine.replay(moved.samples(np.random.default_rng(s)), slice(2, 320), phase, used), flight.TRUTH) for s in range(5)]
+    z = [
+        z_scores(engine.replay(moved.samples(np.random.default_rng(s)), slice(2, 320), phase, flight.resolved(used)), flight.TRUTH)
+        for s in range(5)
+    ]
     assert np.abs(z).max() < 4.5
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
@@ -173,7 +176,12 @@ def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
             return moment
 
         flown = flight.fly(used, flight.pulses(240), flight.TRUTH, torque=push)
-        z.append(z_scores(engine.replay(flown.samples(rng), slice(2, 240), Phase(name="all", start_s=0, end_s=99), used), flight.TRUTH))
+        z.append(
+            z_scores(
+                engine.replay(flown.samples(rng), slice(2, 240), Phase(name="all", start_s=0, end_s=99), flight.resolved(used)),
+                flight.TRUTH,
+            )
+        )
     assert np.abs(z).max() < 4.5
     assert 0.65 < np.sqrt(np.mean(np.square(z))) < 1.4
 
@@ -187,7 +195,7 @@ def test_a_mass_that_is_said_to_drift_is_known_no_better_than_it_drifts() -> Non
         samples = flown.samples(np.random.default_rng(seed))
         whole = slice(2, len(samples))
         phase = Phase(name="all", start_s=0.0, end_s=99.0)
-        still, walked = (engine.replay(samples, whole, phase, used) for used in (flight.vehicle(), drifting))
+        still, walked = (engine.replay(samples, whole, phase, flight.resolved(used)) for used in (flight.vehicle(), drifting))
         assert walked.sigmas[-1, 9] > 1.5 * still.sigmas[-1, 9]
         assert walked.sigmas[-1, 9] < 2.0 * np.sqrt(16.0)  # what it would have wandered from the start on
         assert np.abs((walked.values[-1] - flight.TRUTH) / walked.sigmas[-1]).max() < 4.5

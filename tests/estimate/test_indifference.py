@@ -18,6 +18,7 @@ from massprop_cli.inputs.vehicle import Nominal, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.plant import Reference
 from massprop_cli.testbed import scenario, simulate
+from tests.flight import resolved
 
 PLAN = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=30.0, end_s=60.0}]'
 QUIET_CYCLES = 600
@@ -95,5 +96,5 @@ def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, ma
     flight, found = plain(4)
     history, true = found.histories[0], flight.truth[0, 0]
     far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
-    again = engine.settle(found.samples, history.cycles, history.phase, far, found.vehicle).history
+    again = engine.settle(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
     assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1

@@ -77,7 +77,7 @@ def test_values_are_given_for_most_of_the_log() -> None:
 def test_what_is_kept_does_not_grow_with_the_log() -> None:
     flown = flight.standard("free", 320)
     samples = flown.samples(np.random.default_rng(1))
-    one = Regression(samples, slice(2, 320), flown.used, Consider())
+    one = Regression(samples, slice(2, 320), flown.resolved, Consider())
     run, sizes = one.begin(reference(flight.TRUTH)), []
     for end in (50, 150, 320):
         run, _ = one.take(run, end)
@@ -99,7 +99,7 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
     flown = simulate.fly(scenario.load("free-flyer"), [3])
     samples = Timing(2.0, 0.0).of(flown.log(0), flown.vehicle)
     cycles = slice(2, len(samples))
-    engine.replay(samples, cycles, ALL, flown.vehicle)
+    engine.replay(samples, cycles, ALL, flight.resolved(flown.vehicle))
     assert max(span.stop - span.start for span in spans) <= engine.LEARNING + engine.LONGEST
     late = [span for span in spans if span.start > 700]
     again = [span for span in late if span.stop - span.start > engine.LONGEST + 1]
@@ -111,7 +111,7 @@ def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     """Everything linear: the coefficients that fit best, block by block, against all rows at once."""
     flown = flight.standard("free", 320)
     samples, about = flown.samples(np.random.default_rng(5)), reference(flight.TRUTH)
-    one = Regression(samples, slice(2, 320), flown.used, Consider())
+    one = Regression(samples, slice(2, 320), flown.resolved, Consider())
     run, kept = one.begin(about), []
     for end in (20, 90, 91, 200, 320):
         run, taken = one.take(run, end)
@@ -130,11 +130,11 @@ def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
     on[:, 8:] = 0.0  # no couple about Z, and no force that would turn about it by the CG's offset
     flown = flight.fly(flight.vehicle("free"), on, flight.TRUTH)
     samples = flown.samples(np.random.default_rng(2))
-    one = Regression(samples, slice(2, 300), flown.used, Consider())
+    one = Regression(samples, slice(2, 300), flown.resolved, Consider())
     run = one.begin(fallback(flown.used))
     run, _ = one.take(run, 300)
     assert not one.improved(run).bound
-    history = engine.replay(samples, slice(2, 300), ALL, flown.used)
+    history = engine.replay(samples, slice(2, 300), ALL, flown.resolved)
     z = np.abs((history.values - flight.TRUTH) / history.sigmas)
     assert np.nanmax(z[:, :6]) < 6
     assert history.sigmas[-1, QUANTITIES.index("izz")] > 0.2 * flight.TRUTH[5]
@@ -144,7 +144,7 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
     flown = flight.standard("free", 320)
     samples = flown.samples(np.random.default_rng(7))
-    whole = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    whole = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     renewed: list[int] = []
     once = Regression._renewed
 
@@ -156,7 +156,7 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     monkeypatch.setattr(Regression, "_renewed", counted)
     monkeypatch.setattr(triangle, "GROWN", 0.9)
     monkeypatch.setattr(engine, "WHOLE", 32)
-    pieces = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.used).history
+    pieces = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     assert len(renewed) >= 8
     assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
     assert (pieces.sigmas[-1] < 3 * whole.sigmas[-1]).all()

@@ -10,6 +10,7 @@ from massprop_cli.estimate import sizing
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.testbed import scenario, simulate
+from tests.flight import resolved
 
 PLAN = [
     "duration_s=20.0",
@@ -26,7 +27,7 @@ def sized(name: str, keys: list[str]) -> np.ndarray:
     for member in range(len(SEEDS)):
         log, used = flown.log(member), flown.vehicle
         samples = Stream.of(log, used, stated_timing(used))
-        found.append(sizing.torque_levels(samples, [cycles for _, cycles in phases_of(log, used, samples)], used))
+        found.append(sizing.torque_levels(samples, [cycles for _, cycles in phases_of(log, used, samples)], resolved(used)))
     return np.array(found)
 
 

@@ -51,7 +51,7 @@ def test_a_vehicle_without_actuators_shows_neither_scale() -> None:
 def test_a_channel_is_drowned_by_an_unmodelled_disturbance_and_by_nothing_else(axis: int) -> None:
     flown = flight.standard("free")
     clean = flown.samples(np.random.default_rng(0))
-    share, drowned = excitation(clean, slice(2, 320), BODY, flown.used)
+    share, drowned = excitation(clean, slice(2, 320), BODY, flown.resolved)
     assert not drowned.any()
     np.testing.assert_allclose(share.sum(1), 1, atol=1e-12)
     assert share[0].argmax() == 0  # ixx: mostly from the roll rate
@@ -59,7 +59,7 @@ def test_a_channel_is_drowned_by_an_unmodelled_disturbance_and_by_nothing_else(a
     wander = np.zeros((320, 3))
     wander[:, axis] = 0.05 * np.cumsum(np.random.default_rng(1).standard_normal(320)) * flight.CYCLE
     moved = flight.Flight(flown.used, flown.on, flown.delta_theta + np.cumsum(wander, 0) * flight.CYCLE, flown.delta_v)
-    _, drowned = excitation(moved.samples(np.random.default_rng(0)), slice(2, 320), BODY, flown.used)
+    _, drowned = excitation(moved.samples(np.random.default_rng(0)), slice(2, 320), BODY, flown.resolved)
     assert drowned[axis]
 
 

@@ -17,6 +17,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.settings import effective_settings
 from tests import faulty
+from tests.flight import resolved
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     samples = Timing(delay, 0.0).of(found.log, used)
     (history,) = found.settled
     assert history.reference is not None
-    moved: Array = engine.settle(samples, history.cycles, history.phase, history.reference, used).history.values[-1]
+    moved: Array = engine.settle(samples, history.cycles, history.phase, history.reference, resolved(used)).history.values[-1]
     return moved
 
 
@@ -111,7 +112,7 @@ def test_a_delay_a_tenth_of_a_cycle_longer_shifts_what_is_estimated_as_it_says(f
 def shorter(consider: Consider) -> History:
     log, used = faulty.sample("free-flyer", 20.0)
     samples = Timing(2.0, 0.0).of(log, used)
-    return engine.replay(samples, slice(2, 400), faulty.examined(log, used).histories[0].phase, used, consider)
+    return engine.replay(samples, slice(2, 400), faulty.examined(log, used).histories[0].phase, resolved(used), consider)
 
 
 def test_an_uncertain_delay_enters_every_sigma_by_its_shift_and_no_value() -> None:
@@ -123,7 +124,10 @@ def test_an_uncertain_delay_enters_every_sigma_by_its_shift_and_no_value() -> No
     told = np.isfinite(plain.sigmas[:, 0])
     assert (wide.sigmas[told, :9] >= plain.sigmas[told, :9] * (1 - 1e-9)).all()
     # against the filter fed with commands read a little later and a little earlier
-    ends = [engine.replay(Timing(2.0 + by, 0.0).of(log, used), slice(2, 400), plain.phase, used).values[-1, :9] for by in (-0.002, 0.002)]
+    ends = [
+        engine.replay(Timing(2.0 + by, 0.0).of(log, used), slice(2, 400), plain.phase, resolved(used)).values[-1, :9]
+        for by in (-0.002, 0.002)
+    ]
     shift = (ends[1] - ends[0]) / 0.004
     expected = np.sqrt(plain.sigmas[-1, :9] ** 2 + (0.01 * shift) ** 2)
     np.testing.assert_allclose(wide.sigmas[-1, :9], expected, rtol=0.1)
@@ -147,7 +151,7 @@ def test_a_delay_a_little_off_is_told_by_its_column_as_by_a_search(later: float)
     said = faulty.stated(used, f"cycle.command_delay_cycles={2.0 - later}")
     samples = Stream.of(log, said, Timing(2.0 - later, 0.0))
     about = faulty.examined(log, used).settled
-    told = examined(log, said, Timing(2.0 - later, 0.0), samples, about).delay()
+    told = examined(log, resolved(said), Timing(2.0 - later, 0.0), samples, about).delay()
     assert told is not None
     found, sigma, before, after = told
     searched = delay.detect(log, said, [about[0].cycles], Timing(2.0 - later, 0.0), ["delay"])

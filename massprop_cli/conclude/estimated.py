@@ -1,0 +1,121 @@
+"""A log estimated: its timing, noise levels, causes and values, and what the values rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.conclude.assumptions import Examined, examined
+from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.score import Doubt, doubts
+from massprop_cli.conclude.verdict import conclude
+from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis.delay import Found
+from massprop_cli.diagnosis.ready import Ready, ready
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
+from massprop_cli.inputs.telemetry import SATURATED, Log, Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.timing import Timing
+
+if TYPE_CHECKING:
+    from massprop_cli.diagnosis.diagnose import Diagnosis
+
+
+class Checked(NamedTuple):
+    """What the log says of that which its estimate rests on."""
+
+    diagnosis: Diagnosis | None = None
+    examination: Examined | None = None
+    doubts: Sequence[Doubt] = ()
+    detected: Found | None = None
+    """Of the timing."""
+
+
+def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
+    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
+    begun = ready(log, source, say)
+    if begun.stated.estimator.method == "thesis":
+        told = Checked(detected=begun.detected)
+        answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
+    else:
+        answer, told = _by_default(begun, check, say)
+    explanations, unknown = (told.diagnosis.explanations, told.diagnosis.unknown) if told.diagnosis else ((), "")
+    saturated = (Fault(notice, None) for notice in _saturated(begun.log))
+    named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
+    said = *begun.log.notices, *begun.notices, *_unexplained(unknown, answer.notices), *answer.notices
+    return Analysis(
+        log=log,
+        source=source,
+        vehicle=answer.used,
+        stated=begun.stated,
+        samples=begun.samples,
+        timing=begun.timing,
+        detected=told.detected,
+        histories=answer.histories,
+        settled=tuple(answer.settled) or answer.histories,
+        conclusions=tuple(conclude(history, answer.used) for history in answer.histories),
+        docked=None,
+        notices=(*said, *(notice for history in answer.histories for notice in history.notices)),
+        assignments=tuple(assignments),
+        examination=told.examination,
+        faults=(*saturated, *named),
+        unknown=unknown,
+        doubts=tuple(told.doubts),
+    )
+
+
+def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
+    """By the default method; with ``check`` the causes of a misfit are looked for, and what the values rest on is examined."""
+    plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+    diagnosis = _diagnosis(begun, plain.used, say) if check and plain.dubious else None
+    size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
+    answer = estimates(begun.samples, begun.phases, plain, size, begun.consider, say)
+    used = answer.used
+    if not check:
+        return answer, Checked(detected=begun.detected)
+    say("what the numbers rest on", 1.0)
+    examination = examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider)
+    # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
+    doubted = doubts(examination, channel_names(begun.log, used)) if used.thrust.pulse_sigma == 0 else []
+    if doubted and diagnosis is None:
+        diagnosis = _diagnosis(begun, used, say)
+    detected = begun.detected or (diagnosis.detected if diagnosis else None)
+    if detected is None and (used.environment, used.estimator) == (begun.stated.environment, begun.stated.estimator):
+        detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
+    return answer, Checked(diagnosis, examination, doubted, detected)
+
+
+def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
+    """None where causes are not looked for: of what is saturated, and of wheels and rotors, none of which has been thought of yet."""
+    if _saturated(begun.log) or used.spinning or used.rotors:
+        return None
+    say("looking for the cause", 1.0)
+    from massprop_cli.diagnosis.diagnose import diagnose  # nine modules that a clean log does without
+
+    return diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
+
+
+def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:
+    """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
+    known = all(notice.code != "noise-floor" for notice in others)
+    return [Notice("cause-unknown", unknown)] if unknown and known else []
+
+
+def _saturated(log: Log) -> list[Notice]:
+    return [notice for notice in log.notices if notice.code in SATURATED]
+
+
+def _checked_timing(settled: Sequence[History], at: Timing, examination: Examined) -> Found | None:
+    """What the log says of a stated delay that is off by little if at all; None where nothing tells."""
+    known = [history.cycles for history in settled if history.reference is not None]
+    later = examination.delay()
+    if later is None or abs(later.cycles) >= delay.MISMATCH or at.delay + later.cycles < 0:
+        return None
+    rows = 6 * sum(cycles.stop - cycles.start for cycles in known)
+    scale = max(later.before / rows, 1.0)
+    return delay.near(at, later.cycles, later.sigma * scale**0.5, later.before / rows, later.after / rows)

@@ -1,0 +1,87 @@
+"""Conclusions, judged by all that was found: what is contradicted, the docked object, and every notice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.analysis import Analysis, MendedAnswer
+from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_misfit, by_no_body, together
+from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
+from massprop_cli.conclude.physical import physical_note
+from massprop_cli.conclude.score import by_doubts
+from massprop_cli.conclude.verdict import Conclusion, contradicted
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
+
+
+def judged(found: Analysis, mended: Sequence[MendedAnswer], rivals: Sequence[Sequence[Array]] = ()) -> Analysis:
+    """With what is contradicted, the docked object, and every notice.
+
+    ``rivals``: (10,) values of each phase if a cause is mended instead that can't be ruled out.
+    """
+    each = [_one(found, i, mended, rivals) for i in range(len(found.conclusions))]
+    conclusions, factors = tuple(conclusion for conclusion, _ in each), tuple(factor for _, factor in each)
+    docked = docked_object(conclusions, found.vehicle)
+    notices = tuple(_notices(found, conclusions, docked))
+    return replace(found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended))
+
+
+def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], rivals: Sequence[Sequence[Array]]) -> tuple[Conclusion, Array]:
+    """One phase's conclusion; and (6,) by how much too small its sigmas are, channel by channel."""
+    conclusion, settled = found.conclusions[i], found.settled[i]
+    own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
+    answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
+    against = [by_faults(conclusion, own, answers, [values[i] for values in rivals]), by_known(found.histories[i])]
+    factor: Array = np.ones(6)
+    if isinstance(found.vehicle, Resolved):
+        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle)
+        nameless = [_explained(misfit, found.unknown), by_doubts(conclusion, i, found.doubts), by_no_body(conclusion)]
+        against += [] if own else nameless
+    cause = together(against)
+    return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
+
+
+def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
+    """With what was tried to find its cause."""
+    return against if against is None or not unknown else replace(against, cause=f"{unknown}; {against.cause}")
+
+
+def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None) -> Iterator[Notice]:
+    causes = [fault.notice for fault in found.faults if fault.notice not in found.notices]
+    said = [notice.message for notice in (*causes, *found.notices)]
+    yield from causes
+    for conclusion in conclusions:
+        if conclusion.contradiction and not any(message in conclusion.contradiction for message in said):
+            yield Notice("contradicted", f"phase {conclusion.phase.name}: {conclusion.contradiction}")
+    yield from found.notices
+    yield from _physical(found.conclusions)
+    yield from _docking_notices(docked, conclusions, found.vehicle)
+
+
+def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...], used: Vehicle) -> list[Notice]:
+    apart = masses_apart(conclusions, used) if docked is None else None
+    if apart is not None:
+        message = (
+            f"the two phases' masses differ by {apart[0]:.3g} ± {apart[1]:.2g} kg, too little to tell of a docking, so no docked object is "
+            "given; name the phases under [docking] (before, after) if there is one"
+        )
+        return [Notice("no-docked-object", message)]
+    mass = docked.estimates["mass"].value if docked else None
+    if docked is None or mass is None or mass > 0:
+        return []
+    message = f"the docked object's mass is {mass:.4g} kg: phase {docked.after} weighs less than phase {docked.before}; mend [docking]"
+    return [Notice("docked-mass", message)]
+
+
+def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
+    found = []
+    for conclusion in conclusions:
+        note = physical_note(conclusion)
+        if note:
+            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {note}"))
+    return found

@@ -1,0 +1,82 @@
+"""What a log gives if what is wrong with it is mended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.conclude import split
+from massprop_cli.conclude.analysis import Analysis, MendedAnswer
+from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.estimated import estimated
+from massprop_cli.conclude.judge import judged
+from massprop_cli.conclude.verdict import conclude
+from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.estimate.history import phases_of
+from massprop_cli.estimate.phases import Progress, as_stated
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.stream import Stream
+
+if TYPE_CHECKING:
+    from massprop_cli.diagnosis.cures import Cure
+
+
+def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:
+    """One answer for each named fault that has a cure."""
+    return [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
+
+
+def rivals(found: Analysis, answers: Sequence[MendedAnswer]) -> list[list[Array]]:
+    """(10,) values of each phase, for each cause that can't be ruled out beside those that are named."""
+    return [_offline(found, cure) for answer in answers for cure in answer.fault.rivals]
+
+
+def _distinct(faults: Sequence[Fault]) -> list[Fault]:
+    """One of those that the same cure mends."""
+    return [fault for i, fault in enumerate(faults) if fault.cure is not None and fault.cure not in [f.cure for f in faults[:i]]]
+
+
+def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None:
+    """The log examined again with the fault mended; None where it can't be."""
+    say("with the fault mended", 1.0)
+    cure = fault.cure
+    if cure is None:
+        return None
+    try:
+        log, source = cure.log(found.log), found.source
+        if fault.change_s is not None:
+            source = split.at(found, fault.change_s)
+        else:
+            source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
+        again = estimated(log, source, (), say, check=False)
+        again = judged(_widened(again, [_offline(found, near) for near in fault.around]), [])
+    except InputError:
+        return None
+    return MendedAnswer(fault, (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns)), again.conclusions)
+
+
+def _offline(found: Analysis, cure: Cure) -> list[Array]:
+    """(10,) what off-line fits of each phase give with a fault mended so; NaN where there is none."""
+    log, vehicle = cure.log(found.log), vehiclefile.changed(found.source.vehicle, cure.settings)
+    timing = stated_timing(vehicle, found.timing)
+    samples = Stream.of(log, vehicle, timing)
+    fits = as_stated(samples, phases_of(log, vehicle, samples), vehicle, Consider()).fits
+    return [np.full(10, np.nan) if fit is None else fit.history.values[-1] for fit in fits]
+
+
+def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:
+    """With sigmas that hold by how much the values move if each unknown of what was mended is one sigma further on."""
+    if not around:
+        return found
+    histories = []
+    for i, (history, settled) in enumerate(zip(found.histories, found.settled, strict=True)):
+        moved = np.stack([values[i] - settled.values[-1] for values in around], 1)
+        sigmas = np.sqrt(history.sigmas**2 + (moved**2).sum(1))
+        histories.append(replace(history, sigmas=sigmas, covariance=history.covariance + moved @ moved.T))
+    return replace(found, histories=tuple(histories), conclusions=tuple(conclude(history, found.vehicle) for history in histories))

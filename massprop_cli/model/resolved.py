@@ -1,0 +1,52 @@
+"""The vehicle as the estimators take it: nothing that they need is left open.
+
+A vehicle file may leave noise levels to be found in the log, or state them as zero. They are set once, by
+:mod:`massprop_cli.estimate.disturbances`, and every function that needs them takes a :class:`Resolved`; what works without them takes a
+:class:`massprop_cli.inputs.vehicle.Vehicle`. Delay and lag, which may be left open too, are a :class:`massprop_cli.prepare.timing.Timing`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import ConfigDict
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.equipment import Imu
+from massprop_cli.inputs.section import Positive
+from massprop_cli.inputs.vehicle import Vehicle
+
+
+class Levelled(Imu):
+    """An IMU whose noise is known."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    gyro_noise_rad_s: Positive
+    accel_noise_m_s2: Positive
+
+
+class Resolved(Vehicle):
+    """A vehicle with an IMU whose noise is known."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    imu: Levelled
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, gyro_rad_s: float, accel_m_s2: float) -> Resolved:
+        """With these noise levels, one sigma of a cycle's mean."""
+        levels = {"gyro_noise_rad_s": gyro_rad_s, "accel_noise_m_s2": accel_m_s2}
+        imu = Levelled.model_construct(vehicle.imu.model_fields_set | set(levels), **{**dict(vehicle.imu), **levels})
+        return cls.model_construct(vehicle.model_fields_set | {"imu"}, **{**dict(vehicle), "imu": imu})
+
+    @classmethod
+    def stated(cls, vehicle: Vehicle) -> Resolved | None:
+        """With the noise levels that its file states; None where it leaves one open."""
+        gyro, accel = vehicle.imu.gyro_noise_rad_s, vehicle.imu.accel_noise_m_s2
+        return cls.of(vehicle, gyro, accel) if gyro and accel else None
+
+    @property
+    def noise(self) -> Array:
+        """(6,) one sigma of a cycle's mean rate, rad/s, and specific force, m/s², along each body axis."""
+        scale = np.array(self.estimator.accel_noise_scale)
+        return np.concatenate([np.full(3, self.imu.gyro_noise_rad_s), scale * self.imu.accel_noise_m_s2])
