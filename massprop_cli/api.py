@@ -163,30 +163,18 @@ def run_campaign(
     another batch is at work in ``out``.
     """
     named = [paths] if isinstance(paths, (str, Path)) else paths
-    over = Settings(
-        vehicle=None if vehicle is None else str(vehicle),
-        map=None if map_file is None else str(map_file),
-        assignments=tuple(_assignments(method, delay, settings)),
-        expect=None if expected is None else str(expected),
-        require=requirements(require),
-        report=report,
-        check=check,
-    )
+    files = {key: None if file is None else str(file) for key, file in (("vehicle", vehicle), ("map", map_file), ("expect", expected))}
+    stated = tuple(_assignments(method, delay, settings))
+    over = Settings(**files, assignments=stated, require=requirements(require), report=report, check=check)
     name, planned = discover.plan([str(path) for path in named], over)
     earlier = None if baseline is None else baselines.read(str(baseline))
+    held_against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate())
+    joined = [] if check else joining.joinings([str(path) for path in named], planned)
     place = urlplace.at(str(out))
     executor = LocalExecutor(jobs) if cluster is None else ClusterExecutor(cluster)
     with place.lock():
         found = run.campaign(
-            name,
-            planned,
-            place,
-            executor,
-            force=force,
-            fail_fast=fail_fast,
-            baseline=None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate()),
-            told=told,
-            joinings=[] if check else joining.joinings([str(path) for path in named], planned),
+            name, planned, place, executor, force=force, fail_fast=fail_fast, baseline=held_against, told=told, joinings=joined
         )
     return Campaign(str(out), found)
 

@@ -13,7 +13,7 @@ from massprop_cli.combine import logs
 from massprop_cli.combine.joint import Joint, Piece, with_shared
 from massprop_cli.conclude.verdict import PLANAR
 from massprop_cli.diagnosis.ready import Ready
-from massprop_cli.estimate import disturbances, engine
+from massprop_cli.estimate import disturbances, offline
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
@@ -100,7 +100,7 @@ def _fit(members: Sequence[Member]) -> Fit | None:
 def _misfits(one: Behind, member: Member, found: Fit) -> bool:
     """Whether a log isn't explained by its stated noise, whatever the body."""
     phase = next(phase for phase, _ in one.ready.phases if phase.name == one.phase)
-    own = engine.settle(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, bound=True)
+    own = offline.settle(member.samples, member.cycles, phase, found.reference, member.vehicle, member.consider, 1, bound=True)
     return not np.isnan(disturbances.misfit([own.history], member.vehicle)).all()
 
 

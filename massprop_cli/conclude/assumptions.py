@@ -16,8 +16,8 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.verdict import Conclusion
-from massprop_cli.estimate.engine import respond
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.offline import respond
 from massprop_cli.estimate.rows import Response
 from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
-from massprop_cli.estimate import engine
+from massprop_cli.estimate import offline
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.model.linearise import RATE, Layout
@@ -67,16 +67,16 @@ class Jointly(Regression):
         """Gauss–Newton from ``start``, about its own last estimate until that stands still."""
         biases = [start.gyro_bias for _ in self.members]
         reference, bound = replace(start, gyro_bias=np.zeros(3)), False
-        for _ in range(engine.SETTLINGS):
+        for _ in range(offline.SETTLINGS):
             runs = [self._through(own, replace(reference, gyro_bias=bias), bound) for own, bias in zip(self.members, biases, strict=True)]
             run = self.improved(self._together(runs, reference, bound))
-            if run.bound == bound and self.still(run, engine.SETTLED):
+            if run.bound == bound and self.still(run, offline.SETTLED):
                 break
             reference, bound = run.estimate, run.bound
             phi, _ = self.lift.coefficients(self.lift.theta(reference))
             biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
         mean, covariance = self.row(run)
-        stands = self.still(run, engine.SETTLED)
+        stands = self.still(run, offline.SETTLED)
         corner = self._posed(run, self.lift.theta(run.estimate), self._scale(run))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
         return Joint(mean, covariance, run.estimate, stands, float(corner**2), apart)
@@ -88,7 +88,7 @@ class Jointly(Regression):
     def _through(own: Regression, reference: Reference, bound: bool) -> Run:
         """All that a member has said, about a reference."""
         run = replace(own.begin(reference), bound=bound)
-        for block in engine.blocks(own, run):
+        for block in offline.blocks(own, run):
             run = block.after
         return run
 

@@ -9,10 +9,10 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import disturbances, engine
-from massprop_cli.estimate.engine import Led
+from massprop_cli.estimate import disturbances, engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.offline import Led
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
@@ -37,7 +37,7 @@ class AsStated(NamedTuple):
     """Off-line fits of every phase with the noise that is stated, and nothing beside it."""
 
     used: Resolved
-    fits: list[engine.Settled | None]
+    fits: list[offline.Settled | None]
     """None of a phase without motion."""
     excess: Array
     """(6,) of :func:`massprop_cli.estimate.disturbances.misfit`."""
@@ -78,13 +78,13 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     if not (np.isnan(excess).all() and np.isnan(gross).all()):
         # a fit that is still on its way leaves what isn't in the log, as that first look does
         if not _stand(fits):
-            fits, excess = _misfit(samples, phases, starts, used, consider, engine.SETTLINGS)
+            fits, excess = _misfit(samples, phases, starts, used, consider, offline.SETTLINGS)
         if _stand(fits) and np.isnan(excess).all():
             gross = np.full_like(gross, np.nan)
     return AsStated(used, fits, excess, gross, notices)
 
 
-def _stand(fits: Sequence[engine.Settled | None]) -> bool:
+def _stand(fits: Sequence[offline.Settled | None]) -> bool:
     """Whether another pass would change none of those that there are."""
     return all(fit is None or fit.stands for fit in fits)
 
@@ -96,7 +96,7 @@ def _misfit(
     used: Resolved,
     consider: Consider,
     passes: int,
-) -> tuple[list[engine.Settled | None], Array]:
+) -> tuple[list[offline.Settled | None], Array]:
     """Off-line fits, and what they leave beyond the noise."""
     fits = _fits(samples, phases, starts, used, consider, passes)
     return fits, disturbances.misfit([fit.history for fit in fits if fit is not None], used)
@@ -135,7 +135,7 @@ def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 def _sized(
     samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
-) -> tuple[Resolved, list[engine.Settled | None], Array]:
+) -> tuple[Resolved, list[offline.Settled | None], Array]:
     """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
     pieces = [cycles for _, cycles in phases]
     used, fits, excess = plain.used, plain.fits, plain.excess
@@ -151,7 +151,7 @@ def _sized(
             used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
     if used != plain.used or not _stand(fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, engine.SETTLINGS)
+        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, offline.SETTLINGS)
     return used, fits, excess
 
 
@@ -167,11 +167,11 @@ def _fits(
     vehicle: Resolved,
     consider: Consider,
     passes: int,
-) -> list[engine.Settled | None]:
+) -> list[offline.Settled | None]:
     return [
         None
         if start is None
-        else engine.settle(samples, cycles, phase, start.reference, vehicle.in_phase(phase), consider, passes, start.bound)
+        else offline.settle(samples, cycles, phase, start.reference, vehicle.in_phase(phase), consider, passes, start.bound)
         for (phase, cycles), start in zip(phases, starts, strict=True)
     ]
 
@@ -183,6 +183,6 @@ def _led_up(samples: Source, cycles: slice, reference: Reference | None, vehicle
     start, length = Led(reference), BEGINNING
     while length * LONGER <= cycles.stop - cycles.start:
         begun = slice(cycles.start, cycles.start + length)
-        start = engine.led(samples, begun, start, vehicle, SIZING)
+        start = offline.led(samples, begun, start, vehicle, SIZING)
         length *= LONGER
     return start

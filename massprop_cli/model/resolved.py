@@ -8,7 +8,6 @@ A vehicle file may leave noise levels to be found in the log, or state them as z
 from __future__ import annotations
 
 import numpy as np
-from pydantic import ConfigDict
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.equipment import Imu
@@ -19,16 +18,12 @@ from massprop_cli.inputs.vehicle import Vehicle
 class Levelled(Imu):
     """An IMU whose noise is known."""
 
-    model_config = ConfigDict(defer_build=True)
-
     gyro_noise_rad_s: Positive
     accel_noise_m_s2: Positive
 
 
 class Resolved(Vehicle):
     """A vehicle with an IMU whose noise is known."""
-
-    model_config = ConfigDict(defer_build=True)
 
     imu: Levelled
 

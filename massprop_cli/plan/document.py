@@ -15,6 +15,7 @@ from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
+from massprop_cli.plan.choose import Wanted
 from massprop_cli.plan.planner import Planned, Stretch
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.result.schema import Item
@@ -96,35 +97,17 @@ def document(found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, crite
     """Everything told of a plan."""
     period = rehearsal.vehicle.cycle.period_s
     wanted, sums = found.wanted, np.cumsum(found.information, 1)
-    ratios = found.ratios()
-    last = wanted.sigmas(sums[:, -1])
+    ratios, last = found.ratios(), wanted.sigmas(sums[:, -1])
     every = sum(one.information.mean(0) for one in found.tried)
     ever = wanted.sigmas(np.broadcast_to(every * FOREVER, (len(wanted.bodies), 10, 10)))[0]
     sizes = natural_sizes(wanted.bodies[0])
-    stated = {item.quantity: (n, item) for n, item in enumerate(wanted.requirements)}
     longer = {f"{factor:g}": wanted.sigmas(factor * sums[:, -1])[0] for factor in LONGER}
-    quantities = {}
-    for i, name in enumerate(QUANTITIES):
-        n, item = stated.get(name, (0, None))
-        precision = item.precision if item is not None else None
-        ratio = float(ratios[-1, :, n].max()) if precision else None
-        met = np.flatnonzero(ratios[:, :, n].max(1) <= 1) if precision else np.zeros(0, dtype=int)
-        quantities[name] = QuantityItem(
-            unit=UNITS[name],
-            guess=float(wanted.bodies[0, i]),
-            sigma=float(last[0, i]),
-            worst_sigma=float(last[:, i].max()),
-            wanted=precision.written if precision else None,
-            wanted_sigma=float(wanted.limits[0, n]) if precision else None,
-            ratio=ratio,
-            reached_at_s=float((met[0] + 1) * period) if len(met) else None,
-            longer={factor: float(sigma[i]) for factor, sigma in longer.items()},
-            told="well"
-            if last[0, i] <= UNTOLD * sizes[i]
-            else "by no motion of this vehicle"
-            if ever[i] > UNTOLD * sizes[i]
-            else "not by this plan",
+    quantities = {
+        name: _quantity(
+            i, wanted, ratios, last[:, i], {factor: float(sigma[i]) for factor, sigma in longer.items()}, period, UNTOLD * sizes[i], ever[i]
         )
+        for i, name in enumerate(QUANTITIES)
+    }
     return PlanFile(
         schema="massprop/plan/1",
         massprop=__version__,
@@ -145,6 +128,28 @@ def document(found: Planned, rehearsal: Rehearsal, vehicle: VehicleSource, crite
         **_course(found, sums, sizes, period),
         beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, wanted.beyond, strict=True) if factor > 1},
         notes=notes,
+    )
+
+
+def _quantity(
+    i: int, wanted: Wanted, ratios: Array, last: Array, longer: dict[str, float], period: float, untold: float, ever: float
+) -> QuantityItem:
+    """``ratios`` (K, bodies, requirements), ``last`` (bodies,) its sigma at the end, ``ever`` after all time; ``untold``: says nothing."""
+    stated = {item.quantity: (n, item) for n, item in enumerate(wanted.requirements)}
+    n, item = stated.get(QUANTITIES[i], (0, None))
+    precision = item.precision if item is not None else None
+    met = np.flatnonzero(ratios[:, :, n].max(1) <= 1) if precision else np.zeros(0, dtype=int)
+    return QuantityItem(
+        unit=UNITS[QUANTITIES[i]],
+        guess=float(wanted.bodies[0, i]),
+        sigma=float(last[0]),
+        worst_sigma=float(last.max()),
+        wanted=precision.written if precision else None,
+        wanted_sigma=float(wanted.limits[0, n]) if precision else None,
+        ratio=float(ratios[-1, :, n].max()) if precision else None,
+        reached_at_s=float((met[0] + 1) * period) if len(met) else None,
+        longer=longer,
+        told="well" if last[0] <= untold else "by no motion of this vehicle" if ever > untold else "not by this plan",
     )
 
 

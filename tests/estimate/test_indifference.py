@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.estimate import engine
+from massprop_cli.estimate import offline
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Nominal, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -96,5 +96,5 @@ def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, ma
     flight, found = plain(4)
     history, true = found.histories[0], flight.truth[0, 0]
     far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
-    again = engine.settle(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
+    again = offline.settle(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
     assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, disturbances, engine, nuisance, triangle
+from massprop_cli.estimate import compiled, disturbances, engine, nuisance, offline, triangle
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
 from massprop_cli.estimate.regression import Regression
@@ -144,7 +144,7 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
     flown = flight.standard("free", 320)
     samples = flown.samples(np.random.default_rng(7))
-    whole = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
+    whole = offline.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     renewed: list[int] = []
     once = Regression._renewed
 
@@ -156,7 +156,7 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     monkeypatch.setattr(Regression, "_renewed", counted)
     monkeypatch.setattr(triangle, "GROWN", 0.9)
     monkeypatch.setattr(engine, "WHOLE", 32)
-    pieces = engine.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
+    pieces = offline.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     assert len(renewed) >= 8
     assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
     assert (pieces.sigmas[-1] < 3 * whole.sigmas[-1]).all()

@@ -9,7 +9,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.assumptions import Assumption, examined
 from massprop_cli.diagnosis import delay
-from massprop_cli.estimate import engine
+from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.model.sensitivity import Consider, late
@@ -40,7 +40,7 @@ def again(found: Analysis, *assignments: str, delay: float = 2.0) -> Array:
     samples = Timing(delay, 0.0).of(found.log, used)
     (history,) = found.settled
     assert history.reference is not None
-    moved: Array = engine.settle(samples, history.cycles, history.phase, history.reference, resolved(used)).history.values[-1]
+    moved: Array = offline.settle(samples, history.cycles, history.phase, history.reference, resolved(used)).history.values[-1]
     return moved
 
 

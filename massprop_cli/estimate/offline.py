@@ -1,0 +1,131 @@
+"""Off-line fits: a whole phase at hand, taken in about its own last estimate until that stands still. Their rows are not causal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.nuisance import Taken
+from massprop_cli.estimate.regression import Regression
+from massprop_cli.estimate.residual import Residual, residual
+from massprop_cli.estimate.rows import Response
+from massprop_cli.estimate.told import Told
+from massprop_cli.estimate.triangle import Run
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.compensate import Source
+
+SETTLED = 0.003
+"""Largest second-order error of what is linear about the reference, in sigmas, of an off-line fit that stands still."""
+SETTLINGS = 8
+"""Most passes of the off-line fit."""
+WHOLE = 512
+"""Cycles taken in at a time by what is off-line."""
+HELD = 4096
+"""Cycles of which an off-line fit keeps what it took in until it stands; of more it takes them in once again."""
+
+
+class Settled(NamedTuple):
+    """An off-line fit; its rows are not causal."""
+
+    history: History
+    stands: bool
+    """Whether another pass would change nothing."""
+
+
+def settle(
+    samples: Source,
+    cycles: slice,
+    phase: Phase,
+    reference: Reference,
+    vehicle: Resolved,
+    consider: Consider = Consider(),  # noqa: B008
+    passes: int = SETTLINGS,
+    bound: bool = False,
+) -> Settled:
+    """The off-line fit: the whole phase at hand, from ``reference`` on.
+
+    ``bound``: each axis is known to be told without the gyroscopic coupling.
+
+    Repeated about its own last estimate until that stands still, or so many ``passes``: Gauss–Newton on the likelihood of all data.
+    """
+    regression = Regression(samples, cycles, vehicle, consider)
+    last = _last_pass(regression, reference, passes, bound)
+    told, left = Told(cycles, vehicle, every=vehicle.estimator.refine), list[Residual]()
+    for before, taken, after in last.held or blocks(regression, last.begun):
+        about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
+        rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
+        told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
+        left.append(residual(regression, before, taken, last.run))
+    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=Residual.joined(left)), last.stands)
+
+
+class Led(NamedTuple):
+    """What a fit may begin about."""
+
+    reference: Reference
+    bound: bool = False
+    """Whether each axis is known to be told without the gyroscopic coupling."""
+
+
+def led(samples: Source, cycles: slice, start: Led, vehicle: Resolved, passes: int) -> Led:
+    """The body that so many passes find in ``cycles``."""
+    run = _last_pass(Regression(samples, cycles, vehicle, Consider()), start.reference, passes, start.bound).run
+    return Led(run.estimate, run.bound)
+
+
+class _Pass(NamedTuple):
+    """One pass of an off-line fit."""
+
+    begun: Run
+    run: Run
+    """With the estimate that it found."""
+    stands: bool
+    """Whether another pass would change nothing."""
+    held: list[_Block]
+    """What it took in, of a short phase."""
+
+
+def _last_pass(regression: Regression, reference: Reference, passes: int, bound: bool) -> _Pass:
+    cycles = regression.cycles
+    short = cycles.stop - cycles.start <= HELD
+    for _ in range(passes):
+        begun = run = replace(regression.begin(reference), bound=bound)
+        held = []
+        for block in blocks(regression, begun):
+            run = block.after
+            held += [block] if short else []
+        run = regression.improved(run)
+        stands = run.bound == bound and regression.still(run, SETTLED)
+        if stands:
+            break
+        reference, bound = run.estimate, run.bound
+    return _Pass(begun, run, stands, held)
+
+
+class _Block(NamedTuple):
+    """Cycles taken in at once."""
+
+    before: Run
+    taken: Taken
+    after: Run
+
+
+def blocks(regression: Regression, run: Run) -> Iterator[_Block]:
+    """All cycles from a run on."""
+    while run.at < regression.cycles.stop:
+        before, (run, taken) = run, regression.take(run, min(run.at + WHOLE, regression.cycles.stop))
+        yield _Block(before, taken, run)
+
+
+def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> Response:
+    """What each assumption does, about ``reference``."""
+    regression = Regression(samples, cycles, vehicle, consider)
+    run = replace(regression.begin(reference), bound=True)
+    for block in blocks(regression, run):
+        run = block.after
+    return regression.response(run)

@@ -1,0 +1,83 @@
+"""What a pass through a phase has told: its history, from the rows of each block of cycles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.quantities import alone, discrepancies, quantities
+from massprop_cli.estimate.rows import Rows
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Phase, Quantity
+from massprop_cli.model.linearise import MU, natural_sizes
+from massprop_cli.model.observability import excitation, observable
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.compensate import Source
+
+MISMATCH = 4.0
+"""A known quantity further than this many sigmas from the log's own estimate is pointed out."""
+
+
+class Told:
+    """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
+
+    def __init__(self, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
+        self.cycles, self.vehicle, self.every = cycles, vehicle, every
+        count = cycles.stop - cycles.start
+        self.normalised = np.empty((count, 6))
+        self.values, self.sigmas = np.empty((count if every else 1, 10)), np.empty((count if every else 1, 10))
+        self.innovation, self.innovation_sigma = (np.empty((len(self.values), 6)) for _ in range(2))
+        self.count = 0
+
+    def add(self, rows: Rows) -> None:
+        """The next cycles."""
+        if not len(rows.mean):
+            return
+        part = slice(self.count, self.count + len(rows.mean))
+        self.normalised[part] = rows.normalised
+        self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])
+        here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
+        self.values[here], full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
+        self.sigmas[here] = np.sqrt(np.einsum("kii->ki", full))
+        self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
+
+    def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
+        """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""
+        vehicle, cycles, (mean, covariance) = self.vehicle, self.cycles, self.last
+        _, full = quantities(mean[None], covariance[None], vehicle)
+        bare = quantities(mean[None], covariance[None], alone(vehicle))
+        apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}
+        sizes: Array = np.full(10, np.nan)
+        share: Array = np.zeros((10, 6))
+        drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
+        if reference is not None:
+            sizes = natural_sizes(reference)
+            sizes[MU] = 1 / reference.mu
+            share, drowned = excitation(samples, cycles, reference, vehicle)
+            seen = observable(samples.capability, reference, vehicle)
+        return History(
+            phase=phase,
+            cycles=cycles,
+            time_s=samples.end_s[cycles][-len(self.values) :].copy(),
+            values=self.values,
+            sigmas=self.sigmas,
+            covariance=full[0],
+            innovation=self.innovation,
+            innovation_sigma=self.innovation_sigma,
+            normalised=self.normalised,
+            natural_sizes=sizes,
+            information_share=share,
+            drowned=drowned,
+            observable=seen,
+            bare=(bare[0][0], bare[1][0]),
+            reference=reference,
+            belied=tuple(apart),
+            notices=tuple(_belied(phase, name, vehicle, z) for name, z in apart.items()),
+        )
+
+
+def _belied(phase: Phase, name: Quantity, vehicle: Resolved, z: float) -> Notice:
+    said = f"phase {phase.name}: known.{name} = {vehicle.known[name].value:g} lies {abs(z):.3g} sigmas from what the log alone says"
+    return Notice("known-mismatch", f"{said}; check it, the thrust, and thrust.scale_sigma")
