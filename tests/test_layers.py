@@ -50,3 +50,17 @@ def test_imports_go_with_the_flow(file: Path) -> None:
     own = file.relative_to(ROOMS).parts[0].removesuffix(".py")
     allowed = {*TESTBED} if own == "testbed" else {*FLOW[: FLOW.index(own) + 1]} | ({"testbed"} if own in FLYING else set())
     assert imported(file) <= allowed
+
+
+LONGEST = 50
+"""Lines of a function, but for commands, whose options are declared in it."""
+
+
+def functions(file: Path) -> dict[str, int]:
+    """Length of each function that is no command."""
+    each = [node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.FunctionDef)]
+    return {node.name: (node.end_lineno or 0) - node.lineno + 1 for node in each if not (file.parent.name == "cli" and node.decorator_list)}
+
+
+def test_no_function_is_longer_than_a_page() -> None:
+    assert {f"{file.name}: {name}": lines for file in FILES for name, lines in functions(file).items() if lines > LONGEST} == {}

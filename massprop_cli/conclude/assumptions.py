@@ -23,7 +23,7 @@ from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel
-from massprop_cli.model.linearise import MU
+from massprop_cli.model.layout import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, Side, Variant, late
 from massprop_cli.prepare.actuators import channel_names

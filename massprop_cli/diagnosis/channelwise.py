@@ -24,7 +24,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import integrals
+from massprop_cli.model.lifted import integrals
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.within import motion_within

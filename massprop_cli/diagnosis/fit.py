@@ -12,7 +12,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import PARAMETERS, RATE, Layout, Linear, linearise, natural_sizes, parameters, stepped
+from massprop_cli.model.layout import PARAMETERS, RATE, Layout
+from massprop_cli.model.linearise import Linear, linearise
+from massprop_cli.model.parameters import natural_sizes, parameters, stepped
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
 

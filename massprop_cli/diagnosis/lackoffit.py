@@ -23,7 +23,9 @@ from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.model.gyroscopic import products
-from massprop_cli.model.linearise import MU, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
+from massprop_cli.model.layout import MU, PARAMETERS, RATE, Layout
+from massprop_cli.model.linearise import less_tilt, linearise
+from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.align import Aligned

@@ -13,7 +13,8 @@ from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model import handed
-from massprop_cli.model.linearise import Layout, vehicle_numbers
+from massprop_cli.model.layout import Layout
+from massprop_cli.model.lifted import vehicle_numbers
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider

@@ -19,7 +19,9 @@ from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import PARAMETERS, RATE, Layout, linearise, parameters, stepped
+from massprop_cli.model.layout import PARAMETERS, RATE, Layout
+from massprop_cli.model.linearise import linearise
+from massprop_cli.model.parameters import parameters, stepped
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered

@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
-from massprop_cli.model.linearise import RATE, Layout
+from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider

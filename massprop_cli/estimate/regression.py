@@ -14,7 +14,7 @@ from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
-from massprop_cli.model.linearise import RATE, Layout
+from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.resolved import Resolved

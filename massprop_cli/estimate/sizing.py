@@ -18,7 +18,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import integrals
+from massprop_cli.model.lifted import integrals
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.within import motion_within

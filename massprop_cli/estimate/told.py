@@ -10,8 +10,9 @@ from massprop_cli.estimate.quantities import alone, discrepancies, quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Quantity
-from massprop_cli.model.linearise import MU, natural_sizes
+from massprop_cli.model.layout import MU
 from massprop_cli.model.observability import excitation, observable
+from massprop_cli.model.parameters import natural_sizes
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source

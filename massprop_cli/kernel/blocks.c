@@ -1,4 +1,4 @@
-/* The response of many cycles at once, for fits on the ground (massprop_cli/model/linearise.py): the same equations, cycle by cycle. */
+/* The response of many cycles at once, for fits on the ground (massprop_cli/model/lifted.py): the same equations, cycle by cycle. */
 #include <stddef.h>
 #include <string.h>
 

@@ -10,7 +10,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout);
 void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], mp_real out[3][3]);
 /* (6) the products of rates. */
 void mp_products(const mp_real rate[3], mp_real out[6]);
-/* A cycle about a reference: massprop_cli/model/within.py, and of linearise.py what depends on one cycle. */
+/* A cycle about a reference: massprop_cli/model/within.py, and of lifted.py what depends on one cycle. */
 void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about, mp_motion *out);
 /* From one cycle into the next. */
 void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,

@@ -78,7 +78,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
 
 
 def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
-    """The arrays of :class:`massprop_cli.model.linearise.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
+    """The arrays of :class:`massprop_cli.model.lifted.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
 
     ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
     """

@@ -7,7 +7,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.linearise import CG, PARAMETERS, RATE, Layout, less_tilt, linearise, parameters
+from massprop_cli.model.layout import CG, PARAMETERS, RATE, Layout
+from massprop_cli.model.linearise import less_tilt, linearise
+from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source, blocks

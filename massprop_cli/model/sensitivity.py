@@ -20,7 +20,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import Lifted, compiled, lifted
+from massprop_cli.model.lifted import Lifted, compiled, lifted
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source

@@ -13,8 +13,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.layout import MU, RATE, Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import MU, RATE, Layout, Lifted, lifted
+from massprop_cli.model.lifted import Lifted, lifted
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved

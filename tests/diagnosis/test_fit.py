@@ -14,7 +14,8 @@ from massprop_cli.diagnosis.fit import Extra, fit, response
 from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.linearise import linearise, parameters
+from massprop_cli.model.linearise import linearise
+from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.compensate import Samples, compensate

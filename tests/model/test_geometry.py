@@ -12,7 +12,7 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import uncertain_jets
-from massprop_cli.model.linearise import lifted
+from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.sensitivity import Consider, Side, Variant, fed, with_geometry
 from massprop_cli.prepare.stream import Stream

@@ -10,7 +10,7 @@ import pytest
 from massprop_cli.kernel import kernel
 from massprop_cli.model import linearise
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import Lifted, lifted
+from massprop_cli.model.lifted import Lifted, lifted
 from massprop_cli.model.plant import Reference, plant_of
 from tests.analysed import analysed
 

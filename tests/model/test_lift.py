@@ -9,7 +9,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor, times
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.linearise import parameters
+from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import BearingBody, FreeBody, Plant, Reference
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 from tests.model.test_plant import BODY, moment_about_cg, motion

@@ -8,7 +8,9 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor, times
-from massprop_cli.model.linearise import PARAMETERS, RATE, linearise, parameters, stepped
+from massprop_cli.model.layout import PARAMETERS, RATE
+from massprop_cli.model.linearise import linearise
+from massprop_cli.model.parameters import parameters, stepped
 from massprop_cli.model.plant import Reference
 from tests import flight
 

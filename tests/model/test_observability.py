@@ -6,7 +6,7 @@ import pytest
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.model.linearise import Layout
+from massprop_cli.model.layout import Layout
 from massprop_cli.model.observability import excitation, observable
 from massprop_cli.model.plant import Reference
 from tests import flight

@@ -1,0 +1,73 @@
+"""Where each state stands: the ten mass properties, the cycle-mean rate, and the nuisances that a vehicle file asks for.
+
+In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), slowly varying
+disturbance torque (3); on a bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in
+body axes: true attitude = integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the
+cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.momentum import scale_sigmas
+from massprop_cli.model.plant import plant_of
+from massprop_cli.prepare.compensate import Mounted
+
+PARAMETERS = slice(0, 10)
+INERTIA, CG, MU = slice(0, 6), slice(6, 9), 9
+RATE = slice(10, 13)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the optional nuisance states stand; an absent one is an empty slice."""
+
+    gyro_bias: slice
+    accel_bias: slice
+    torque: slice
+    tilt: slice
+    scale: slice
+    """Relative errors of the thrust's scale and of the wheels' inertias, of a vehicle that has wheels."""
+    size: int
+
+    @staticmethod
+    def of(samples: Mounted, vehicle: Vehicle) -> Layout:
+        """The states that this vehicle and log ask for."""
+        sizes = (
+            3 * (vehicle.imu.gyro_bias_sigma_rad_s > 0),
+            3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
+            3 * (vehicle.environment.disturbance_walk_n_m > 0),
+            plant_of(vehicle).tilts(samples.attitude_logged),
+        )
+        slices, end = [], RATE.stop
+        for size in sizes:
+            slices.append(slice(end, end + size))
+            end += size
+        gyro_bias, accel_bias, torque, tilt = slices
+        scale = slice(end, end + len(scale_sigmas(vehicle)))
+        return Layout(gyro_bias, accel_bias, torque, tilt, scale, scale.stop)
+
+    @property
+    def states(self) -> int:
+        """How many there are beside the parameters: rate and nuisances."""
+        return self.size - RATE.start
+
+    @staticmethod
+    def has(block: slice) -> bool:
+        """Whether there are such states."""
+        return bool(block.stop > block.start)
+
+    @staticmethod
+    def own(block: slice) -> slice:
+        """Where a block stands among these."""
+        return slice(block.start - RATE.start, block.stop - RATE.start)
+
+    @staticmethod
+    def of_all(own: Array) -> Array:
+        """What is of the rate and the nuisances, with zeros for the parameters, so that the layout's slices are of it."""
+        return np.concatenate([np.zeros(RATE.start), own])

@@ -1,0 +1,278 @@
+"""The vehicle's response over control cycles, linear in coefficients that are products of its mass properties.
+
+Rotation. The growth of the cycle-mean rate is the impulse under the triangular window (:mod:`massprop_cli.prepare.align`):
+
+    I (w[k+1] − w[k]) = rising moment of k + falling moment of k+1,   moment = that of commands and plant about the CG − ω × I ω
+
+Multiplied by J = I⁻¹ it is linear in the coefficients φ of :mod:`massprop_cli.model.plant` (:func:`lifted`). The products of rates in it
+come from the *measured* mean rate of each cycle, with the motion within the cycle rebuilt (:mod:`massprop_cli.model.within`). Because the
+rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the
+measured one enters to second order only.
+
+Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel
+from massprop_cli.model import handed
+from massprop_cli.model.gyroscopic import products, products_by_rate
+from massprop_cli.model.layout import RATE, Layout
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.momentum import held, moments_by_scale, precession, scale_sigmas
+from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
+from massprop_cli.model.plant.plant import MU as THETA_MU
+from massprop_cli.model.plant.plant import Turning
+from massprop_cli.model.windows import Windows, windows
+from massprop_cli.model.within import STEEP, Within, motion_within, response_of
+from massprop_cli.prepare.compensate import Samples, Source
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Of cycles ``first … first + K − 1``, in both forms: step k leads from cycle k to k + 1; n states."""
+
+    transition: Array
+    """(K − 1, n, n)"""
+    observation: Array
+    """(K, 6, n) rate and specific force in terms of the state."""
+    moment_to_rate: Array
+    """(K − 1, 3, 3) impulse of a moment [N m s] to its growth of the mean rate [rad/s]."""
+    steps: Array
+    """(K − 1, 3) growth of the rate that the reference expects, rad/s."""
+
+
+@dataclass(frozen=True)
+class Lifted(Steps):
+    """The same response with the N coefficients φ of :mod:`massprop_cli.model.plant` left free, or c combinations of them.
+
+    Its states are the rate and the nuisances; each of a drive's and a measurement's columns but the first multiplies a coefficient.
+    """
+
+    drive: Array
+    """(K − 1, n, 1 + N)"""
+    measured: Array
+    """(K, 6, 1 + N); what multiplies φ has the sign that it has beside the measured value."""
+
+
+def lifted(
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
+) -> Lifted:
+    """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
+
+    ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
+    (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
+    Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
+    """
+    plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
+    lift = Lift(plant)
+    if compiled(vehicle):
+        return _compiled(here, layout, lift, reference, vehicle, onto)
+    within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
+    step, whole, known = integrals(here, lift, within.theta, within)
+    coupling = _coupling(here, lift, within)
+    tilting = windows(plant.moment_by_tilt(reference, within.motion), _bin_s(here, within.motion)) if layout.has(layout.tilt) else None
+    about = _About(here, layout, lift, reference, within, coupling, tilting, _scaling(here, vehicle, plant, reference, within.motion))
+    steps = times(within.response, step) + known
+    if about.scaling is not None and len(reference.scale):
+        steps = steps + coupling.own @ about.scaling.step @ reference.scale
+    transition, drive = _rotation(about, step, known, onto)
+    observation, measured = _translation(about, whole, vehicle, onto)
+    return Lifted(transition, observation, coupling.to_rate, steps, drive, measured)
+
+
+class _Coupling(NamedTuple):
+    """The step from one cycle's rate into the next one's, (1 − A) w[k+1] = (1 + B) w[k] + what acts."""
+
+    leaving: Array
+    """(K − 1, 3, 3) B"""
+    entering: Array
+    """(K − 1, 3, 3) A"""
+    own: Array
+    """(3, 3) of a moment to the angular acceleration."""
+    solve: Array
+    """(K − 1, 3, 3) (1 − A)⁻¹"""
+    to_rate: Array
+    """(K − 1, 3, 3) of a moment's impulse to the growth of the rate."""
+
+
+class _About(NamedTuple):
+    """Cycles, and what they are linear about."""
+
+    here: Samples
+    layout: Layout
+    lift: Lift
+    reference: Reference
+    within: Within
+    coupling: _Coupling
+    tilting: Windows | None
+    """(K, 3, 3) of an error of the attitude to the moment, where it is a state."""
+    scaling: Windows | None
+    """(K, 3, n) of an error of each scale to the moment, where there are any."""
+
+
+def _bin_s(here: Samples, motion: Motion) -> Array:
+    """(K,) length of a bin of each cycle."""
+    found: Array = here.executed.duration_s / motion.rate.shape[1]
+    return found
+
+
+def _coupling(here: Samples, lift: Lift, within: Within) -> _Coupling:
+    """Of the derivative of ω × I ω with respect to the rate, which is linear in the rate.
+
+    The step's derivatives with respect to the rates of the cycle that it leaves and of the one that it enters make it implicit.
+    """
+    bin_s = _bin_s(here, within.motion)
+    mean = windows(within.motion.rate, bin_s, (within.rates[1] - within.rates[0]) * bin_s[:, None] / 12)
+    by_rate = within.response[:, -6:] @ products_by_rate(np.eye(3))
+    leaving, entering = (np.einsum("kl,lij->kij", part, by_rate) for part in (mean.rising[:-1], mean.falling[1:]))
+    own = lift.plant.turning(within.theta)
+    if here.executed.stored is not None:
+        momentum = held(here.executed.stored, bin_s)
+        leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
+    leaving, entering = _bounded(leaving), _bounded(entering)
+    solve = inverse(np.eye(3) - entering)
+    return _Coupling(leaving, entering, own, solve, solve @ own)
+
+
+def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
+    """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
+    here, layout, lift, reference = about.here, about.layout, about.lift, about.reference
+    (leaving, entering, _, solve, to_rate), duration = about.coupling, here.executed.duration_s
+    rate = here.rate_rad_s - reference.gyro_bias
+    turning, torque, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.tilt))
+    transition = np.zeros((len(step), layout.states, layout.states))
+    transition[:] = np.eye(layout.states)
+    transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
+    drive = np.zeros((len(step), layout.states, 1 + (lift.size if onto is None else onto.shape[1])))
+    drive[:, turning, 0] = times(solve, known - times(leaving, rate[:-1]) - times(entering, rate[1:]))
+    if onto is None:
+        each = drive[:, turning, 1 : 1 + 3 * lift.channels].reshape(len(step), 3, 3, lift.channels)
+        np.multiply(solve[..., None], step[:, None, None, :], out=each)
+        drive[:, turning, 1 : 1 + 3 * lift.channels] = each.reshape(len(step), 3, -1)
+    else:
+        drive[:, turning, 1:] = solve @ _by_axis(step, onto)
+    if layout.has(layout.torque):
+        transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+    if about.tilting is not None:
+        kept, by_error = lift.plant.tilt_step(rate, duration)
+        transition[:, turning, tilt] = to_rate @ about.tilting.step
+        transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
+        drive[:, tilt, 0] = -times(by_error, here.rate_rad_s[:-1])
+    if about.scaling is not None:
+        transition[:, turning, layout.own(layout.scale)] = to_rate @ about.scaling.step
+    return transition, drive
+
+
+def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | None) -> tuple[Array, Array]:
+    """(K, 6, n) rate and specific force by the states, and (K, 6, 1 + c) what was measured of them."""
+    here, layout, lift, within = about.here, about.layout, about.lift, about.within
+    own, duration = about.coupling.own, here.executed.duration_s
+    euler, felt, offset = _felt(whole, lift, about.reference, within.response, within.motion, np.array(vehicle.imu.position_m), onto)
+    observation = np.zeros((len(duration), 6, layout.states))
+    observation[:, :3, layout.own(RATE)] = np.eye(3)
+    for rows, block, matrix in (
+        (slice(0, 3), layout.gyro_bias, np.eye(3)),
+        (slice(3, 6), layout.accel_bias, np.eye(3)),
+        (slice(3, 6), layout.torque, euler @ own),
+    ):
+        if layout.has(block):
+            observation[:, rows, layout.own(block)] = matrix
+    if about.tilting is not None:
+        by_moment = euler @ own @ (about.tilting.whole / duration[:, None, None])
+        observation[:, 3:, layout.own(layout.tilt)] = lift.plant.force_by_tilt(within.motion).mean(1) + by_moment
+    if about.scaling is not None:
+        scale = layout.own(layout.scale)
+        observation[:, 3:, scale] = euler @ own @ about.scaling.whole / duration[:, None, None]
+        if vehicle.thrust.scale_sigma > 0:
+            observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, lift.plant.force]
+    measured = np.zeros((len(duration), 6, 1 + (lift.size if onto is None else onto.shape[1])))
+    measured[:, :3, 0] = here.rate_rad_s
+    measured[:, 3:, 0] = here.specific_force_m_s2 - offset
+    np.negative(felt, out=measured[:, 3:, 1:])
+    return observation, measured
+
+
+def compiled(vehicle: Vehicle) -> bool:
+    """Whether the compiled kernel is there and knows this vehicle."""
+    return kernel().library is not None and not handed.unknown(vehicle)
+
+
+def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
+    """The same by the compiled kernel."""
+    theta = lift.theta(reference)
+    response = response_of(reference, lift, theta)
+    about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], reference.gyro_bias, response.ravel())
+    numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
+    return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
+
+
+def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.Begun) -> Array:
+    """All that is constant, as the kernel has it."""
+    blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
+    return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
+
+
+def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows | None:
+    return moments_by_scale(here.executed, vehicle, plant, reference, motion) if len(scale_sigmas(vehicle)) else None
+
+
+def _bounded(derivative: Array) -> Array:
+    """(K, 3, 3) the derivative, made smaller where an error would turn by more than ``STEEP`` within a step: it says nothing there."""
+    size = np.sqrt((derivative**2).sum((1, 2)))
+    found: Array = derivative * np.minimum(1.0, STEEP / np.maximum(size, STEEP))[:, None, None]
+    return found
+
+
+def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tuple[Array, Array, Array]:
+    """What Φ multiplies: (K − 1, C) under the triangular window, (K, C) mean over each cycle; (K − 1, 3) known growth of the rate."""
+    plant, executed, motion = lift.plant, samples.executed, within.motion
+    duration = executed.duration_s
+    bin_s = duration / motion.rate.shape[1]
+    # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
+    second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
+    # the commands' own exactly, the rest by its bins
+    jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
+    parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
+    if executed.stored is not None:
+        torque, late = precession(executed.stored, motion, bin_s[:, None, None])
+        own = windows(torque, bin_s, late.sum(1))
+        jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
+    parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
+    each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
+    rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)
+    whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
+    known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
+    return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
+
+
+def _by_axis(channels: Array, onto: Array) -> Array:
+    """(K, 3, c) what Φ makes of channels (K, C) in combinations ``onto`` (N, c) of its coefficients."""
+    count = 3 * channels.shape[1]
+    by_channel = onto[:count].reshape(3, -1, onto.shape[1])
+    found: Array = np.einsum("kc,acm->kam", channels, by_channel)
+    return found
+
+
+def _felt(
+    whole: Array, lift: Lift, reference: Reference, response: Array, motion: Motion, position: Array, onto: Array | None
+) -> tuple[Array, Array, Array]:
+    """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N or c) by the coefficients, (K, 3) the rest."""
+    plant, channels = lift.plant, lift.channels
+    rate_dot = times(response, whole)
+    square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
+    centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    turning = Turning(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))
+    euler, own, offset = plant.felt(reference, motion, turning, position)
+    if onto is not None:
+        return euler, euler @ _by_axis(whole, onto) + own @ onto[3 * channels :], offset
+    by_response = (euler[..., None] * whole[:, None, None, :]).reshape(len(whole), 3, -1)
+    return euler, np.concatenate([by_response, own], -1), offset
