@@ -15,7 +15,7 @@ from massprop_cli.campaign import figures
 from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
 from massprop_cli.campaign.summary import Key, Pool, Pooled, Row, Summary, grouped
-from massprop_cli.report import digits, html, view, vocabulary
+from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.script import script
 from massprop_cli.result.judge import INFORMED
 
@@ -178,7 +178,7 @@ def title(body: Body | Pool) -> str:
 
 
 def _cell(item: Value) -> Cell:
-    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     if item.value is None and item.sigma is not None:  # of a check
         sigma = digits.figures(item.sigma)
     key = "" if item.value is None else repr(item.value)
@@ -206,7 +206,7 @@ def _pools(found: Summary) -> list[Told]:
 
 
 def _pooled(name: str, item: Pooled) -> dict[str, str]:
-    value, sigma = (view.minus(text) for text in digits.numbers(item.value, item.sigma))
+    value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma))
     unlikely = item.p_value is not None and item.p_value < _UNLIKELY
     tilted = item.trend_per_log is not None and item.trend_sigma is not None and abs(item.trend_per_log) > 3.3 * item.trend_sigma
     return {
@@ -219,7 +219,7 @@ def _pooled(name: str, item: Pooled) -> dict[str, str]:
         "chi_square": "–" if item.chi_square is None else f"{_short(item.chi_square)} of {item.degrees_of_freedom}",
         "p_value": "–" if item.p_value is None else f"{item.p_value:.2g}" if item.p_value >= 1e-6 else "< 1e−6",
         "trend": _slope(item),
-        "outliers": ", ".join(f"{stray.log} ({view.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
+        "outliers": ", ".join(f"{stray.log} ({digits.minus(f'{stray.sigmas:+.1f}')} σ)" for stray in item.outliers) or "none",
         "without": _without(item),
         "note": ", ".join(said for said, so in (("more scatter than claimed", unlikely), ("a trend", tilted)) if so),
     }
@@ -228,7 +228,7 @@ def _pooled(name: str, item: Pooled) -> dict[str, str]:
 def _slope(item: Pooled) -> str:
     if item.trend_per_log is None or item.trend_sigma is None:
         return "–"
-    value, sigma = (view.minus(text) for text in digits.numbers(item.trend_per_log, item.trend_sigma))
+    value, sigma = (digits.minus(text) for text in digits.numbers(item.trend_per_log, item.trend_sigma))
     return f"{'' if value.startswith('−') else '+'}{value} ± {sigma}"
 
 
@@ -239,7 +239,7 @@ def _short(ratio: float | None) -> str:
 def _without(item: Pooled) -> str:
     if item.without_outliers is None:
         return ""
-    return "{} ± {}".format(*(view.minus(text) for text in digits.numbers(*item.without_outliers)))
+    return "{} ± {}".format(*(digits.minus(text) for text in digits.numbers(*item.without_outliers)))
 
 
 def doubts(found: Pool) -> list[str]:

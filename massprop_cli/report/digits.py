@@ -43,6 +43,11 @@ def stated(value: float, count: int = 9) -> str:
     return re.sub(r"e([+-])0+", r"e\1", f"{value + 0.0:.{count}g}")
 
 
+def minus(text: str) -> str:
+    """With a real minus sign, exponents too; nothing rounds to a negative zero."""
+    return text.replace("-", "−" if any(digit in text for digit in "123456789") else "")
+
+
 def _exponent(value: float, count: int = 2) -> int:
     """Of ten, after rounding: two figures of 0.0996 are 0.10. That of 0 is 0."""
     return int(f"{value:.{count - 1}e}".split("e")[1])

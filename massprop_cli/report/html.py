@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import visible
-from massprop_cli.report import assumptions, body, checks, figures, mended, view, vocabulary
+from massprop_cli.report import assumptions, body, checks, digits, figures, matrices, mended, view, vocabulary
 from massprop_cli.report.figures import Picture, canvas, comparison, correlation, palette
 from massprop_cli.report.labels import labels
 from massprop_cli.report.script import script
@@ -49,10 +49,10 @@ class Phase:
 
     anchor: str
     title: str
-    grids: list[view.Grid]
-    axes: list[view.Axis]
+    grids: list[matrices.Grid]
+    axes: list[matrices.Axis]
     note: str
-    nearest: view.Grid | None
+    nearest: matrices.Grid | None
     expectations: Figure | None
     ellipsoid: Figure
     excitation: Figure
@@ -68,8 +68,8 @@ class Docked:
 
     anchor: str
     title: str
-    grids: list[view.Grid]
-    axes: list[view.Axis]
+    grids: list[matrices.Grid]
+    axes: list[matrices.Axis]
     correlation: Figure
     correlations: list[tuple[str, list[str]]]
 
@@ -120,7 +120,7 @@ def environment() -> Environment:
         finalize=_clean,
     )
     found.filters["quoted"] = lambda text: Markup(quoted(text))
-    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": vocabulary, "view": view}
+    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": vocabulary, "view": view, "digits": digits}
     return found
 
 
@@ -174,10 +174,10 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
     return Phase(
         anchor=table.anchor,
         title=table.title,
-        grids=view.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
-        axes=view.axes(item),
+        grids=matrices.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
+        axes=matrices.axes(item),
         note=item.physical.note,
-        nearest=view.nearest(item),
+        nearest=matrices.nearest(item),
         expectations=_figure("expectations", recorded, f"expectations{number}", item.name) if table.expected else None,
         ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
         excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
@@ -196,8 +196,8 @@ def _docked(recorded: Recorded, table: view.Table) -> Docked | None:
     return Docked(
         anchor=table.anchor,
         title=table.title,
-        grids=view.matrices(found, 0.0, body.about_origin(found)),
-        axes=view.axes(found),
+        grids=matrices.matrices(found, 0.0, body.about_origin(found)),
+        axes=matrices.axes(found),
         correlation=drawn("correlation", figures.TITLES["correlation"], correlation.picture(alone), "correlation-docked"),
         correlations=_correlations(found.covariance),
     )

@@ -6,16 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from massprop_cli import CG, INERTIA
-from massprop_cli.base.arrays import Array
-from massprop_cli.report import assumptions, body, digits, limiting, vocabulary
+from massprop_cli.report import assumptions, digits, limiting, vocabulary
 from massprop_cli.report.missing import reason
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
-
-AXES = ("X", "Y", "Z")
 
 
 @dataclass(frozen=True)
@@ -107,41 +102,13 @@ class Table:
         return tuple(row for row in self.rows if row.met is False)
 
 
-@dataclass(frozen=True)
-class Cell:
-    """A number of a matrix."""
-
-    text: str
-    rough: bool
-    """Whether no usable verdict stands behind it."""
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A 3 × 3 matrix."""
-
-    title: str
-    rows: tuple[tuple[Cell, ...], ...]
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A principal moment and its axis."""
-
-    moment: str
-    sigma: str
-    direction: tuple[str, ...]
-    near: str
-    rough: bool
-
-
 def tables(result: Result) -> list[Table]:
     """One for each phase, and one for the docked object."""
     several = len(result.phases) > 1
     found = []
     for number, phase in enumerate(result.phases, 1):
         name = f"Phase {phase.name}" if several or phase.name != "all" else "Whole log"
-        span = f"{minus(f'{phase.start_s:.3f}'.rstrip('0').rstrip('.'))} to {f'{phase.end_s:.3f}'.rstrip('0').rstrip('.')} s"
+        span = f"{digits.minus(f'{phase.start_s:.3f}'.rstrip('0').rstrip('.'))} to {f'{phase.end_s:.3f}'.rstrip('0').rstrip('.')} s"
         found.append(table(f"phase-{number}", f"{name}, {span}", phase, result))
     docked = result.docked_object
     if docked is not None:
@@ -160,7 +127,7 @@ def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Resul
 
 
 def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit | None) -> Row:
-    value, sigma = (minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
+    value, sigma = (digits.minus(text) for text in digits.numbers(item.value, item.sigma, item.verdict))
     expected = item.expected
     return Row(
         symbol=vocabulary.SYMBOLS[name],
@@ -172,19 +139,19 @@ def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit
         sign=vocabulary.SIGNS[item.verdict],
         reason=reason(item, contradicted),
         final="" if item.final_at_s is None else f"{item.final_at_s:.2f} s",
-        nominal="" if item.nominal is None else minus(f"{item.nominal:.6g}"),
-        expected="" if expected is None else f"{minus(f'{expected.value:.6g}')} ± {expected.stated}",
+        nominal="" if item.nominal is None else digits.minus(f"{item.nominal:.6g}"),
+        expected="" if expected is None else f"{digits.minus(f'{expected.value:.6g}')} ± {expected.stated}",
         met=None if expected is None else expected.met,
         difference=_difference(item),
         relative=_relative(item),
-        limit="" if limit is None else minus(limit.said),
+        limit="" if limit is None else digits.minus(limit.said),
     )
 
 
 def _percent(item: EstimateItem) -> str:
     if not item.value or item.sigma is None or item.verdict not in INFORMED:
         return ""
-    return f"{minus(digits.figures(100 * item.sigma / abs(item.value)))} %"
+    return f"{digits.minus(digits.figures(100 * item.sigma / abs(item.value)))} %"
 
 
 def _difference(item: EstimateItem) -> str:
@@ -206,7 +173,7 @@ def _relative(item: EstimateItem) -> str:
 
 def _signed(text: str) -> str:
     """With a sign, a plus too; nothing rounds to a signed zero."""
-    shown = minus(text)
+    shown = digits.minus(text)
     return shown if shown.startswith(("−", digits.ABSENT)) or not any(digit in shown for digit in "123456789") else f"+{shown}"
 
 
@@ -224,76 +191,6 @@ def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, Estim
     return found
 
 
-def matrices(phase: PhaseItem | DockedObject, bearing_mass_kg: float, about_origin: Array) -> list[Grid]:
-    """Inertia about the CG and about O, in both conventions of products."""
-    verdicts = _verdicts(phase)
-    moved = [item.verdict for name, item in phase.estimates.items() if name in (*CG, "mass")]
-    # not excited CG or mass are in the sigma of an inertia about O; a sigma that doesn't hold is in nothing
-    o_verdicts = np.full((3, 3), "contradicted", dtype=object) if "contradicted" in moved else verdicts
-    about_cg = body.inertia(phase)
-    found = []
-    for point, matrix, sigmas, told in (
-        ("the CG", about_cg, body.inertia_sigmas(phase), verdicts),
-        ("O", about_origin, body.about_origin_sigmas(phase, bearing_mass_kg), o_verdicts),
-    ):
-        for convention, shown in (("tensor", matrix), ("positive integral", body.other_convention(matrix))):
-            found.append(Grid(f"About {point}, {convention}", _grid(shown, sigmas, told)))
-    return found
-
-
-def nearest(phase: PhaseItem) -> Grid | None:
-    """The nearest inertia that a body could have, with the figures that the estimate's sigmas bear; None where there is none."""
-    found = phase.physical.nearest_consistent
-    if found is None:
-        return None
-    return Grid("Nearest consistent, about the CG, tensor", _grid(body.array(found), body.inertia_sigmas(phase), _verdicts(phase)))
-
-
-def _verdicts(phase: PhaseItem | DockedObject) -> NDArray[np.object_]:
-    """(3, 3) of the inertia's elements."""
-    verdicts = np.empty((3, 3), dtype=object)
-    for (i, j), item in zip(body.UPPER, phase.estimates.values(), strict=False):
-        verdicts[i, j] = verdicts[j, i] = item.verdict
-    return verdicts
-
-
-def _grid(matrix: Array, sigmas: Array, verdicts: NDArray[np.object_]) -> tuple[tuple[Cell, ...], ...]:
-    cells = ((_cell(float(matrix[i, j]), float(sigmas[i, j]), str(verdicts[i, j])) for j in range(3)) for i in range(3))
-    return tuple(tuple(row) for row in cells)
-
-
-def _cell(value: float, sigma: float, verdict: str) -> Cell:
-    return Cell(_numbers(value, sigma, verdict)[0], np.isfinite(value) and verdict not in INFORMED)
-
-
-def _numbers(value: float, sigma: float, verdict: str) -> tuple[str, str]:
-    """As :func:`digits.numbers`, for NaN; without a sigma a value has five figures."""
-    if not np.isfinite(value):
-        return digits.ABSENT, digits.ABSENT
-    if np.isfinite(sigma):
-        shown, spread = digits.numbers(value, sigma, verdict)
-        return minus(shown), minus(spread)
-    return minus(f"{value:.5g}" if verdict in INFORMED else digits.figures(value)), digits.ABSENT
-
-
-def axes(phase: PhaseItem | DockedObject) -> list[Axis]:
-    """Principal moments, ascending, and their axes; none if the inertia is not known."""
-    found = body.principal(phase)
-    if found is None:
-        return []
-    verdicts = [phase.estimates[name].verdict for name in INERTIA]
-    verdict = next((one for one in verdicts if one not in INFORMED), "converged")
-    rough = verdict not in INFORMED
-    shown = []
-    for moment, sigma, direction in zip(found.moments, found.sigmas, found.axes.T, strict=True):
-        value, spread = _numbers(float(moment), float(sigma), verdict)
-        most = int(np.argmax(np.abs(direction)))
-        angle = np.degrees(np.arccos(min(1.0, abs(float(direction[most])))))
-        parts = tuple(minus(f"{part:.{2 if rough else 5}f}") for part in direction)
-        shown.append(Axis(value, spread, parts, f"{angle:.{0 if rough else 2}f}° from {AXES[most]}", rough))
-    return shown
-
-
 def cures(table: Table) -> list[tuple[str, Row, str]]:
     """For each quantity that is not converged: its name, row, and what would help; contradicted ones, which share a cause, together."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
@@ -304,11 +201,6 @@ def cures(table: Table) -> list[tuple[str, Row, str]]:
         for row in table.open
         if row not in wrong
     ]
-
-
-def minus(text: str) -> str:
-    """With a real minus sign, exponents too; nothing rounds to a negative zero."""
-    return text.replace("-", "−" if any(digit in text for digit in "123456789") else "")
 
 
 def signs(found: Iterable[Table]) -> list[str]:

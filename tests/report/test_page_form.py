@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massprop_cli.report import figures, html, view
+from massprop_cli.report import digits, figures, html
 from massprop_cli.report.figures import palette
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import WarningItem
@@ -161,4 +161,4 @@ def test_hostile_causes_settings_and_assumptions_are_only_text(flyer: Recorded) 
 
 @pytest.mark.parametrize(("text", "shown"), [("-0.00", "0.00"), ("-1e-05", "−1e−05"), ("-0.10", "−0.10"), ("0", "0")])
 def test_minus_signs_are_real_and_zero_has_none(text: str, shown: str) -> None:
-    assert view.minus(text) == shown
+    assert digits.minus(text) == shown
