@@ -25,10 +25,11 @@ from typing import Any, Literal
 import pandas as pd
 
 from massprop_cli.campaign import baseline as baselines
-from massprop_cli.campaign import discover, joining, location, run, summary, urlplace
+from massprop_cli.campaign import discover, joining, location, run, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
+from massprop_cli.campaign.pooled import Pooled
 from massprop_cli.campaign.run import Step
 from massprop_cli.campaign.runner import LocalExecutor
 from massprop_cli.campaign.summary import Summary
@@ -93,7 +94,7 @@ class Campaign:
     @cached_property
     def pooled(self) -> pd.DataFrame:
         """A row per vehicle, phase and quantity: weighted mean, sigma, chi-square, p-value, trend, names of outliers."""
-        columns = ["vehicle", "phase", "quantity", *summary.Pooled.model_fields]
+        columns = ["vehicle", "phase", "quantity", *Pooled.model_fields]
         rows = [
             {"vehicle": pool.vehicle, "phase": pool.name, "quantity": name}
             | dict(item)

@@ -11,7 +11,9 @@ from pathlib import Path
 from massprop_cli import UNITS
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Value
-from massprop_cli.campaign.summary import INFORMED, Baseline, Beyond, Pool, Row, Summary
+from massprop_cli.campaign.pooled import INFORMED, Pool, pooled
+from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.summary import Baseline, Beyond, Summary
 from massprop_cli.inputs.tolerancefile import Gate
 
 
@@ -55,7 +57,7 @@ def compare(rows: Sequence[Row], earlier: Earlier, gate: Gate) -> Baseline:
             tells |= any(_told(value) for body in row.outcome.bodies for value in body.estimates.values())
             beyond += _log(row.name, rows[now[row.name]] if row.name in now else None, row, gate)
     beyond += [] if tells else [_beyond("nothing could be compared: no log of the baseline has a value")]
-    pools = {_key(pool): pool for pool in summary.pooled(rows)}
+    pools = {_key(pool): pool for pool in pooled(rows)}
     beyond += [item for pool in old.pooled for item in _pool(pools.get(_key(pool)), pool, gate)]
     return Baseline(
         sha256=earlier.sha256,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import pool
-from massprop_cli.campaign.summary import Group, Pool, Pooled
+from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import LENGTH, Panel, Picture

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from massprop_cli.base.escape import markdown as shown
 from massprop_cli.campaign import page
 from massprop_cli.campaign.outcome import contradicted, state
-from massprop_cli.campaign.summary import Pool, Row, Summary
+from massprop_cli.campaign.pooled import Pool
+from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import vocabulary
 
 _ROOM = 400

@@ -14,7 +14,9 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.campaign import figures
 from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS
-from massprop_cli.campaign.summary import Key, Pool, Pooled, Row, Summary, grouped
+from massprop_cli.campaign.pooled import Key, Pool, Pooled, grouped
+from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.summary import Summary
 from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.script import script
 from massprop_cli.result.judge import INFORMED

@@ -12,7 +12,8 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base import arrow
 from massprop_cli.campaign.outcome import Body, Outcome, Value
-from massprop_cli.campaign.summary import Row, Summary
+from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.summary import Summary
 
 _TOGETHER = 250
 """Logs whose rows are held, and written, together."""

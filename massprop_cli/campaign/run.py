@@ -11,8 +11,9 @@ from massprop_cli.campaign.joining import Joining
 from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.place import RESULTS, Place
 from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.rows import Row, Rows, row
 from massprop_cli.campaign.runner import Executor, Task
-from massprop_cli.campaign.summary import Baseline, Row, Rows, Summary
+from massprop_cli.campaign.summary import Baseline, Summary
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def work(
     A result in place whose fingerprint still holds is kept, unless ``force``. With ``fail_fast`` the first log whose exit code isn't 0 is
     the last one. ``told`` hears of each log as it is done, in whatever order.
     """
-    found = Rows(summary.row(job, None) for job in jobs)
+    found = Rows(row(job, None) for job in jobs)
     kept = {} if force else _kept(jobs, place)
     tasks = [Task(job, None if n not in kept else kept[n][0]) for n, job in enumerate(jobs)]
     with closing(executor.run(tasks)) as results:  # type: ignore[type-var]
@@ -45,7 +46,7 @@ def work(
             if produced is not None:
                 place.put_folder(jobs[index].name, produced.files)
             one = outcome.unpacked(Outcome, kept[index][1]) if produced is None else produced.outcome
-            found[index] = summary.row(jobs[index], one)
+            found[index] = row(jobs[index], one)
             if told is not None:
                 told(Step(index, one, produced is None))
             if fail_fast and one.exit_code:

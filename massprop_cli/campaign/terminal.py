@@ -7,7 +7,8 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.campaign import page
-from massprop_cli.campaign.summary import Pool, Summary
+from massprop_cli.campaign.pooled import Pool
+from massprop_cli.campaign.summary import Summary
 from massprop_cli.report.fit import fitted
 
 _COLUMNS = {

@@ -15,7 +15,8 @@ from markdown_it import MarkdownIt
 
 from massprop_cli.campaign import github
 from massprop_cli.campaign.outcome import Outcome
-from massprop_cli.campaign.summary import Baseline, Beyond, Row, Summary, summary
+from massprop_cli.campaign.rows import Row
+from massprop_cli.campaign.summary import Baseline, Beyond, Summary, summary
 from tests.campaign.test_pool import row
 from tests.campaigns import batch, environment, simulate
 

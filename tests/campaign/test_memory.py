@@ -14,8 +14,9 @@ import pytest
 from massprop_cli.campaign import outcome, parquet
 from massprop_cli.campaign import run as flow
 from massprop_cli.campaign.plan import Job
+from massprop_cli.campaign.rows import Rows
 from massprop_cli.campaign.runner import Task
-from massprop_cli.campaign.summary import Rows, Summary, summary, to_json
+from massprop_cli.campaign.summary import Summary, summary, to_json
 from massprop_cli.campaign.work import Produced
 from tests.campaign.test_ci import failed
 from tests.campaign.test_pool import row
