@@ -1,0 +1,129 @@
+"""What an estimate takes for granted, and how each of it is varied: by a percent, a millimetre, a degree, a tenth of a cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.rotor import Rotor
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.wheel import Wheel
+from massprop_cli.model.sensitivity import Side, Variant, late
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+DEGREE = float(np.pi / 180)
+AXES = "XYZ"
+Spinner = TypeVar("Spinner", Wheel, Rotor)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An assumption, and how it is varied: ``size`` units make one step."""
+
+    code: str
+    message: str
+    step: str
+    stated: bool
+    variant: Variant | None
+    """None: one of the columns that follow all variants."""
+    size: float
+    sigma: float = 0.0
+    """One sigma, units, by which it is stated to be uncertain."""
+
+
+def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[Taken]:
+    """What is varied, each about the log as it was read."""
+    here = Side(samples)
+    imu, stated = vehicle.imu, vehicle.imu.model_fields_set
+    words = f"imu.position_m is {'stated as' if 'position_m' in stated else 'not stated and taken as'} {_vector(imu.position_m)} m"
+    for i, axis in enumerate(AXES):
+        further = _with(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
+        variant = Variant(here, Side(here.samples, further), 1e-3)
+        yield Taken("imu-position", f"{words}; further along {axis}", "1 mm", "position_m" in stated, variant, 1e-3)
+    words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
+    for i, axis in enumerate(AXES):
+        mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
+        used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
+        variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
+        message = f"imu.body_from_imu is {words}; turned about {axis}"
+        yield Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
+    later = late(log, vehicle, timing, "delay")
+    if later is not None:
+        sigma = vehicle.cycle.command_delay_sigma_cycles
+        words = "its uncertainty is in every sigma" if sigma > 0 else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
+        yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1, sigma)
+    scaled = Variant(here, Side(samples.changed(gyro=1.01)), 0.01)
+    yield Taken("gyro-scale", "the gyro's scale is taken as exact", "1 %", False, scaled, 0.01)
+    yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
+    if vehicle.spinning:
+        yield _wheel_inertia(log, vehicle, timing, here)
+    if vehicle.on_air_bearing:
+        yield from _on_bearing(vehicle, here, samples)
+
+
+def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Taken:
+    used = vehicle.model_copy(update={"wheels": tuple(map(_heavier, vehicle.wheels)), "rotors": tuple(map(_heavier, vehicle.rotors))})
+    uncertain = any(wheel.spin_inertia_sigma_kg_m2 > 0 for wheel in vehicle.spinning)
+    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
+    message = f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
+    return Taken("wheel-inertia", message, "1 %", True, Variant(here, Side(Stream.of(log, used, timing), used), 0.01), 0.01)
+
+
+def _heavier(one: Spinner) -> Spinner:
+    return one if one.spin_inertia_kg_m2 is None else one.model_copy(update={"spin_inertia_kg_m2": 1.01 * one.spin_inertia_kg_m2})
+
+
+def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken]:
+    environment, stated = vehicle.environment, vehicle.environment.model_fields_set
+    for code, key, unit in (("bearing-mass", "bearing_mass_kg", "kg"), ("gravity", "gravity_m_s2", "m/s^2")):
+        value = getattr(environment, key)
+        if value > 0:
+            changed = _with(vehicle, "environment", key, 1.01 * value)
+            message = f"environment.{key} is {'stated' if key in stated else 'not stated and taken'} as {value:g} {unit}"
+            yield Taken(code, message, "1 %", key in stated, Variant(here, Side(here.samples, changed), 0.01), 0.01)
+    place = environment.bearing_position_m
+    for i, axis in enumerate(AXES):
+        changed = _with(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
+        message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
+        variant = Variant(here, Side(here.samples, changed), 1e-4)
+        yield Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
+    for i, axis in enumerate("" if samples.attitude_logged else "XY"):
+        variant = Variant(here, _tilted(samples, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
+        message = f"environment.initial_attitude_wxyz is {_vector(environment.initial_attitude_wxyz)}; tilted about the world's {axis}"
+        yield Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
+
+
+def _vector(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _moved(place: Sequence[float], axis: int, by: float) -> tuple[float, ...]:
+    return tuple(float(x) + by * (i == axis) for i, x in enumerate(place))
+
+
+def _with(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
+    return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})
+
+
+def _tilted(samples: Stream, vehicle: Vehicle, axis: int, angle: float) -> Side:
+    w, x, y, z = vehicle.environment.initial_attitude_wxyz
+    c, s = np.cos(angle / 2), np.sin(angle / 2)
+    about_x = (c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y)
+    about_y = (c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x)
+    used = _with(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
+    return Side(samples.changed(used), used)
+
+
+def _rotation(axis: int, angle: float) -> Array:
+    """(3, 3) by ``angle`` about a body axis."""
+    turn = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn[i, i] = turn[j, j] = np.cos(angle)
+    turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
+    return turn
