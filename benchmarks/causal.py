@@ -17,7 +17,7 @@ from commit import commit
 
 from massprop_cli import __version__
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import disturbances, engine
+from massprop_cli.estimate import engine, noiselevels
 from massprop_cli.estimate.history import phase_cycles
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.prepare.timing import Timing
@@ -49,7 +49,7 @@ def errors(name: str, seed: int) -> Errors:
     executed = samples.executed
     phases = used.phases or (Phase(name="all", start_s=0.0, end_s=float(executed.end_s[-1])),)
     pieces = [phase_cycles(phase, executed.end_s, executed.usable) for phase in phases]
-    levelled, _ = disturbances.with_noise_levels(samples, pieces, used)
+    levelled, _ = noiselevels.with_noise_levels(samples, pieces, used)
     z = []
     for phase, cycles, truth in zip(phases, pieces, flown.truth[0], strict=True):
         history = engine.replay(samples, cycles, phase, levelled.in_phase(phase))

@@ -13,7 +13,7 @@ from massprop_cli.combine import logs
 from massprop_cli.combine.joint import Joint, Piece, with_shared
 from massprop_cli.conclude.verdict import PLANAR
 from massprop_cli.diagnosis.ready import Ready
-from massprop_cli.estimate import disturbances, offline
+from massprop_cli.estimate import disturbances, noiselevels, offline
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit
 from massprop_cli.estimate.jointly import Jointly, Member
@@ -76,7 +76,7 @@ def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
 
 def _member(one: Behind, vehicle: Vehicle) -> Member:
     ready = one.ready
-    used, _ = disturbances.with_noise_levels(ready.samples, [cycles for _, cycles in ready.phases], vehicle)
+    used, _ = noiselevels.with_noise_levels(ready.samples, [cycles for _, cycles in ready.phases], vehicle)
     phase, cycles = next((phase, cycles) for phase, cycles in ready.phases if phase.name == one.phase)
     return Member(ready.samples, cycles, used.in_phase(phase), ready.consider)
 

@@ -7,7 +7,7 @@ import numpy as np
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.estimate import disturbances
+from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log
@@ -69,7 +69,7 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     if coarse is not None:
         samples = Stream.of(log, source.vehicle, coarse)
         pieces = [cycles for _, cycles in phases_of(log, source.vehicle, samples)]
-        used, _ = disturbances.with_noise_levels(samples, pieces, source.vehicle)
+        used, _ = noiselevels.with_noise_levels(samples, pieces, source.vehicle)
         found = delay.detect(log, used, pieces, coarse, unknown)
     if found is None:
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}

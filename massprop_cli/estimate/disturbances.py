@@ -1,37 +1,27 @@
-"""Noise levels that the vehicle file leaves open, and disturbances that its stated levels can't explain.
+"""Disturbances that explain what the noise levels can't: whether there are any, and how large.
 
-Both come from a first pass over the log, are stated in the result's settings, and reproduce the result when given back.
+They come from a first pass over the log, are stated in the result's settings, and reproduce the result when given back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
+from massprop_cli.estimate.unexplained import residual_growth
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.layout import PARAMETERS, RATE, Layout
-from massprop_cli.model.linearise import linearise
-from massprop_cli.model.parameters import parameters, stepped
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import Samples, Source, acceleration, duration_s, gathered
+from massprop_cli.prepare.compensate import Samples, Source, duration_s, gathered
 
-FLOOR = 1e-6
-"""A noise level found in the log is not below this part of its signal's root mean square: sensors resolve some twenty
-bits of it, and what is left of a log without noise is rounding."""
-QUIET, BLOCK, STRIDE = 20, 16, 8
-"""The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
-louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
 EXCESS, CERTAIN = 0.2, 6.0
 """Mean squared normalised innovation above 1 + this, and above so many of its own sigmas √(2 / N), is a misfit of the stated noise: sigmas
 would be 10 % too small, and chance does that once in a billion. Below it the file's statement is believed."""
@@ -49,100 +39,6 @@ is beyond it."""
 GROSS, GROSS_LEAST = 1.5, 50
 """Disturbances are sized at once, before any fit, where the differenced rates vary by this many times what is stated, over more cycles than
 this: a variance scatters by a fifth of itself over so many."""
-MEDIAN = 0.6745
-"""The median of a normal deviate's size, in sigmas."""
-STRETCH = 4096
-"""Most cycles over which one body is to explain what it can, before what is left is looked at."""
-
-
-def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Resolved, list[Notice]]:
-    """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
-    stated = Resolved.stated(vehicle)
-    if stated is not None:
-        return stated, []
-    unexplained = _unexplained(samples, cycles, vehicle)
-    gyro, of_gyro = _level("gyro_noise_rad_s", samples, cycles, vehicle, _rate, unexplained[0])
-    accel, of_accel = _level("accel_noise_m_s2", samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
-    return Resolved.of(vehicle, gyro, accel), [*of_gyro, *of_accel]
-
-
-def _level(
-    key: str, samples: Source, cycles: Sequence[slice], vehicle: Vehicle, found_of: Callable[[Samples], Array], unexplained: float
-) -> tuple[float, list[Notice]]:
-    """One noise level, and what to tell of it."""
-    stated: float | None = getattr(vehicle.imu, key)
-    if stated:
-        return stated, []
-    signal = gathered(samples, slice(0, len(samples)), found_of)
-    floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-    found = min(white_level(signal, cycles), unexplained)
-    level = max(found, floor)
-    if stated is None:
-        return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
-    source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
-    return level, [Notice("noise-floor", f"imu.{key} is stated as 0; {level:.3g} stands in for it ({source})")]
-
-
-def _rate(samples: Samples) -> Array:
-    return samples.rate_rad_s
-
-
-def white_level(signal: Array, cycles: Sequence[slice]) -> float:
-    """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else."""
-    found = []
-    for piece in cycles:
-        differences = np.diff(signal[piece], 3, axis=0) / np.sqrt(20.0)
-        for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
-            block = differences[start : start + BLOCK]
-            if len(block):
-                found.append(median(np.abs(block)) / MEDIAN)
-    return float(np.percentile(found, QUIET)) if found else 0.0
-
-
-def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
-    """One sigma of gyro and accelerometer noise from what no mass properties explain; infinite where nothing can be said.
-
-    Rate: white noise n enters the growth as n[k+1] − n[k], whose lag-one autocovariance is −σ². Force: half the mean squared difference.
-    """
-    rate, force = [], []
-    for piece in cycles:
-        reference = beginning(samples, piece, vehicle)
-        if reference is None or piece.stop - piece.start < 30:
-            continue
-        growth = _residual_growth(samples, piece, reference, vehicle)
-        rate.append(-float((growth[1:] * growth[:-1]).mean()))
-        left = _unfelt(samples, piece, reference, vehicle)
-        force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
-    gyro = float(np.mean(rate)) if rate else -1.0
-    return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)
-
-
-def _unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
-    found = []
-    for stretch in _stretches(cycles):
-        system = linearise(samples, stretch, reference, vehicle)
-        used = ~samples.part(stretch).executed.ignored[:, 1]
-        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.measured[:, 3:], used)[1])
-    return np.concatenate(found)
-
-
-def _stretches(cycles: slice) -> list[slice]:
-    """Cycles in parts of equal length, no longer than :data:`STRETCH`."""
-    count = cycles.stop - cycles.start
-    edges = np.linspace(cycles.start, cycles.stop, -(-count // STRETCH) + 1).astype(int)
-    return [slice(int(first), int(end)) for first, end in pairwise(edges)]
-
-
-def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
-    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K,) rows."""
-    regressors, target = regressors * used[:, None, None], target * used[:, None]
-    rows = regressors.reshape(-1, regressors.shape[-1])
-    size = np.sqrt((rows**2).sum(0))
-    size = np.where(size > 0, size, 1.0)
-    basis, triangle = np.linalg.qr(rows / size)
-    step = np.linalg.lstsq(triangle, basis.T @ target.ravel(), rcond=1e-9)[0] / size
-    return step, target - (rows @ step).reshape(target.shape)
 
 
 def misfit(histories: Sequence[History], vehicle: Resolved) -> Array:
@@ -197,7 +93,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) ->
     for piece in cycles:
         reference = beginning(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > GROSS_LEAST:
-            e = _residual_growth(samples, piece, reference, vehicle)
+            e = residual_growth(samples, piece, reference, vehicle)
             left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
             excess[:3][left > GROSS * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
     return excess
@@ -274,30 +170,6 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
             )
         )
     return found
-
-
-def _residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
-
-    Each stretch of a long log has its own.
-    """
-    found = []
-    for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
-        piece, near = slice(stretch.start, stretch.stop + 1), reference
-        here = samples.part(piece)
-        growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
-        for _ in range(2):
-            system = linearise(samples, piece, near, vehicle)
-            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used[1:] & used[:-1])
-            near = stepped(near, parameters(near) + step[PARAMETERS]) or near
-        found.append(left)
-    return np.concatenate(found)
-
-
-def _told(samples: Source, vehicle: Vehicle) -> list[int]:
-    """Which states explain motion for good: mass properties, and scales beside wheels."""
-    scale = Layout.of(samples, vehicle).scale
-    return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
 
 
 def _changed(vehicle: Resolved, **sections: dict[str, Any]) -> Resolved:

@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import disturbances, engine, offline
+from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.offline import Led
@@ -71,7 +71,7 @@ class Estimates(NamedTuple, Generic[Used]):
 def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle, consider: Consider) -> AsStated:
     """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
-    used, notices = disturbances.with_noise_levels(samples, pieces, stated)
+    used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     starts = _first(samples, phases, used)
     fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
     gross = disturbances.gross_misfit(samples, pieces, used)

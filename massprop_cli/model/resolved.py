@@ -1,7 +1,7 @@
 """The vehicle as the estimators take it: nothing that they need is left open.
 
 A vehicle file may leave noise levels to be found in the log, or state them as zero. They are set once, by
-:mod:`massprop_cli.estimate.disturbances`, and every function that needs them takes a :class:`Resolved`; what works without them takes a
+:mod:`massprop_cli.estimate.noiselevels`, and every function that needs them takes a :class:`Resolved`; what works without them takes a
 :class:`massprop_cli.inputs.vehicle.Vehicle`. Delay and lag, which may be left open too, are a :class:`massprop_cli.prepare.timing.Timing`.
 """
 

@@ -9,7 +9,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import compiled, disturbances, engine, nuisance, offline, triangle
+from massprop_cli.estimate import compiled, engine, noiselevels, nuisance, offline, triangle
 from massprop_cli.estimate.causal import LEARNING, LONGEST
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
@@ -37,7 +37,7 @@ def causal(name: str, first: int, count: int) -> list[tuple[History, Array]]:
         log, used = flown.log(i), flown.vehicle
         samples = Timing(float(used.cycle.command_delay_cycles), 0.0).of(log, used)
         phases = [(p, phase_cycles(p, samples.executed.end_s, samples.executed.usable)) for p in used.phases or (ALL,)]
-        levelled, _ = disturbances.with_noise_levels(samples, [cycles for _, cycles in phases], used)
+        levelled, _ = noiselevels.with_noise_levels(samples, [cycles for _, cycles in phases], used)
         for (phase, cycles), truth in zip(phases, flown.truth[i], strict=True):
             found.append((engine.replay(samples, cycles, phase, levelled.in_phase(phase)), truth))
     return found

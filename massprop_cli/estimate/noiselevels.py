@@ -1,0 +1,90 @@
+"""Noise levels that the vehicle file leaves open, from a first pass over the log: set here, once, for all that needs them.
+
+They are stated in the result's settings, and reproduce the result when given back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.estimate.initial import beginning
+from massprop_cli.estimate.unexplained import residual_growth, unfelt
+from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.compensate import Samples, Source, acceleration, gathered
+
+FLOOR = 1e-6
+"""A noise level found in the log is not below this part of its signal's root mean square: sensors resolve some twenty
+bits of it, and what is left of a log without noise is rounding."""
+QUIET, BLOCK, STRIDE = 20, 16, 8
+"""The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
+louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
+MEDIAN = 0.6745
+"""The median of a normal deviate's size, in sigmas."""
+
+
+def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Resolved, list[Notice]]:
+    """The vehicle with both IMU noise levels set: as stated, or found in the log where absent or stated as zero, not below a floor."""
+    stated = Resolved.stated(vehicle)
+    if stated is not None:
+        return stated, []
+    unexplained = _unexplained(samples, cycles, vehicle)
+    gyro, of_gyro = _level("gyro_noise_rad_s", samples, cycles, vehicle, _rate, unexplained[0])
+    accel, of_accel = _level("accel_noise_m_s2", samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
+    return Resolved.of(vehicle, gyro, accel), [*of_gyro, *of_accel]
+
+
+def _level(
+    key: str, samples: Source, cycles: Sequence[slice], vehicle: Vehicle, found_of: Callable[[Samples], Array], unexplained: float
+) -> tuple[float, list[Notice]]:
+    """One noise level, and what to tell of it."""
+    stated: float | None = getattr(vehicle.imu, key)
+    if stated:
+        return stated, []
+    signal = gathered(samples, slice(0, len(samples)), found_of)
+    floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
+    found = min(white_level(signal, cycles), unexplained)
+    level = max(found, floor)
+    if stated is None:
+        return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
+    source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"
+    return level, [Notice("noise-floor", f"imu.{key} is stated as 0; {level:.3g} stands in for it ({source})")]
+
+
+def _rate(samples: Samples) -> Array:
+    return samples.rate_rad_s
+
+
+def white_level(signal: Array, cycles: Sequence[slice]) -> float:
+    """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else."""
+    found = []
+    for piece in cycles:
+        differences = np.diff(signal[piece], 3, axis=0) / np.sqrt(20.0)
+        for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
+            block = differences[start : start + BLOCK]
+            if len(block):
+                found.append(median(np.abs(block)) / MEDIAN)
+    return float(np.percentile(found, QUIET)) if found else 0.0
+
+
+def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
+    """One sigma of gyro and accelerometer noise from what no mass properties explain; infinite where nothing can be said.
+
+    Rate: white noise n enters the growth as n[k+1] − n[k], whose lag-one autocovariance is −σ². Force: half the mean squared difference.
+    """
+    rate, force = [], []
+    for piece in cycles:
+        reference = beginning(samples, piece, vehicle)
+        if reference is None or piece.stop - piece.start < 30:
+            continue
+        growth = residual_growth(samples, piece, reference, vehicle)
+        rate.append(-float((growth[1:] * growth[:-1]).mean()))
+        left = unfelt(samples, piece, reference, vehicle)
+        force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
+    gyro = float(np.mean(rate)) if rate else -1.0
+    return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)

@@ -1,0 +1,70 @@
+"""What of a log no mass properties near a reference explain, by least squares on rates and specific force."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.layout import PARAMETERS, RATE, Layout
+from massprop_cli.model.linearise import linearise
+from massprop_cli.model.parameters import parameters, stepped
+from massprop_cli.model.plant import Reference
+from massprop_cli.prepare.compensate import Source
+
+STRETCH = 4096
+"""Most cycles over which one body is to explain what it can, before what is left is looked at."""
+
+
+def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
+    found = []
+    for stretch in _stretches(cycles):
+        system = linearise(samples, stretch, reference, vehicle)
+        used = ~samples.part(stretch).executed.ignored[:, 1]
+        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.measured[:, 3:], used)[1])
+    return np.concatenate(found)
+
+
+def _stretches(cycles: slice) -> list[slice]:
+    """Cycles in parts of equal length, no longer than :data:`STRETCH`."""
+    count = cycles.stop - cycles.start
+    edges = np.linspace(cycles.start, cycles.stop, -(-count // STRETCH) + 1).astype(int)
+    return [slice(int(first), int(end)) for first, end in pairwise(edges)]
+
+
+def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
+    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K,) rows."""
+    regressors, target = regressors * used[:, None, None], target * used[:, None]
+    rows = regressors.reshape(-1, regressors.shape[-1])
+    size = np.sqrt((rows**2).sum(0))
+    size = np.where(size > 0, size, 1.0)
+    basis, triangle = np.linalg.qr(rows / size)
+    step = np.linalg.lstsq(triangle, basis.T @ target.ravel(), rcond=1e-9)[0] / size
+    return step, target - (rows @ step).reshape(target.shape)
+
+
+def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
+    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
+
+    Each stretch of a long log has its own.
+    """
+    found = []
+    for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
+        piece, near = slice(stretch.start, stretch.stop + 1), reference
+        here = samples.part(piece)
+        growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
+        for _ in range(2):
+            system = linearise(samples, piece, near, vehicle)
+            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used[1:] & used[:-1])
+            near = stepped(near, parameters(near) + step[PARAMETERS]) or near
+        found.append(left)
+    return np.concatenate(found)
+
+
+def _told(samples: Source, vehicle: Vehicle) -> list[int]:
+    """Which states explain motion for good: mass properties, and scales beside wheels."""
+    scale = Layout.of(samples, vehicle).scale
+    return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
