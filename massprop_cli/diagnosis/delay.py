@@ -19,6 +19,7 @@ from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.compensate import Samples, acceleration
 from massprop_cli.prepare.timing import Timing
@@ -62,10 +63,10 @@ class Found:
     """Of the errors of delay and lag, where both were sought."""
 
 
-def detect(log: Log, vehicle: Vehicle, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:
+def detect(log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:
     """The ``unknown`` entries of the timing, from ``start`` on, pooled over ``pieces`` (cycles of each phase).
 
-    None where the log can't tell. Noise levels must be set in ``vehicle``.
+    None where the log can't tell.
     """
     now, before = start, None
     for _ in range(MORE_STEPS if "lag" in unknown else STEPS):
@@ -158,7 +159,7 @@ def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | Non
         return None
 
 
-def _move(log: Log, vehicle: Vehicle, pieces: Sequence[slice], now: Timing, unknown: Sequence[str]) -> _Move | None:
+def _move(log: Log, vehicle: Resolved, pieces: Sequence[slice], now: Timing, unknown: Sequence[str]) -> _Move | None:
     """The move from ``now`` that fits best, pooled over pieces; None where no piece can tell."""
     size = len(unknown)
     sides = [tuple(now.moved([name], [sign * STEP]) for sign in (-1, 1)) for name in unknown]

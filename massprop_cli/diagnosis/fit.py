@@ -16,6 +16,7 @@ from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import Linear, linearise
 from massprop_cli.model.parameters import natural_sizes, parameters, stepped
 from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
 PASSES = 8
@@ -68,7 +69,7 @@ def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
 
 
 def fit(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None = None, passes: int = PASSES
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None = None, passes: int = PASSES
 ) -> Fit | None:
     """Gauss–Newton from ``reference``, or one linear fit about it with no ``passes``; the extra unknowns are linear about zero.
 
@@ -98,7 +99,7 @@ def fit(
     return found
 
 
-def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, extra: Extra | None) -> tuple[Fit, Array] | None:
+def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None) -> tuple[Fit, Array] | None:
     """The linear fit about ``reference``, and the parameters (10,) that it finds; None where the response grows without end."""
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
@@ -129,7 +130,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     return Fit(reference, float(channels.mean()), float(standing), channels, state[layout.size :], tail @ tail.T), state[PARAMETERS]
 
 
-def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None, used: BoolArray) -> tuple[Array, Array] | None:
+def _stacked(system: Linear, vehicle: Resolved, extra: Extra | None, used: BoolArray) -> tuple[Array, Array] | None:
     """Whitened rows (6 K, n + e) and target (6 K,) in terms of the state at the start; None where that grows beyond ``GROWTH``."""
     cycles, size = len(system.measured), system.drive.shape[1]
     count = 0 if extra is None else extra.growth.shape[-1]
@@ -147,7 +148,7 @@ def _stacked(system: Linear, vehicle: Vehicle, extra: Extra | None, used: BoolAr
     target = system.measured - (system.observation @ offset)[..., 0]
     if extra is not None:
         rows[:, 3:, size:] += extra.force
-    noise = np.repeat([vehicle.imu.gyro_noise_rad_s or 1.0, vehicle.imu.accel_noise_m_s2 or 1.0], 3)
+    noise = np.repeat([vehicle.imu.gyro_noise_rad_s, vehicle.imu.accel_noise_m_s2], 3)
     weight = used / noise
     return (rows * weight[..., None]).reshape(-1, size + count), (target * weight).ravel()
 

@@ -15,6 +15,7 @@ from massprop_cli.diagnosis import delay
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
+from tests.flight import resolved
 
 SHORT = ["duration_s=20.0", "vehicle.cycle.command_delay_cycles=auto"]
 PLAN = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
@@ -122,4 +123,4 @@ def test_a_response_that_runs_away_tells_no_delay(size: float) -> None:
     assert history.reference is not None
     wild = replace(log, delta_theta_imu_rad=size * log.delta_theta_imu_rad)
     with np.errstate(all="ignore"):  # as the command does
-        assert delay.detect(wild, found.vehicle, [history.cycles], found.timing, ["delay"]) is None
+        assert delay.detect(wild, resolved(found.vehicle), [history.cycles], found.timing, ["delay"]) is None

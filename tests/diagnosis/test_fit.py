@@ -36,7 +36,7 @@ def test_the_batch_fit_ends_where_the_filter_ends(kind: str) -> None:
     history = offline.settle(samples, CYCLES, PHASE, causal.reference, flown.resolved).history
     truth = flight.TRUTH if kind == "free" else flight.ON_BEARING
     rough = Reference(1.3 * tensor(truth[:6]), truth[6:9] + 0.0005, 0.8 / truth[9])
-    found = fit(samples, CYCLES, rough, flown.used)
+    found = fit(samples, CYCLES, rough, flown.resolved)
     assert found is not None
     values = parameters(found.reference)
     values[9] = 1 / values[9]
@@ -56,7 +56,7 @@ def test_a_factor_on_the_thrust_comes_out_of_the_fit() -> None:
     stated = flight.Flight(flight.vehicle(jets=weaker), flown.on, flown.delta_theta, flown.delta_v).samples(np.random.default_rng(3))
     (with_all, push_all), (without, push_without) = (response(s, CYCLES, reference, flown.used) for s in (samples, stated))
     extra = Extra((with_all - without)[..., None] / 0.1, (push_all - push_without)[..., None] / 0.1, 1.0)
-    found = fit(stated, CYCLES, reference, flown.used, extra)
+    found = fit(stated, CYCLES, reference, flown.resolved, extra)
     assert found is not None
     assert found.extra[0] == pytest.approx(0.1, abs=4.5 * float(np.sqrt(found.extra_covariance[0, 0])))
     assert found.extra_covariance[0, 0] < 0.03**2
@@ -77,7 +77,7 @@ def test_a_standing_reference_is_judged_as_it_is_not_as_a_linear_fit_would_mend_
     flown = flight.standard("free")
     right, light = (Reference(tensor(flight.TRUTH[:6]), flight.TRUTH[6:9], 1 / (f * flight.TRUTH[9])) for f in (1.0, 0.5))
     (_, force), (_, too_large) = (response(flown.samples(), CYCLES, reference, flown.used) for reference in (right, light))
-    at_light = fit(flown.samples(), CYCLES, light, flown.used, passes=0)
+    at_light = fit(flown.samples(), CYCLES, light, flown.resolved, passes=0)
     assert at_light is not None
     assert at_light.standing == pytest.approx((((too_large - force) / 0.02) ** 2).sum() / (6 * 318), rel=1e-3)
     assert at_light.chi_square < 1e-3 * at_light.standing
@@ -98,7 +98,7 @@ def test_no_fit_runs_away(gyro: float, cyclic: bool) -> None:
     mounting = np.roll(np.eye(3), 1, axis=0) if cyclic else np.eye(3)
     samples, used = mistaken(gyro, mounting), flight.standard("free").used
     first = first_reference(samples, CYCLES, used) or Reference(np.eye(3), np.zeros(3), 0.05)
-    fits = [fit(samples, CYCLES, first, used, passes=passes) for passes in (0, 1, 3, 8)]
+    fits = [fit(samples, CYCLES, first, flight.resolved(used), passes=passes) for passes in (0, 1, 3, 8)]
     stood = [found.standing if found is not None else np.inf for found in fits]
     assert all(after <= before * (1 + 1e-4) for before, after in itertools.pairwise(stood))
     for found in fits:
@@ -117,5 +117,5 @@ def test_a_response_whose_growth_drowns_in_rounding_is_no_fit() -> None:
     """
     spun = flight.Flight(flight.vehicle(), np.zeros((340, 18)), np.tile([0.0, 4.0 * 0.05, 0.0], (340, 1)), np.zeros((340, 3)))
     middle = Reference(np.diag([1.0, 2.0, 3.0]), np.zeros(3), 0.05)
-    assert fit(spun.samples(), slice(2, 302), middle, spun.used, passes=0) is not None
-    assert fit(spun.samples(), slice(2, 332), middle, spun.used, passes=0) is None
+    assert fit(spun.samples(), slice(2, 302), middle, spun.resolved, passes=0) is not None
+    assert fit(spun.samples(), slice(2, 332), middle, spun.resolved, passes=0) is None

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import disturbances, noiselevels
+from massprop_cli.estimate import disturbances
 from massprop_cli.estimate.phases import Estimates, as_stated, estimates
 from massprop_cli.flow import examine
 from massprop_cli.inputs.vehicle import Phase, Vehicle
@@ -20,27 +20,9 @@ CYCLES = [slice(2, 300)]
 PHASES = [(Phase(name="all", start_s=0, end_s=99), CYCLES[0])]
 
 
-def test_absent_noise_levels_are_estimated_from_the_log() -> None:
-    used = flight.vehicle(imu={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
-    flown = flight.fly(used, flight.pulses(300, quiet=40), flight.TRUTH)
-    for seed in range(5):
-        found, notices = noiselevels.with_noise_levels(flown.samples(np.random.default_rng(seed)), CYCLES, used)
-        assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.35)
-        assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.35)
-        assert [n.code for n in notices] == ["noise-estimated"] * 2
-
-
 def sized(samples: Samples, used: Vehicle) -> Estimates[Resolved]:
     plain = as_stated(samples, PHASES, used, Consider())
     return estimates(samples, PHASES, plain, True, Consider(), lambda *_: None)
-
-
-def test_zero_noise_gets_a_named_floor() -> None:
-    used = flight.vehicle(imu={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0})
-    flown = flight.standard("free")
-    found, notices = noiselevels.with_noise_levels(flown.samples(), [slice(2, 100)], used)
-    assert 0 < (found.imu.gyro_noise_rad_s or 0) < 1e-5
-    assert [n.code for n in notices] == ["noise-floor"] * 2
 
 
 def test_clean_logs_gain_no_disturbance() -> None:
