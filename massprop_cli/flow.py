@@ -13,7 +13,7 @@ from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehiclefile import VehicleSource
 

@@ -16,7 +16,7 @@ import numpy as np
 from massprop_cli import flow
 from massprop_cli.base import exits, files
 from massprop_cli.flow import Analysis, Progress
-from massprop_cli.inputs import extremes, tablefile, telemetry, vehiclefile
+from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -77,7 +77,7 @@ def of_file(
     files.check_name(str(log))
     if progress is not None:
         progress("reading", 0.0)
-    table = tablefile.read_table(log, map_file)
+    table = logfile.read_table(log, map_file)
     source = vehiclefile.find(log, vehicle, table.embedded_vehicle, assignments)
     with _guarded(table.path, source):
         read = telemetry.read(table, source.vehicle)

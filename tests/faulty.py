@@ -14,7 +14,7 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource

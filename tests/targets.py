@@ -21,7 +21,7 @@ from rich.console import Console
 
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.campaign import campaignfile
-from massprop_cli.inputs import expect, require, tablefile, telemetry, tolerancefile, vehicle, vehiclefile
+from massprop_cli.inputs import expect, logfile, require, telemetry, tolerancefile, vehicle, vehiclefile
 from massprop_cli.inputs.formats import apart, draft, listing, mapfile, mapped, propose, recording, traits
 from massprop_cli.plan import guess
 from massprop_cli.report import markdown, spreadsheet, terminal
@@ -39,7 +39,7 @@ def flyer() -> vehicle.Vehicle:
 
 def log(name: str, data: bytes) -> None:
     with suppress(InputError), np.errstate(all="ignore"):
-        telemetry.read(tablefile.parse(Path(name), data), flyer())
+        telemetry.read(logfile.parse(Path(name), data), flyer())
 
 
 def csv(data: bytes) -> None:

@@ -217,9 +217,9 @@ def _expected(job: Job, inputs: Inputs) -> Expectations | None:
 
 def table_of(job: Job, inputs: Inputs) -> Table:
     """The log's table, called as the campaign shows it."""
-    from massprop_cli.inputs import tablefile
+    from massprop_cli.inputs import logfile
 
-    return tablefile.parse(Path(job.shown), inputs.log, _map(job, inputs))
+    return logfile.parse(Path(job.shown), inputs.log, _map(job, inputs))
 
 
 def _map(job: Job, inputs: Inputs) -> MapSource | None:

@@ -17,7 +17,7 @@ from massprop_cli.check.finding import Check, Expected, Finding, Subject
 from massprop_cli.check.sampling import sampling
 from massprop_cli.check.sensors import sensors
 from massprop_cli.flow import Analysis
-from massprop_cli.inputs import extremes, tablefile, telemetry, vehiclefile
+from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -48,7 +48,7 @@ def check(
 ) -> Check:
     """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
     files.check_name(str(log_path))
-    table = tablefile.read_table(log_path, map_file)
+    table = logfile.read_table(log_path, map_file)
     source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
     return of_table(table, source, wants, assignments, say)
 

@@ -36,7 +36,7 @@ def init(
     """
     from massprop_cli.base import files
     from massprop_cli.inputs.formats import draft, recording, traits
-    from massprop_cli.inputs.tablefile import read_table
+    from massprop_cli.inputs.logfile import read_table
 
     table = read_table(file, map_file)
     parameters = {} if recording.is_plain(file) else recording.load(file).parameters

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.ready import Ready, ready
-from massprop_cli.inputs import clipped, tablefile, telemetry, vehiclefile
+from massprop_cli.inputs import clipped, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -30,7 +30,7 @@ def of_result(one: Recorded) -> Ready:
     log = Path(place)
     if not log.is_file():
         raise InputError(f"{log}: is not there any more; put it back")
-    table = tablefile.read_table(log, Path(mapped) if mapped else None)
+    table = logfile.read_table(log, Path(mapped) if mapped else None)
     explicit = None if not vehicle or vehicle.endswith(EMBEDDED) else Path(vehicle)
     return of_table(one.result, table, lambda given: vehiclefile.find(log, explicit, table.embedded_vehicle, given))
 

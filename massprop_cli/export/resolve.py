@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, flown
-from massprop_cli.inputs import tablefile, telemetry, vehiclefile
+from massprop_cli.inputs import logfile, telemetry, vehiclefile
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -74,7 +74,7 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
 
 def told(source: VehicleSource, log_path: Path) -> Constants:
     """With what a log tells of noise levels, disturbances and timing, and the log itself as it was flown."""
-    table = tablefile.read_table(log_path)
+    table = logfile.read_table(log_path)
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     log, vehicle = found.samples.log, found.vehicle

@@ -1,4 +1,4 @@
-"""Files to columns of numbers: CSV and Parquet here, other recordings and whatever has a map by ``formats``."""
+"""CSV and Parquet files to columns of numbers."""
 
 from __future__ import annotations
 
@@ -22,13 +22,12 @@ from massprop_cli.inputs import parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording
 
 if TYPE_CHECKING:
-    from massprop_cli.inputs.formats.mapfile import MapSource
+    pass
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
 MAP_KEY = b"massprop.map"
 """The same of its map file."""
-_URL = re.compile(r"\w\w+:/")
 _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
 
@@ -68,45 +67,6 @@ class Made:
     """Of the map file."""
     said: tuple[str, ...]
     """What was resampled, integrated or turned, in words."""
-
-
-def read_table(path: Path, map_file: Path | None = None) -> Table:
-    """Read a file whole, by the map that is named or belongs to it where there is one.
-
-    :class:`InputError` for anything that is not a readable, non-empty recording.
-    """
-    if limits.is_folder(path):
-        raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
-    try:
-        data = limits.content(path, "log")
-    except FileNotFoundError:
-        # a path takes the second slash of a URL away
-        url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
-        raise InputError(f"{path}: no such file; check the path{url}") from None
-    if (
-        recording.is_plain(path)
-        and map_file is None
-        and not any(path.with_name(name).exists() for name in recording.maps_beside(path.name))
-    ):
-        return parse(path, data)
-    from massprop_cli.inputs.formats import mapfile
-
-    return parse(path, data, mapfile.find(path, map_file))
-
-
-def parse(path: Path, data: bytes, by: MapSource | None = None) -> Table:
-    """The same from the file's bytes; ``path`` is for its kind and for messages. A map within the file goes before one beside it."""
-    kind = recording.kind(path)
-    if kind is recording.TABLE:
-        table = columns_of(path, data)
-        if by is None and table.embedded_map is None:
-            return table
-    from massprop_cli.inputs.formats import mapfile, mapped
-
-    read = recording.read(path, data)
-    if read.map is not None and (by is None or not by.named):
-        by = mapfile.parse(read.map, f"{path} (embedded map)")
-    return mapped.of(read, by)
 
 
 def columns_of(path: Path, data: bytes) -> Table:

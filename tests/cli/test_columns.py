@@ -12,7 +12,7 @@ import pytest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import listing, mapfile, propose
 from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from tests.commandline import massprop
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"

@@ -12,7 +12,7 @@ import pytest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, vehiclefile
 from massprop_cli.inputs.formats import draft, recording, traits
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from tests.commandline import massprop
 from tests.inputs import everyformat as written
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from massprop_cli import job
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs import equipment, tablefile, telemetry, vehiclefile
+from massprop_cli.inputs import equipment, logfile, telemetry, vehiclefile
 from massprop_cli.result import schema
 from tests.hostile import SAMPLE, flight
 from tests.targets import flyer
@@ -91,7 +91,7 @@ def takes(table: Any) -> None:
     pq.write_table(table, out)
     try:
         with np.errstate(all="ignore"):  # as a job has it
-            log = telemetry.read(tablefile.parse(Path("log.parquet"), out.getvalue()), flyer())
+            log = telemetry.read(logfile.parse(Path("log.parquet"), out.getvalue()), flyer())
     except InputError:
         return
     for values in (log.time_s, log.interval_s, log.delta_theta_imu_rad, log.delta_v_imu_m_s, log.command):
@@ -103,7 +103,7 @@ def estimates(data: dict[str, Any], rows: int = 60) -> None:
     pq.write_table(flight(rows), out)
     try:
         source = vehiclefile.parse(tomli_w.dumps(data), "vehicle.toml")
-        judged = job.of_table(tablefile.parse(Path("log.parquet"), out.getvalue()), source)
+        judged = job.of_table(logfile.parse(Path("log.parquet"), out.getvalue()), source)
     except InputError:
         return
     schema.to_json(judged.result)

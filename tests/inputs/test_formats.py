@@ -11,7 +11,7 @@ import pytest
 from massprop_cli import job
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import recording
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.result import schema
 from tests.inputs.everyformat import (
     EXACT,

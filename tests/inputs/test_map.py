@@ -14,7 +14,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
 from massprop_cli.inputs.formats import mapfile, mapped, resample, signals
 from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
-from massprop_cli.inputs.tablefile import Table, read_table
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import load, parse

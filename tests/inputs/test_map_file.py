@@ -18,7 +18,7 @@ from massprop_cli.campaign.outcome import Outcome
 from massprop_cli.campaign.plan import Settings
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import mapfile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.result import schema
 from tests.commandline import massprop
 

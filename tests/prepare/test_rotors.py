@@ -11,7 +11,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, WRENCH
 from massprop_cli.inputs.formats import mapfile
-from massprop_cli.inputs.tablefile import Table, read_table
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import signal

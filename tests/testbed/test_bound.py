@@ -10,7 +10,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.testbed import bound, simulate
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource

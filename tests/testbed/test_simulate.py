@@ -17,7 +17,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.cli import app
 from massprop_cli.inputs import columns, vehiclefile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import read
 from massprop_cli.testbed import conditions, output, simulate, truth
 from massprop_cli.testbed.motion import to_world

@@ -1,0 +1,56 @@
+"""A log's file to its columns: a table as it stands, a recording or what has a map by ``formats``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import recording
+from massprop_cli.inputs.tablefile import Table, columns_of
+
+if TYPE_CHECKING:
+    from massprop_cli.inputs.formats.mapfile import MapSource
+
+_URL = re.compile(r"\w\w+:/")
+
+
+def read_table(path: Path, map_file: Path | None = None) -> Table:
+    """Read a file whole, by the map that is named or belongs to it where there is one.
+
+    :class:`InputError` for anything that is not a readable, non-empty recording.
+    """
+    if limits.is_folder(path):
+        raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
+    try:
+        data = limits.content(path, "log")
+    except FileNotFoundError:
+        # a path takes the second slash of a URL away
+        url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
+        raise InputError(f"{path}: no such file; check the path{url}") from None
+    if (
+        recording.is_plain(path)
+        and map_file is None
+        and not any(path.with_name(name).exists() for name in recording.maps_beside(path.name))
+    ):
+        return parse(path, data)
+    from massprop_cli.inputs.formats import mapfile
+
+    return parse(path, data, mapfile.find(path, map_file))
+
+
+def parse(path: Path, data: bytes, by: MapSource | None = None) -> Table:
+    """The same from the file's bytes; ``path`` is for its kind and for messages. A map within the file goes before one beside it."""
+    kind = recording.kind(path)
+    if kind is recording.TABLE:
+        table = columns_of(path, data)
+        if by is None and table.embedded_map is None:
+            return table
+    from massprop_cli.inputs.formats import mapfile, mapped
+
+    read = recording.read(path, data)
+    if read.map is not None and (by is None or not by.named):
+        by = mapfile.parse(read.map, f"{path} (embedded map)")
+    return mapped.of(read, by)
