@@ -22,7 +22,7 @@ from rich.console import Console
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.campaign import campaignfile
 from massprop_cli.inputs import expect, logfile, require, telemetry, tolerancefile, vehicle, vehiclefile
-from massprop_cli.inputs.formats import apart, draft, listing, mapfile, mapped, propose, recording, traits
+from massprop_cli.inputs.formats import apart, draft, listing, mapfile, mapped, propose, reading, recording, traits
 from massprop_cli.plan import guess
 from massprop_cli.report import markdown, spreadsheet, terminal
 from massprop_cli.result import read
@@ -57,7 +57,7 @@ def recorded(data: bytes) -> None:
     """The first byte says how the file is called. Read as the program reads it, but for a process that is forked, which is quicker."""
     path = Path(f"log{RECORDINGS[data[0] % len(RECORDINGS)]}" if data else "log.mat")
     with patch.object(apart, "ended", forked), suppress(InputError), np.errstate(all="ignore"):
-        used(recording.read(path, data[1:]), None)
+        used(reading.read(path, data[1:]), None)
 
 
 def used(read: recording.Recording, source: mapfile.MapSource | None) -> None:

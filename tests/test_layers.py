@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,22 @@ def test_imports_go_with_the_flow(file: Path) -> None:
     own = file.relative_to(ROOMS).parts[0].removesuffix(".py")
     allowed = {*TESTBED} if own == "testbed" else {*FLOW[: FLOW.index(own) + 1]} | ({"testbed"} if own in FLYING else set())
     assert imported(file) <= allowed
+
+
+def module(file: Path) -> str:
+    """Its dotted name."""
+    return ".".join(file.relative_to(ROOMS.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_no_file_is_imported_by_what_it_imports() -> None:
+    """Also where that is put off until it is needed."""
+    names = {module(file) for file in FILES}
+    graph: dict[str, set[str]] = {}
+    for file in FILES:
+        froms = [node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom)]
+        said = {(node.module or "", f"{node.module}.{alias.name}") for node in froms for alias in node.names}
+        graph[module(file)] = {whole if whole in names else package for package, whole in said} & names
+    TopologicalSorter(graph).prepare()
 
 
 LONGEST = 50

@@ -35,9 +35,9 @@ def columns(
         massprop columns log.parquet
         massprop columns log.parquet --as-map > log.map.toml
     """
-    from massprop_cli.inputs.formats import listing, propose, recording
+    from massprop_cli.inputs.formats import listing, propose, reading
 
-    read = recording.load(file)
+    read = reading.load(file)
     text = propose.draft(read)
     if as_map:
         sys.stdout.write(text)

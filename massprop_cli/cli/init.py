@@ -35,11 +35,11 @@ def init(
         massprop init log.parquet --out drafted.toml
     """
     from massprop_cli.base import files
-    from massprop_cli.inputs.formats import draft, recording, traits
+    from massprop_cli.inputs.formats import draft, reading, recording, traits
     from massprop_cli.inputs.logfile import read_table
 
     table = read_table(file, map_file)
-    parameters = {} if recording.is_plain(file) else recording.load(file).parameters
+    parameters = {} if recording.is_plain(file) else reading.load(file).parameters
     text = draft.draft(table.path.name.partition(".")[0], traits.traits(table), parameters, table.made.said if table.made else ())
     if out is None:
         sys.stdout.write(text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.formats import recording
+from massprop_cli.inputs.formats import reading, recording
 from massprop_cli.inputs.tablefile import Table, columns_of
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def parse(path: Path, data: bytes, by: MapSource | None = None) -> Table:
             return table
     from massprop_cli.inputs.formats import mapfile, mapped
 
-    read = recording.read(path, data)
+    read = reading.read(path, data)
     if read.map is not None and (by is None or not by.named):
         by = mapfile.parse(read.map, f"{path} (embedded map)")
     return mapped.of(read, by)

@@ -11,7 +11,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, vehiclefile
-from massprop_cli.inputs.formats import draft, recording, traits
+from massprop_cli.inputs.formats import draft, reading, traits
 from massprop_cli.inputs.logfile import read_table
 from tests.commandline import massprop
 from tests.inputs import everyformat as written
@@ -137,7 +137,7 @@ def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
     run = massprop(tmp_path, "init", path, "--map", str(map_file))
     assert run.returncode == 0, run.stderr
     assert "# CA_ROTOR0: position_m = [0, 0, 0], force_n = [0, 0, -1.5] at full (CT = 1.5), torque ratio KM = 0.05 m" in run.stdout
-    assert recording.load(path).parameters["CA_ROTOR_COUNT"] == 1
+    assert reading.load(path).parameters["CA_ROTOR_COUNT"] == 1
     refused = massprop(tmp_path, "init", path)
     assert refused.returncode == 3
     assert f"massprop columns {path} drafts one" in refused.stderr

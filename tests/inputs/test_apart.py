@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.formats import recording
+from massprop_cli.inputs.formats import reading
 from tests.hostile import packed_chunk
 from tests.inputs.everyformat import written
 from tests.targets import CORPUS
@@ -26,14 +26,14 @@ def kept(name: str, folder: Path, suffix: str) -> Path:
 def test_a_crash_of_the_library_is_no_crash_of_the_program(tmp_path: Path) -> None:
     path = kept("matlab-that-crashes", tmp_path, ".mat")
     with pytest.raises(InputError, match=rf"^{path}: not a readable MATLAB file \(its reader crashed, or took more than 8 s or 768 MiB\)"):
-        recording.load(path)
+        reading.load(path)
 
 
 def test_what_unpacks_to_more_than_it_says_gets_no_memory(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(packed_chunk(2**30, 1000))
     with pytest.raises(InputError, match=r"not a readable MCAP file .its reader crashed, or took more than 8 s or 76"):
-        recording.load(path)
+        reading.load(path)
 
 
 def test_a_reader_that_goes_on_for_ever_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +48,7 @@ def test_a_reader_that_goes_on_for_ever_is_ended(tmp_path: Path, monkeypatch: py
     bag.close()
     monkeypatch.setenv("MASSPROP_MAX_READER_SECONDS", "1")
     with pytest.raises(InputError, match=r"took more than 1 s or .* set MASSPROP_MAX_READER_SECONDS"):
-        recording.load(path)
+        reading.load(path)
 
 
 def test_no_module_of_the_current_folder_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +56,7 @@ def test_no_module_of_the_current_folder_is_run(tmp_path: Path, monkeypatch: pyt
     for name in ("h5py", "numpy", "json"):
         (tmp_path / f"{name}.py").write_text("import os; os.mkdir('run')")
     monkeypatch.chdir(tmp_path)
-    assert "clock" in recording.load(path).streams
+    assert "clock" in reading.load(path).streams
     assert not (tmp_path / "run").exists()
 
 
@@ -72,7 +72,7 @@ def test_a_stream_that_is_damaged_spoils_no_other(tmp_path: Path) -> None:
     whole = bytearray(path.read_bytes())
     whole[at : at + 50] = bytes(50)
     path.write_bytes(whole)
-    streams = recording.load(path).streams
+    streams = reading.load(path).streams
     assert streams["good"].values.tolist() == [0, 1, 2, 3]
     with pytest.raises(InputError, match=r"log.h5, 'bad': holds no numbers that can be read \(.*filter.*\)"):
         _ = streams["bad"].values
@@ -84,5 +84,5 @@ def test_nothing_is_left_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     aside.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(aside))
     with pytest.raises(InputError):
-        recording.load(path)
+        reading.load(path)
     assert list(aside.iterdir()) == []

@@ -10,7 +10,7 @@ import pytest
 
 from massprop_cli import job
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.formats import recording
+from massprop_cli.inputs.formats import reading
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.result import schema
 from tests.inputs.everyformat import (
@@ -120,9 +120,9 @@ def test_a_log_that_broke_off_is_as_long_as_it_is(tmp_path: Path, capsys: pytest
     path, _ = written("ulog", tmp_path)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    streams = recording.read(path, path.read_bytes()).streams
+    streams = reading.read(path, path.read_bytes()).streams
     assert 70 < streams["imu/timestamp"].rows < 90
-    assert recording.read(path, whole).parameters == {"CA_ROTOR_COUNT": 1.0, "CA_ROTOR0_CT": 1.5}
+    assert reading.read(path, whole).parameters == {"CA_ROTOR_COUNT": 1.0, "CA_ROTOR0_CT": 1.5}
     assert capsys.readouterr().out == ""
 
 
@@ -131,7 +131,7 @@ def test_a_timetable_has_its_own_clock(tmp_path: Path) -> None:
 
     table = pd.DataFrame({"a": [1.0, 2.0, 3.0]}, index=pd.to_timedelta(np.array([0.0, 0.5, 1.0]), unit="s").as_unit("ns"))
     save_mat(tmp_path / "log.mat", {"tt": table})
-    read = recording.read(tmp_path / "log.mat", (tmp_path / "log.mat").read_bytes())
+    read = reading.read(tmp_path / "log.mat", (tmp_path / "log.mat").read_bytes())
     assert list(read.streams) == ["tt.Time", "tt.a"]
     assert read.streams["tt.a"].clock == "tt.Time"
     np.testing.assert_array_equal(read.streams["tt.Time"].values, [0, 500_000_000, 1_000_000_000])

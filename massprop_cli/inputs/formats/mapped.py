@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import oncycles, onrows, recording
+from massprop_cli.inputs.formats import oncycles, onrows, reading
 from massprop_cli.inputs.formats.mapfile import MapSource
 from massprop_cli.inputs.formats.recording import Recording
 from massprop_cli.inputs.formats.signals import Signals
@@ -35,7 +35,7 @@ def table(path: Path, data: bytes, source: MapSource | None) -> Table:
 
     Without a map, streams that are called as the contract calls them are taken as they are. :class:`InputError` names file, path, remedy.
     """
-    return of(recording.read(path, data), source)
+    return of(reading.read(path, data), source)
 
 
 def of(read: Recording, source: MapSource | None) -> Table:

@@ -1,0 +1,39 @@
+"""A recording read: a table here, any other in a process of its own (:mod:`massprop_cli.inputs.formats.apart`)."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from massprop_cli.base import limits
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats.recording import TABLE, Recording, Stream, counted, kind
+
+
+def load(path: Path) -> Recording:
+    """A recording from its file."""
+    try:
+        return read(path, limits.content(path, "log"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; check the path") from None
+
+
+def read(path: Path, data: bytes) -> Recording:
+    """A recording from a file's bytes; :class:`InputError` where it can't be read."""
+    if not data:
+        raise InputError(f"{path}: the file is empty; record the log again")
+    found = kind(path)
+    if found is TABLE:
+        from massprop_cli.inputs.formats import tabular
+
+        said = tabular.read(path, data)
+    else:
+        from massprop_cli.inputs.formats import apart
+
+        said = apart.read(path, data, found)
+    streams: dict[str, Stream] = {}
+    for one in counted(path, said.streams):
+        streams.setdefault(one.path, one)
+    if not any(one.rows for one in streams.values()):
+        raise InputError(f"{path}: holds no numbers; record the log again")
+    return Recording(path, hashlib.sha256(data).hexdigest(), found.name, streams, said.parameters, said.vehicle, said.map)
