@@ -156,7 +156,7 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
 
     monkeypatch.setattr(Regression, "_renewed", counted)
     monkeypatch.setattr(triangle, "GROWN", 0.9)
-    monkeypatch.setattr(engine, "WHOLE", 32)
+    monkeypatch.setattr(offline, "WHOLE", 32)
     pieces = offline.settle(samples, slice(2, 320), ALL, reference(flight.TRUTH), flown.resolved).history
     assert len(renewed) >= 8
     assert (pieces.sigmas[-1] >= whole.sigmas[-1] * (1 - 1e-6)).all()
