@@ -20,7 +20,7 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
-from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
+from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -40,6 +40,8 @@ MATTERS = 1e-3
 """Part of its own size below which an error of a quantity is none."""
 AGREES, ALIKE = 1.0, 1.5
 """Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
+LOST = 3.0
+"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data."""
 TOLD = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
 
@@ -108,12 +110,15 @@ def by_known(history: History) -> Contradiction | None:
     return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
 
 
-def by_misfit(conclusion: Conclusion, settled: History, samples: Source, vehicle: Resolved) -> tuple[Contradiction | None, Array]:
+def by_misfit(
+    conclusion: Conclusion, settled: History, samples: Source, vehicle: Resolved, stated: Vehicle
+) -> tuple[Contradiction | None, Array]:
     """Of a misfit that has no name; with the factors (6,) of :func:`massprop_cli.diagnosis.lackoffit.innovation_test`."""
-    factors = innovation_test(settled, samples)
+    spread = correlation(stated)
+    factors = innovation_test(settled, samples, spread)
     if settled.reference is None:
         return None, factors
-    hidden = hidden_error(settled, samples, vehicle)
+    hidden = hidden_error(settled, samples, vehicle, spread)
     total = settled.information_share.sum(1)
     share = settled.information_share / np.where(total > 0, total, 1.0)[:, None]
     loose = np.sqrt(np.maximum(share @ factors**2 - 1, 0.0) * _own_variance(conclusion, vehicle))
@@ -152,6 +157,19 @@ def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
     sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     variance: Array = np.maximum(sigma**2 - scaled**2, 0.0)
     return variance
+
+
+def by_lost(causal: History, settled: History) -> Contradiction | None:
+    """Of a causal estimate that lost its way: it is not where the fit of the same data is, by more than rounding and second orders make."""
+    with np.errstate(invalid="ignore"):
+        away = np.abs(causal.bare[0] - settled.bare[0]) / np.sqrt(np.diag(settled.bare[1]))
+        touched = away > LOST
+    if not touched.any():
+        return None
+    worst = int(np.nanargmax(np.where(touched, away, np.nan)))
+    far = f"its {QUANTITIES[worst]} lies {away[worst]:.3g} sigmas from that of the fit of the whole phase, which --refine gives"
+    cause = f"the causal estimate lost its way on this log: {far}"
+    return Contradiction(cause, touched)
 
 
 def by_no_body(conclusion: Conclusion) -> Contradiction | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
-from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_misfit, by_no_body, together
+from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import by_doubts
@@ -39,8 +39,9 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], rivals: Sequen
     against = [by_faults(conclusion, own, answers, [values[i] for values in rivals]), by_known(found.histories[i])]
     factor: Array = np.ones(6)
     if isinstance(found.vehicle, Resolved):
-        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle)
-        nameless = [_explained(misfit, found.unknown), by_doubts(conclusion, i, found.doubts), by_no_body(conclusion)]
+        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
+        doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
+        nameless = [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
         against += [] if own else nameless
     cause = together(against)
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor

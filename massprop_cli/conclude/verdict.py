@@ -26,6 +26,10 @@ WANTED = {
     "mass": "force, pushed one way and the other",
 }
 """The motion that informs each quantity, body axes."""
+UNWEIGHED = (
+    "the weight's moment tells its distance from the bearing times the mass, and nothing tells the mass; weigh the vehicle and state "
+    "known.mass, or push it along the table"
+)
 NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
 """What the motion on a table depends on."""
@@ -115,6 +119,8 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
         if vehicle.environment.kind == "planar" and name not in PLANAR:
             estimates[name] = replace(estimates[name], reason=NO_PART)
+    if vehicle.on_air_bearing and not thesis and estimates["mass"].value is None:
+        estimates |= {name: replace(estimates[name], reason=UNWEIGHED) for name in CG if estimates[name].value is None}
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:

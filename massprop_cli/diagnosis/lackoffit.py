@@ -18,18 +18,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.layout import MU, PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import less_tilt, linearise
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.system import felt_noise
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.compensate import BLOCK, Source, blocks
+from massprop_cli.prepare.compensate import BLOCK, Samples, Source, blocks
 
 LAGS = (0, 1, 2)
 """Cycles by which commands are shifted: pulses that come late or smeared. Not those still to come: a controller's answer to a disturbance
@@ -38,14 +41,26 @@ SIGNIFICANT = 5.5
 """Normal deviate that a channel must exceed: one of 50 million clean ones does by chance. benchmarks/faults.py moves if it is changed."""
 WANDER = 21
 """Cycles within which what wanders hardly moves, and pulses begin and end."""
+CORRELATED = 4.0
+"""Of :func:`correlation`."""
 SPARE = 3
 """Residuals that there must be for each probe."""
 
 
-def innovation_test(history: History, samples: Source) -> Array:
+def correlation(stated: Vehicle) -> float:
+    """By how much the squares that motion explains of what is left may exceed those of white noise where the model holds.
+
+    A pulse's error and a cycle's torque turn the rate in two steps, half in each: twice as much of it lies in what is slow, and more where
+    pulses of several sizes follow each other.
+    """
+    return CORRELATED if stated.thrust.pulse_sigma > 0 or stated.environment.disturbance_torque_n_m > 0 else 1.0
+
+
+def innovation_test(history: History, samples: Source, spread: float = 1.0) -> Array:
     """(6,) √(Q/d) of each channel's whitened innovations where it is more than chance, else 1: rate x y z, specific force x y z.
 
-    By so much are the sigmas too small that the channel gives: noise and model promise 1 for each direction.
+    By so much are the sigmas too small that the channel gives: noise and model promise 1 for each direction, or up to ``spread``
+    (:func:`correlation`).
     """
     first, end, count = history.cycles.start, history.cycles.stop, 0
     folded: Array | None = None
@@ -62,10 +77,10 @@ def innovation_test(history: History, samples: Source) -> Array:
     if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
         return np.ones(6)
     mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
-    return np.where(_deviate(mean, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
+    return np.where(_deviate(mean / spread, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
 
 
-def hidden_error(history: History, samples: Source, vehicle: Resolved) -> Array:
+def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: float = 1.0) -> Array:
     """(10,) by how much each quantity may be off through what the model does not hold, in its unit; 0 where nothing but chance is left.
 
     Rates and specific force each give their own; they count as each told the quantity (``history.information_share``).
@@ -81,7 +96,7 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved) -> Array:
     slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
     biased = tilted or vehicle.imu.accel_bias_sigma_m_s2 > 0
     rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow, biased))
-    parts = _hidden(rates, share[:, :3]), _hidden(forces, share[:, 3:])
+    parts = _hidden(rates, share[:, :3], spread), _hidden(forces, share[:, 3:], spread)
     weight = np.stack([share[:, :3].sum(1), share[:, 3:].sum(1)])
     found: Array = np.sqrt((weight * np.stack(parts)).sum(0))
     found[MU] /= reference.mu**2
@@ -96,14 +111,17 @@ def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resol
         wide = slice(max(part.start - WANDER, cycles.start), min(part.stop + WANDER, cycles.stop))
         first, last = part.start - wide.start, part.stop - wide.start
         kinds = zip(_rows(samples, wide, reference, vehicle), quick, (last - 1, last - (part.stop < cycles.stop)), strict=True)
-        now = [(rows.quick() if is_quick else rows).part(slice(first, end)) for rows, is_quick, end in kinds]
+        # what wanders is the same under every weight, so it goes before rows are weighted
+        now = [
+            (rows.quick(weight) if is_quick else rows).weighted(weight).part(slice(first, end)) for (rows, weight), is_quick, end in kinds
+        ]
         found = [one.joined(other).folded() for one, other in zip(found, now, strict=True)] if found else [one.folded() for one in now]
     rates, forces = found
     return rates, forces
 
 
-def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[_Rows, _Rows]:
-    """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; weighted."""
+def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[tuple[_Rows, Array], tuple[_Rows, Array]]:
+    """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; each with their weights."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
     felt: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
@@ -111,21 +129,29 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     if plant_of(vehicle).tilt_sigma > 0:
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
-    turning, pushing = _weights(here.executed, reference, vehicle)
+    turning, pushing = _weights(here, reference, vehicle)
     ignored = here.executed.ignored
     rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))
     forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole), len(felt))
-    return rates.weighted(turning).without(ignored[1:, 0] | ignored[:-1, 0]), forces.weighted(pushing).without(ignored[:, 1])
+    steps, whole = _held(ignored[1:, 0] | ignored[:-1, 0]), _held(ignored[:, 1])
+    return (rates.of(steps), turning[steps]), (forces.of(whole), pushing[whole])
 
 
-def _weights(executed: Aligned, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
+def _held(ignored: BoolArray) -> NDArray[np.intp]:
+    """(N,) each row; in the place of one that is not used the one before it once more, so that what wanders goes on."""
+    used = np.flatnonzero(~ignored)
+    every = np.arange(len(ignored))
+    return used[np.maximum(np.searchsorted(used, every, "right") - 1, 0)] if len(used) else every
+
+
+def _weights(here: Samples, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
     """(K − 1,) and (K,) weights that make stated pulse errors as large in every cycle as the IMU's noise alone is."""
-    covariance, count = executed.pulse_covariance, len(executed.start_s)
+    covariance, count = here.executed.pulse_covariance, len(here)
     if covariance is None:
         return np.ones(count - 1), np.ones(count)
     moment = np.linalg.inv(reference.inertia) @ plant_of(vehicle).jet_moment(reference)
     turned = np.trace(moment @ covariance @ moment.T, axis1=1, axis2=2) / 3
-    pushed = reference.mu**2 * np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2) / 3 / executed.duration_s**2
+    pushed = np.trace(felt_noise(here, reference, vehicle), axis1=1, axis2=2) / 3
     gyro, accel = 2 * vehicle.imu.gyro_noise_rad_s**2, vehicle.imu.accel_noise_m_s2**2
     return np.sqrt(gyro / (gyro + turned[:-1] + turned[1:])), np.sqrt(accel / (accel + pushed))
 
@@ -147,16 +173,13 @@ class _Rows:
             probes=self.probes * weight[:, None],
         )
 
-    def without(self, ignored: BoolArray) -> _Rows:
-        """In the place of each row that is not used the one before it once more, so that what wanders goes on."""
-        if not ignored.any():
-            return self
-        used = np.flatnonzero(~ignored)
-        held = used[np.maximum(np.searchsorted(used, np.arange(len(ignored)), "right") - 1, 0)]
-        return _Rows(self.regressors[held], self.residual[held], self.probes[held], self.count)
+    def of(self, rows: NDArray[np.intp]) -> _Rows:
+        """These rows, which stand for as many as before."""
+        return _Rows(self.regressors[rows], self.residual[rows], self.probes[rows], self.count)
 
-    def quick(self) -> _Rows:
-        return replace(self, regressors=_quick(self.regressors), residual=_quick(self.residual), probes=_quick(self.probes))
+    def quick(self, weight: Array) -> _Rows:
+        """Less what wanders, as rows of such weights show it."""
+        return _Rows(_quick(self.regressors, weight), _quick(self.residual, weight), _quick(self.probes, weight), self.count)
 
     def part(self, rows: slice) -> _Rows:
         found = self.regressors[rows]
@@ -176,7 +199,7 @@ class _Rows:
         return _Rows(upper[:, :30].reshape(-1, 3, 10), upper[:, 30:33], upper[:, 33:], self.count)
 
 
-def _hidden(rows: _Rows, share: Array) -> Array:
+def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     """(10,) δ² of one kind of measurement."""
     regressors, residual, probes = rows.regressors, rows.residual, rows.probes
     size = np.sqrt((regressors**2).sum((0, 1)))
@@ -191,7 +214,7 @@ def _hidden(rows: _Rows, share: Array) -> Array:
     if count == 0 or rows.count < SPARE * count:
         return np.zeros(10)
     explained = ((basis.T @ residual) ** 2).sum(0)
-    pure = np.maximum(((residual**2).sum(0) - explained) / freedom, 1e-300)
+    pure = spread * np.maximum(((residual**2).sum(0) - explained) / freedom, 1e-300)
     excess = np.where(_deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
     found = np.zeros(10)
     gain = ((right / singular[:, None]) ** 2).sum(0) / size[seen] ** 2
@@ -200,14 +223,19 @@ def _hidden(rows: _Rows, share: Array) -> Array:
     return found
 
 
-def _quick(values: Array) -> Array:
-    """Less the mean of the :data:`WANDER` rows around each."""
+def _quick(values: Array, weight: Array) -> Array:
+    """Less the mean of the :data:`WANDER` rows around each, by the squares of their weights."""
     half = min(WANDER, len(values) - 1) // 2
-    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     first = np.maximum(np.arange(len(values)) - half, 0)
     last = np.minimum(np.arange(len(values)) + half + 1, len(values))
-    mean = (total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (values.ndim - 1))
-    quick: Array = values - mean
+    across = (slice(None), *[None] * (values.ndim - 1))
+
+    def around(summed: Array) -> Array:
+        total = np.concatenate([np.zeros((1, *summed.shape[1:])), np.cumsum(summed, axis=0)])
+        found: Array = total[last] - total[first]
+        return found
+
+    quick: Array = values - around(weight[across] ** 2 * values) / around(weight**2)[across]
     return quick
 
 

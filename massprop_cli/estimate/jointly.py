@@ -76,13 +76,10 @@ class Jointly(Regression):
             phi, _ = self.lift.coefficients(self.lift.theta(reference))
             biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
         mean, covariance = self.row(run)
-        stands = self.still(run, offline.SETTLED)
-        corner = self._posed(run, self.lift.theta(run.estimate), self._scale(run))[-1 - self.assumed, -1 - self.assumed]
+        stands, theta = self.still(run, offline.SETTLED), self.lift.theta(run.estimate)
+        corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
         return Joint(mean, covariance, run.estimate, stands, float(corner**2), apart)
-
-    def _scale(self, run: Run) -> Array:
-        return np.asarray(self.vehicle.estimator.prior_scale * self.lift.sizes(self.lift.theta(run.estimate)))
 
     @staticmethod
     def _through(own: Regression, reference: Reference, bound: bool) -> Run:
@@ -103,7 +100,8 @@ class Jointly(Regression):
         return np.pad(rows, ((0, 0), (0, missing)))
 
     def _apart(self, own: Regression, one: Run, run: Run) -> tuple[float, int]:
-        theta, scale = self.lift.theta(run.estimate), self._scale(run)
+        theta = self.lift.theta(run.estimate)
+        scale = self._scale(theta)
         alone = replace(run, triangle=self._of_phi(own, one), bound=True)
         triangle = self._posed(alone, theta, scale)
         by_theta, left = triangle[:10, :10], triangle[:10, 10]

@@ -13,27 +13,36 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.inputs.vehicle import Quantity, Vehicle
 
 UNTOLD = 0.3
-"""A relative sigma of 1/m above this says nothing about m."""
+"""A relative sigma of 1/m above this says nothing about m; ..."""
+FAINT = 0.03
+"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m."""
 
 
 def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K, 10) values and (K, 10, 10) covariances of ixx … mass from those of the state parameters ixx … cg_z, 1/m.
 
-    Mass is NaN where its reciprocal is not known well enough to say anything.
+    Mass is NaN where its reciprocal is not known well enough to say anything. On a bearing the CG then is too, unless the mass is known
+    from elsewhere: what the weight's moment says of it is its distance from the bearing times the mass.
     """
     mu = mean[:, 9].copy()
     sigma = np.sqrt(covariance[:, 9, 9])
+    faint = FAINT if vehicle.on_air_bearing and "mass" in vehicle.known else UNTOLD
     with np.errstate(invalid="ignore"):
-        mu[~(mu > 0) | (sigma > UNTOLD * mu)] = np.nan
+        untold = ~(mu > 0) | (sigma > faint * mu)
+    if "mass" in vehicle.known:
+        mean, covariance = _weighed(mean, covariance, untold, vehicle)
+    mu[untold] = np.nan
     values: Array = mean.copy()
     values[:, 9] = 1 / mu
     jacobian = np.ones((len(mean), 10))
     jacobian[:, 9] = -1 / mu**2
+    if vehicle.on_air_bearing and "mass" not in vehicle.known:
+        values[untold, 6:9] = jacobian[untold, 6:9] = np.nan
     full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
     if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
         values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
@@ -43,6 +52,16 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full
+
+
+def _weighed(mean: Array, covariance: Array, untold: BoolArray, vehicle: Vehicle) -> tuple[Array, Array]:
+    """Inertia and CG conditioned on a known mass in the rows that tell nothing of it themselves: they are linear in its reciprocal."""
+    known = vehicle.known["mass"]
+    sigma = np.hypot(known.sigma / known.value, vehicle.thrust.scale_sigma) / known.value
+    across = covariance[:, :, 9]
+    gain = across / (across[:, 9:] + sigma**2)
+    moved, left = mean + gain * (1 / known.value - mean[:, 9:]), covariance - gain[:, :, None] * across[:, None, :]
+    return np.where(untold[:, None], moved, mean), np.where(untold[:, None, None], left, covariance)
 
 
 def alone(vehicle: Vehicle) -> Vehicle:

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, grown, root_beside_unit, triangle_of
+from massprop_cli.estimate import quantities
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.plant import Reference
-from massprop_cli.model.plant.plant import MOMENT
+from massprop_cli.model.plant.plant import MOMENT, MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import drift
@@ -34,6 +35,8 @@ FAINT = 0.4
 """Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 INCONSISTENT = 60.0
 """More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
+EXACT = 1e-3
+"""Part of a known mass that is none."""
 KNOWN = 0.1
 """Relative sigma below which an axis' response counts as known."""
 STEPS = 6
@@ -116,7 +119,7 @@ class Regression(Triangle):
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
-        scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+        scale = self._scale(theta)
         return self._sigma_of(self._posed(run, theta, scale), scale)
 
     def _sigma_of(self, triangle: Array, scale: Array) -> Array:
@@ -162,7 +165,7 @@ class Regression(Triangle):
         """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
         if self._last is None or self._last[0] is not run:
             theta = self.lift.theta(run.estimate)
-            scale = self.vehicle.estimator.prior_scale * self.lift.sizes(theta)
+            scale = self._scale(theta)
             self._last = run, theta, scale, self._posed(run, theta, scale)
         return self._last[1:]
 
@@ -237,7 +240,9 @@ class Regression(Triangle):
         step = steps[..., :1]
         covariance = root @ root.transpose(0, 2, 1)
         centre, sigmas = self._pull(theta, run)
-        pull = np.diag(sigmas**2)
+        pull = np.tile(np.diag(sigmas**2), (len(triangles), 1, 1))
+        if self.weighed is not None:  # where the log doesn't tell the mass, the rest is judged beside the known one
+            pull[covariance[:, MU, MU] > (quantities.FAINT * self.weighed) ** 2, MU, MU] = (EXACT * self.weighed) ** 2
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 

@@ -58,6 +58,7 @@ class Told:
             sizes[MU] = 1 / reference.mu
             share, drowned = excitation(samples, cycles, reference, vehicle)
             seen = observable(samples.capability, reference, vehicle)
+            seen[MU] |= "mass" in vehicle.known
         return History(
             phase=phase,
             cycles=cycles,

@@ -19,11 +19,15 @@ from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import System, prior, system_of
 from massprop_cli.prepare.compensate import Source
 
+WEIGHED = 0.5
+"""Part of a known mass' reciprocal that is one sigma of it on a bearing, where the weight's moment tells the CG, and its product with that
+reciprocal shows: linear within it, and less than any log tells that tells a mass at all."""
 LOOSE = 3.0
 """One sigma of the coefficients of the gyroscopic coupling while they are free: ratios of moments of inertia."""
 PULL = {"response": 0.2, "cg": 1.0, "balanced cg": 0.02, "mu": 1.0}
@@ -68,6 +72,9 @@ class Triangle:
         """e, the assumptions."""
         self.uncertain = len(consider.kinds)
         """u, the unknowns of the geometry, each in its own sigmas."""
+        known = vehicle.known.get("mass")
+        self.weighed = 1 / known.value if known is not None and self.lift.plant.pivoted else None
+        """1/kg, of a mass that is known from elsewhere, on a bearing."""
         self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
@@ -140,9 +147,20 @@ class Triangle:
         """(10,) where the search began, and (10,) one sigma of the pull towards it."""
         if self._begun is None or self._begun[0] is not run.centre:
             centre = self.lift.theta(run.centre)
+            centre[MU] = centre[MU] if self.weighed is None else self.weighed
             self._begun = run.centre, centre, self.lift.sizes(centre)
         _, centre, sizes = self._begun
         cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
         pull *= np.maximum(self.lift.sizes(theta), sizes)
-        return centre, pull
+        return centre, self._weighed(pull)
+
+    def _scale(self, theta: Array) -> Array:
+        """(10,) one sigma of each of θ before anything is known."""
+        return self._weighed(self.vehicle.estimator.prior_scale * self.lift.sizes(theta))
+
+    def _weighed(self, sigma: Array) -> Array:
+        """(10,) sigmas of θ, that of mu not beyond what a known mass leaves."""
+        if self.weighed is not None:
+            sigma[MU] = min(sigma[MU], WEIGHED * self.weighed)
+        return sigma

@@ -40,7 +40,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     }
     layout->states = end;
     layout->width = 1 + layout->coefficients + layout->beginnings;
-    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + vehicle->pulses);
+    layout->process = 3 * ((vehicle->torque_noise > R(0)) + vehicle->slow_torque + 2 * vehicle->pulses);
     return MP_OK;
 }
 
@@ -122,8 +122,13 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         q += 3;
     }
     if (vehicle->pulses) {
-        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])from->pulse_root, part);
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->process[i][q + j] = part[i][j];
+        const mp_motion *both[2] = {from, into};
+        mp_real half = MP_SQRT(R(0.5)); /* a cycle's pulses turn the rate in the step into it and in the one out of it */
+        int k;
+        for (k = 0; k < 2; k++, q += 3) {
+            mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])both[k]->pulse_root, part);
+            for (i = 0; i < 3; i++)
+                for (j = 0; j < 3; j++) out->process[i][q + j] = half * part[i][j];
+        }
     }
 }

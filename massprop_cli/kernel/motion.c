@@ -312,39 +312,86 @@ static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, con
         for (j = 0; j < 3; j++) out->by_tilt[i][j] += vehicle->gravity * turn[i][j];
 }
 
+/* (3, 6) moment about the centre, and specific force at the IMU, of a wrench. */
+static void pushed(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real moment[3][6], mp_real felt[3][6]) {
+    mp_real turn[3][3], inverse[3][3], flat[3][3], along[3][3], arm[3][3], swung[3][3], direct[3][6], reach[3];
+    int i, j, k;
+    mp_cross_matrix(vehicle->bearing ? vehicle->centre : about->cg, turn);
+    mp_tensor(about->theta, inverse);
+    for (i = 0; i < 3; i++) reach[i] = vehicle->imu[i] - (vehicle->bearing ? vehicle->centre[i] : about->cg[i]);
+    mp_cross_matrix(reach, arm);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            moment[i][j] = flat[i][j] = i == j ? R(1) : R(0);
+            moment[i][3 + j] = -turn[i][j];
+            swung[i][j] = R(0);
+        }
+    memcpy(direct, moment, sizeof direct);
+    if (vehicle->bearing) {
+        mp_real kappa[3], up[3];
+        for (i = 0; i < 3; i++) {
+            kappa[i] = about->theta[9] * about->theta[6 + i];
+            up[i] = (cycle->up[0][i] + cycle->up[1][i]) / R(2);
+        }
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) flat[i][j] -= up[i] * up[j];
+        mp_cross_matrix(kappa, along);
+        mp_product((const mp_real(*)[3])along, (const mp_real(*)[3])flat, turn);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) direct[i][3 + j] -= turn[i][j];
+        mp_product((const mp_real(*)[3])flat, (const mp_real(*)[3])along, swung);
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) swung[i][j] -= arm[i][j];
+    mp_product((const mp_real(*)[3])swung, (const mp_real(*)[3])inverse, turn);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 6; j++) {
+            felt[i][j] = j < 3 ? R(0) : about->mu * flat[i][j - 3];
+            for (k = 0; k < 3; k++) felt[i][j] += turn[i][k] * direct[k][j];
+        }
+}
+
+/* (3, 3) of what a matrix (3, 6) makes of a covariance (6, 6). */
+static void spread(const mp_real by[3][6], const mp_real covariance[6][6], mp_real out[3][3]) {
+    int i, j, k, l;
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            mp_real sum = R(0);
+            for (k = 0; k < 6; k++)
+                for (l = 0; l < 6; l++) sum += by[i][k] * covariance[k][l] * by[j][l];
+            out[i][j] = sum;
+        }
+}
+
 /* Roots of the noise of measurements, and of the moment that pulses err by. */
 static void noise_of(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_motion *out) {
-    int i, j, k, l;
+    int i, j, k;
     memset(out->noise, 0, sizeof out->noise);
     for (i = 0; i < 3; i++) {
         out->noise[i][i] = vehicle->gyro_noise;
         out->noise[3 + i][3 + i] = vehicle->accel_noise[i];
     }
-    if (vehicle->pulses) {
-        mp_real moment[3][6], covariance[3][3], values[3], axes[3][3], force[9], turn[3][3];
-        const mp_real *centre = vehicle->bearing ? vehicle->centre : about->cg;
-        mp_real share = about->mu * about->mu / (cycle->duration_s * cycle->duration_s);
-        mp_cross_matrix(centre, turn);
+    if (vehicle->pulses || vehicle->torque_noise > R(0)) {
+        mp_real moment[3][6], felt[3][6], covariance[3][3], values[3], axes[3][3], force[9];
+        mp_real torque = vehicle->torque_noise * vehicle->torque_noise, square = cycle->duration_s * cycle->duration_s;
+        pushed(vehicle, cycle, about, moment, felt);
+        memset(covariance, 0, sizeof covariance);
+        if (vehicle->pulses) spread((const mp_real(*)[6])felt, cycle->pulse_covariance, covariance);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
-                moment[i][j] = i == j ? R(1) : R(0);
-                moment[i][3 + j] = -turn[i][j];
-            }
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) {
-                mp_real sum = R(0);
-                for (k = 0; k < 6; k++)
-                    for (l = 0; l < 6; l++) sum += moment[i][k] * cycle->pulse_covariance[k][l] * moment[j][l];
-                covariance[i][j] = sum;
-                force[3 * i + j] = share * cycle->pulse_covariance[3 + i][3 + j];
+                force[3 * i + j] = covariance[i][j] / square;
+                for (k = 0; k < 3; k++) force[3 * i + j] += torque * felt[i][k] * felt[j][k];
                 if (i == j) force[3 * i + j] += vehicle->accel_noise[i] * vehicle->accel_noise[i];
             }
-        mp_eigen((const mp_real(*)[3])covariance, values, axes);
         if (mp_cholesky(force, 3))
             for (i = 0; i < 3; i++)
                 for (j = 0; j < 3; j++) out->noise[3 + i][3 + j] = force[3 * i + j];
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->pulse_root[i][j] = axes[i][j] * MP_SQRT(mp_max(values[j], R(0)));
+        if (vehicle->pulses) {
+            spread((const mp_real(*)[6])moment, cycle->pulse_covariance, covariance);
+            mp_eigen((const mp_real(*)[3])covariance, values, axes);
+            for (i = 0; i < 3; i++)
+                for (j = 0; j < 3; j++) out->pulse_root[i][j] = axes[i][j] * MP_SQRT(mp_max(values[j], R(0)));
+        }
     }
     for (k = 0; k < 2; k++)
         if (cycle->deaf[k])

@@ -9,6 +9,8 @@
 #define LOOSE R(3)          /* one sigma of the coefficients of the gyroscopic coupling while they are free */
 #define FAINT R(0.4)        /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
 #define INCONSISTENT R(60)  /* more chi-square than the coupling's free coefficients would leave by chance */
+#define EXACT R(1e-3)       /* part of a known mass that is none */
+#define WEIGHED R(0.5)      /* part of a known mass' reciprocal that is one sigma of it on a bearing */
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
 #define STEPS 6
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
@@ -92,12 +94,23 @@ static void sigmas_of(const mp_posed *posed, mp_real out[10]) {
     }
 }
 
+/* Sigmas of theta, that of mu not beyond what a known mass leaves. */
+static void weighed(const mp_vehicle *vehicle, mp_real sigma[10]) {
+    if (vehicle->bearing && vehicle->known_mass > R(0)) sigma[9] = mp_min(sigma[9], WEIGHED / vehicle->known_mass);
+}
+
+/* One sigma of each of theta before anything is known. */
+static void scale_of(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[10]) {
+    int i;
+    mp_sizes(vehicle, theta, out);
+    for (i = 0; i < 10; i++) out[i] *= vehicle->prior_scale;
+    weighed(vehicle, out);
+}
+
 void mp_pose(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_reference *estimate, mp_real *rows,
              mp_posed *out) {
     mp_real scale[10];
-    int i;
-    mp_sizes(vehicle, estimate->theta, scale);
-    for (i = 0; i < 10; i++) scale[i] *= vehicle->prior_scale;
+    scale_of(vehicle, estimate->theta, scale);
     posed_of(vehicle, layout, run, estimate->theta, scale, NULL, run->bound, rows, out);
 }
 
@@ -130,13 +143,16 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
     int i;
     mp_sizes(&pass->vehicle, theta, out);
     for (i = 0; i < 10; i++) out[i] = mp_max(out[i], pass->centre_sizes[i]) * (i < 6 ? R(0.2) : i < 9 ? cg : R(1));
+    weighed(&pass->vehicle, out);
 }
 
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
 static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
-    mp_real pull[10], left[10], joint[100], sensible[10];
+    mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
     int i, j;
     pulled(pass, posed->theta, pull);
+    /* where the log doesn't tell the mass, the rest is judged beside the known one */
+    if (mass > R(0) && covariance[9][9] > (MP_FAINT_MASS / mass) * (MP_FAINT_MASS / mass)) pull[9] = EXACT / mass;
     for (i = 0; i < 10; i++) {
         left[i] = (step[i] + posed->theta[i] - pass->centre.theta[i]) / pull[i];
         for (j = 0; j < 10; j++) joint[10 * i + j] = covariance[i][j] / pull[i] / pull[j] + (i == j ? R(1) : R(0));
@@ -291,8 +307,7 @@ static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], i
 static int each_axis_is_known(mp_pass *pass, const mp_run *run, const mp_real theta[10]) {
     mp_real scale[10], sigma[10];
     int i, known = 1;
-    mp_sizes(&pass->vehicle, theta, scale);
-    for (i = 0; i < 10; i++) scale[i] *= pass->vehicle.prior_scale;
+    scale_of(&pass->vehicle, theta, scale);
     posed_of(&pass->vehicle, &pass->layout, run, theta, scale, NULL, run->bound, pass->room.rows, &pass->room.posed);
     sigmas_of(&pass->room.posed, sigma);
     for (i = 0; i < 3; i++) known &= sigma[MOMENTS[i]] < KNOWN * theta[MOMENTS[i]];

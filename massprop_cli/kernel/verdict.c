@@ -5,7 +5,6 @@
 
 #include "small.h"
 
-#define UNTOLD R(0.3)  /* a relative sigma of 1/m above this says nothing about m */
 #define PRIOR R(0.5)   /* prior sigma over the natural size */
 #define HALVED R(0.5)  /* a quantity is informed once its sigma is below this part of the prior's */
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
@@ -30,18 +29,36 @@ static void condition(mp_values *out, int index, mp_real value, mp_real sigma) {
     }
 }
 
-static void quantities(const mp_rule *rule, const mp_row *row, mp_values *out) {
-    mp_real mu = row->mean[9], slope[10], part[10], scale = rule->thrust_sigma * rule->thrust_sigma;
-    int i, j, weighed = mu > R(0) && !(MP_SQRT(row->covariance[9][9]) > UNTOLD * mu);
+/* Inertia and CG conditioned on a known mass where the row tells nothing of it: they are linear in its reciprocal. */
+static void weighed_elsewhere(mp_real mass, mp_real sigma, mp_real scale, mp_row *row) {
+    mp_real across[10], off = R(1) / mass - row->mean[9], variance = ((sigma / mass) * (sigma / mass) + scale) / (mass * mass);
+    int i, j;
+    for (i = 0; i < 10; i++) across[i] = row->covariance[i][9];
+    variance += across[9];
     for (i = 0; i < 10; i++) {
-        out->told[i] = i < 9 || weighed;
-        out->value[i] = i < 9 ? row->mean[i] : weighed ? R(1) / mu : R(0);
+        mp_real gain = across[i] / variance;
+        row->mean[i] += gain * off;
+        for (j = 0; j < 10; j++) row->covariance[i][j] -= gain * across[j];
+    }
+}
+
+static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_row *from, mp_values *out) {
+    mp_row row = *from;
+    mp_real mu = row.mean[9], slope[10], part[10], scale = rule->thrust_sigma * rule->thrust_sigma;
+    int i, j, known = -1, weighed;
+    for (i = 0; i < rule->known; i++)
+        if (rule->known_index[i] == 9) known = i;
+    weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (vehicle->bearing && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
+    if (!weighed && known >= 0) weighed_elsewhere(rule->known_value[known], rule->known_sigma[known], scale, &row);
+    for (i = 0; i < 10; i++) {
+        out->told[i] = i < 6 || weighed || (i < 9 && (!vehicle->bearing || known >= 0));
+        out->value[i] = i < 9 ? row.mean[i] : weighed ? R(1) / mu : R(0);
         slope[i] = i < 9 ? R(1) : weighed ? R(-1) / (mu * mu) : R(0);
         part[i] = i >= 6 && i < 9 ? R(0) : out->value[i];
     }
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) {
-            out->covariance[i][j] = row->covariance[i][j] * slope[i] * slope[j];
+            out->covariance[i][j] = row.covariance[i][j] * slope[i] * slope[j];
             out->covariance[i][j] += scale * part[i] * part[j];
         }
     for (i = 0; i < rule->known; i++) condition(out, rule->known_index[i], rule->known_value[i], rule->known_sigma[i]);
@@ -56,7 +73,7 @@ void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_s
         memset(steady, 0, sizeof *steady);
         return;
     }
-    quantities(rule, row, out);
+    quantities(rule, &pass->vehicle, row, out);
     for (i = 0; i < 10; i++) {
         mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) : R(1) / pass->estimate.mu;
         mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : R(1));

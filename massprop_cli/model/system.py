@@ -20,8 +20,7 @@ from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, fed
-from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.compensate import Mounted, Source
+from massprop_cli.prepare.compensate import Mounted, Samples, Source
 
 STEADY = 1e3
 """A slowly varying torque may begin at this many of its changes per cycle, or at what the jets can do."""
@@ -63,13 +62,13 @@ class System:
 
 def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> System:
     """The system of ``cycles`` about ``reference``."""
-    free, executed = lifted(samples, cycles, reference, vehicle), samples.part(cycles).executed
+    free, here = lifted(samples, cycles, reference, vehicle), samples.part(cycles)
     drive, measured = free.drive, free.measured
     if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation
-    roots, noise = _noise(executed, Layout.of(samples, vehicle), reference, vehicle, free)
+    roots, noise = _noise(here, Layout.of(samples, vehicle), reference, vehicle, free)
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
@@ -88,7 +87,7 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         drive = np.concatenate([drive, np.zeros((len(drive), 10, drive.shape[2]))], 1)
         roots = [np.concatenate([root, np.zeros((len(root), 10, root.shape[2]))], 1) for root in roots]
         step = np.zeros((len(drive), states + 10, 10))
-        step[:, states:] = np.diag(walk) * np.sqrt(executed.duration_s[1:])[:, None, None]
+        step[:, states:] = np.diag(walk) * np.sqrt(here.executed.duration_s[1:])[:, None, None]
         roots.append(step)
     return System(transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise)
 
@@ -113,8 +112,9 @@ def drift(vehicle: Vehicle) -> Array:
     return np.array([getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields])
 
 
-def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[list[Array], Array]:
+def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[list[Array], Array]:
     """Roots of process noise, (K − 1, n, 3) each, and that of the measurements' (K, 6, 6)."""
+    executed = here.executed
     duration = executed.duration_s
     states = free.transition.shape[1]
     torque = layout.torque
@@ -129,9 +129,9 @@ def _noise(executed: Aligned, layout: Layout, reference: Reference, vehicle: Res
     measurement = np.zeros((len(duration), 6, 6))
     measurement[:] = np.diag(vehicle.noise)
     if executed.pulse_covariance is not None:
-        rate, force = _pulse_noise(executed.pulse_covariance, reference, vehicle, free, duration)
-        roots.append(_in_rate(rate, states))
-        measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + force)
+        roots += [_in_rate(root, states) for root in _pulse_roots(executed.pulse_covariance, reference, vehicle, free)]
+    if vehicle.environment.disturbance_torque_n_m > 0 or executed.pulse_covariance is not None:
+        measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + felt_noise(here, reference, vehicle))
     for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
         measurement[ignored, part, part] *= DEAF
     return roots, measurement
@@ -143,14 +143,27 @@ def _in_rate(block: Array, states: int) -> Array:
     return columns
 
 
-def _pulse_noise(covariance: Array, reference: Reference, vehicle: Vehicle, free: Lifted, duration: Array) -> tuple[Array, Array]:
-    """Root of the rate's process noise (K − 1, 3, 3) and covariance of the specific force (K, 3, 3) from pulse errors.
+def _pulse_roots(covariance: Array, reference: Reference, vehicle: Resolved, free: Lifted) -> tuple[Array, Array]:
+    """Roots (K − 1, 3, 3) of the rate's process noise from the pulse errors of the cycle that a step leaves, and of the one it enters.
 
-    A pulse's error enters the rate once; here it enters with the step out of its cycle, and the accelerometer's share counts as
-    independent of it.
+    A pulse's error enters the rate over both steps; half of its variance counts in each, as if they were independent.
     """
     moment = plant_of(vehicle).jet_moment(reference)
-    values, axes = np.linalg.eigh(moment @ covariance[:-1] @ moment.T)
-    root = free.moment_to_rate @ (axes * np.sqrt(np.clip(values, 0, None))[:, None, :])
-    force = reference.mu**2 * covariance[:, 3:, 3:] / (duration**2)[:, None, None]
-    return root, force
+    values, axes = np.linalg.eigh(moment @ covariance @ moment.T)
+    root = axes * np.sqrt(np.clip(values, 0, None) / 2)[:, None, :]
+    return free.moment_to_rate @ root[:-1], free.moment_to_rate @ root[1:]
+
+
+def felt_noise(here: Samples, reference: Reference, vehicle: Resolved) -> Array:
+    """(K, 3, 3) covariance of the specific force from disturbance torques and pulse errors: they push, and they swing the IMU.
+
+    It counts as independent of what the same torques and errors do to the rate.
+    """
+    up = (here.up_b[:-1] + here.up_b[1:]) / 2
+    _, felt = plant_of(vehicle).pushed(reference, np.eye(6), up, np.array(vehicle.imu.position_m))
+    turned = vehicle.environment.disturbance_torque_n_m * felt[..., :3]
+    found: Array = turned @ np.swapaxes(turned, 1, 2)
+    if here.executed.pulse_covariance is not None:
+        each = felt / here.executed.duration_s[:, None, None]
+        found = found + each @ here.executed.pulse_covariance @ np.swapaxes(each, 1, 2)
+    return found

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
+from massprop_cli.conclude.contradict import by_lost
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehicle import Known, Phase
 from massprop_cli.testbed import scenario, simulate
@@ -195,3 +197,17 @@ def test_a_clean_log_is_not_contradicted() -> None:
     assert found.mended == ()
     assert set(faulty.verdicts(found).values()) <= {"converged", "not_converged", "not_excited"}
     assert len(QUANTITIES) == len(faulty.verdicts(found))
+
+
+def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_same_data() -> None:
+    log, used = faulty.sample("free-flyer")
+    found = faulty.examined(log, used)
+    causal, settled = found.histories[0], found.settled[0]
+    assert by_lost(causal, settled) is None
+    values, covariance = causal.bare
+    away = values.copy()
+    away[3] += 3.5 * np.sqrt(covariance[3, 3])
+    against = by_lost(replace(causal, bare=(away, covariance)), settled)
+    assert against is not None
+    assert [name for name, hit in zip(QUANTITIES, against.touched, strict=True) if hit] == ["iyy"]
+    assert "--refine" in against.cause

@@ -1,0 +1,72 @@
+"""On a bearing the weight's moment tells the CG's distance times the mass: the CG is told with a mass, and not without one."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from massprop_cli import CG, flow
+from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed.scenario import ScenarioSource
+
+TURNS = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0, end_s=20, closed_loop=true}]'
+"""Nothing is pushed along the table, so nothing tells the mass."""
+
+
+@cache
+def flown(*settings: str) -> tuple[ScenarioSource, simulate.Flight]:
+    source = scenario.load("testbed", ("duration_s=20", TURNS, *settings))
+    return source, simulate.fly(source, list(range(1, 9)))
+
+
+def concluded(flight: simulate.Flight, seed: int, *settings: str) -> Conclusion:
+    vehicle = vehiclefile.changed(flight.vehicle, settings)
+    return flow.examine(flight.log(seed), VehicleSource(vehicle, "", "")).conclusions[0]
+
+
+@pytest.mark.numerical
+def test_without_a_mass_no_cg_is_given_and_it_is_said_what_would_tell_it() -> None:
+    _, flight = flown()
+    estimates = concluded(flight, 0).estimates
+    for name in ("mass", *CG):
+        assert estimates[name].value is None
+        assert estimates[name].verdict in ("not_excited", "unobservable")
+    assert "known.mass" in estimates["cg_z"].reason
+    assert estimates["izz"].verdict == "converged"
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("bearing_kg", [0.0, 5.0])
+def test_a_weighed_mass_gives_the_cg_at_the_bound(bearing_kg: float) -> None:
+    """Against each log's own Cramér–Rao bound with the mass struck from the unknowns: errors within it over eight seeds, sigmas near it."""
+    source, flight = flown(f"vehicle.environment.bearing_mass_kg={bearing_kg}")
+    truth = source.scenario.truth.values
+    errors, ratios = [], []
+    for seed in range(8):
+        full = bound.cramer_rao(source, flight, seed)[0]
+        limits = np.sqrt(np.diag(full - np.outer(full[:, 9], full[9]) / full[9, 9])[6:9])
+        estimates = concluded(flight, seed, f"known.mass={{value={truth[9]}, sigma=1e-6}}").estimates
+        assert estimates["mass"].value == pytest.approx(truth[9], rel=1e-6)
+        assert {estimates[name].verdict for name in CG} == {"converged"}
+        sigmas = np.array([estimates[name].sigma for name in CG], dtype=float)
+        ratios.append(sigmas / limits)
+        errors.append((np.array([estimates[name].value for name in CG], dtype=float) - truth[6:9]) / sigmas)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.4
+    assert 0.9 < np.median(ratios) < 1.3
+
+
+@pytest.mark.numerical
+def test_an_uncertain_mass_makes_the_cg_uncertain_in_proportion() -> None:
+    """A mass known to a tenth: the CG's distance from the bearing is to a tenth of the whole mass over the rotating one."""
+    source, flight = flown()
+    truth = source.scenario.truth.values
+    estimates = concluded(flight, 0, f"known.mass={{value={truth[9]}, sigma={0.1 * truth[9]}}}").estimates
+    away = truth[6:9] - np.array(source.scenario.vehicle.environment.bearing_position_m)
+    sigmas = np.array([estimates[name].sigma for name in CG], dtype=float)
+    part = 0.1 * truth[9] / (truth[9] - source.scenario.vehicle.bearing_mass_kg)
+    assert np.linalg.norm(sigmas) == pytest.approx(part * np.linalg.norm(away), rel=0.1)
