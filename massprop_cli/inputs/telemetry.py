@@ -26,6 +26,8 @@ CommandKind = commands.CommandKind
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+OFF_UNIT = 1e-2
+"""By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
 
@@ -206,7 +208,7 @@ def _attitude(source: LogTable) -> Array | None:
         return None
     quaternion = np.stack([source.required(name) for name in QUATERNION], 1)
     norm = np.linalg.norm(quaternion, axis=1)
-    bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
+    bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
     if bad.size:
         raise source.error(
             int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
