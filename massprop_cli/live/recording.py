@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,7 +16,7 @@ RECORDED = "record.csv"
 
 @contextmanager
 def recording(folder: Path) -> Iterator[Callable[[str], None]]:
-    """What keeps a line: it is in record.csv, whole, before this returns. Where nothing comes, neither file nor folder stays.
+    """What keeps a line: it is in record.csv, whole, before this returns. Where nothing comes, neither file nor folder is made.
 
     :class:`InputError` where there is a recording already, or no room for one.
     """
@@ -25,16 +26,22 @@ def recording(folder: Path) -> Iterator[Callable[[str], None]]:
             stack.enter_context(files.made(folder))
             if path.exists():
                 raise InputError(f"{path}: is there already, and a recording is not written over; choose another folder", option="out")
-            file = stack.enter_context(path.open("xb", buffering=0))
         except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
-        stack.callback(_cleared, file, path)
-        yield lambda line: _keep(file, path, line.encode("utf-8", "replace"))
+            raise _unwritten(path, error) from None
+        opened = cache(lambda: stack.enter_context(path.open("xb", buffering=0)))
+
+        def keep(line: str) -> None:
+            try:
+                file = opened()
+            except OSError as error:
+                raise _unwritten(path, error) from None
+            _keep(file, path, line.encode("utf-8", "replace"))
+
+        yield keep
 
 
-def _cleared(file: BinaryIO, path: Path) -> None:
-    if not file.tell():
-        path.unlink()
+def _unwritten(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder", option="out")
 
 
 def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
@@ -44,4 +51,7 @@ def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
             line = line[file.write(line) :]
     except OSError as error:
         file.truncate(whole)
+        if not whole:
+            path.unlink()
+            raise _unwritten(path, error) from None
         raise InputError(f"{path}: cannot be written ({error.strerror}); it holds what came before. Make room, and begin anew") from None
