@@ -263,6 +263,8 @@ def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Vehic
 
 def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | None) -> History:
     vehicle, cycles, (mean, covariance) = told.vehicle, told.cycles, told.last
+    if told.count != cycles.stop - cycles.start:
+        raise RuntimeError(f"{told.count} cycles were estimated from, not {cycles.stop - cycles.start}")
     _, full = quantities(mean[None], covariance[None], vehicle)
     bare = quantities(mean[None], covariance[None], alone(vehicle))
     apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}

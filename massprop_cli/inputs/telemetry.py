@@ -26,6 +26,8 @@ CommandKind = commands.CommandKind
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+COARSE = 1e-3
+"""Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
 OFF_UNIT = 1e-2
 """By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
@@ -199,6 +201,12 @@ def _records_per_cycle(source: LogTable, interval_s: Array, period_s: float) -> 
         raise InputError(
             f"{source.table.path}, column {source.name('time_s')}: a median interval of {usual:.6g} s does not divide the control "
             f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
+        )
+    step = float(np.spacing(np.abs(source.required("time_s")).max()))
+    if step > COARSE * period_s:
+        raise InputError(
+            f"{source.table.path}, column {source.name('time_s')}: times this far from 0 have steps of {step:.2g} s, too coarse for a "
+            f"control cycle of {period_s:g} s; take the log's beginning off"
         )
     return records
 
