@@ -9,12 +9,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 from massprop_cli.cli import main
 
+STDIN = "stdin.csv"
+"""A file of this name in the folder is standard input."""
 _FORKS = get_context("forkserver")
 _FORKS.set_forkserver_preload(["massprop_cli.flow", "massprop_cli.result.store", "massprop_cli.result.schema", "tests.commandline"])
 
@@ -54,6 +57,9 @@ def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: d
     os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
     os.chdir(folder)
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # as massprop_cli.__main__ has it before anything else
+    with suppress(FileNotFoundError):
+        os.dup2(os.open(folder / STDIN, os.O_RDONLY), 0)
+        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
     for descriptor, path in zip((1, 2), said[:2], strict=True):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)
     sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115

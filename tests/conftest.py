@@ -13,6 +13,10 @@ from massprop_cli.result.read import Recorded
 from tests.recording import record
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--kills", type=int, default=6, help="how often tests/cli/test_kill.py ends each command")
+
+
 @pytest.fixture(scope="session")
 def flyer(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("flyer"), "free-flyer/log.parquet")

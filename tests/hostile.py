@@ -13,6 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tests.commandline import STDIN
+
 SAMPLE = Path(__file__).parent.parent / "sample_logs" / "free-flyer"
 ESCAPES = "\x1b[31m\x9b1m\u202egnp.exe"
 """Colours, by seven and by eight bits, and letters that run from right to left."""
@@ -196,6 +198,50 @@ def inspected(name: str, make: Callable[[Path], object]) -> Hostile:
     return made
 
 
+def _shifted(seconds: float, rows: slice) -> Callable[[], Any]:
+    """A good log in some of whose rows the clock is that much ahead."""
+
+    def make() -> Any:
+        good = flight()
+        time_s = good.column("time_s").to_numpy().copy()
+        time_s[rows] += seconds
+        return good.set_column(good.column_names.index("time_s"), "time_s", pa.array(time_s))
+
+    return make
+
+
+def live(text: Callable[[str], str]) -> Hostile:
+    """A good log on standard input, changed."""
+
+    def make(folder: Path) -> list[str]:
+        csv(text)(folder)
+        (folder / "log.csv").rename(folder / STDIN)
+        return ["live", "--vehicle", str(folder / "vehicle.toml"), "--out", str(folder / "out")]
+
+    return make
+
+
+def asked(*line: str, with_log: bool = False) -> Hostile:
+    """A command about a vehicle file of 2 MB."""
+
+    def make(folder: Path) -> list[str]:
+        file = vehicle(folder, "#" * 2**21 + "\n")
+        if with_log:
+            pq.write_table(flight(), folder / "log.parquet")
+        log = [str(folder / "log.parquet")] if with_log else []
+        out = [] if line[0] == "check" else ["--out", str(folder / "out")]
+        return [line[0], *log, "--vehicle", str(file), *line[1:], *out]
+
+    return make
+
+
+def _combined(folder: Path) -> list[str]:
+    compared = _result("[" * 100_000)(folder)[1:]
+    (folder / "other").mkdir()
+    (folder / "other" / "result.json").write_text("{}", encoding="utf-8")
+    return ["combine", compared[0], str(folder / "other"), "--out", str(folder / "out")]
+
+
 PATTERN = (
     "schema = 1\n"
     + "".join(
@@ -248,6 +294,17 @@ INPUTS: dict[str, Hostile] = {
     "TOML: a text of 100 kB": replaced('name = "free-flyer"', 'name = "' + 100_000 * "x" + '"'),
     "TOML: 1,000 phases": toml("phases = [" + 1000 * '{name = "p", start_s = 0.0, end_s = 1.0},' + "]\n"),
     "JSON: lists nested 100,000 deep": _result("[" * 100_000),
+    "JSON, in combine: the same": _combined,
+    "a clock set back": table(_shifted(3600.0, slice(30))),
+    "a clock that counts from far away": table(_shifted(1e12, slice(None))),
+    "CSV: decimal commas between commas": csv(lambda text: text.replace("0.0,", "0,0,", 1)),
+    "live: lines cut by semicolons": live(lambda text: text.replace(",", ";")),
+    "live: a column twice": live(lambda text: text.replace("delta_theta_y_rad", "delta_theta_x_rad", 1)),
+    "live: a header of 2 MB": live(lambda text: 2_000_000 * "x" + text),
+    "live: 5,000 columns": live(lambda text: "".join(f"c{n}," for n in range(5_000)) + text),
+    "plan: a vehicle file of 2 MB": asked("plan", "--want", "mass 2 %"),
+    "check: the same": asked("check", with_log=True),
+    "export-flight: the same": asked("export-flight"),
     "a noise of 1e-320": replaced("gyro_noise_rad_s = 0.0001", "gyro_noise_rad_s = 1e-320"),
     "an IMU at 1e20 m": replaced("position_m = [0.1", "position_m = [1e20"),
 }

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import faulthandler
 import io
+import json
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -17,12 +19,16 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from rich.console import Console
 
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.campaign import campaignfile
+from massprop_cli.export import folder, resolve
 from massprop_cli.inputs import expect, logfile, require, telemetry, tolerancefile, vehicle, vehiclefile
 from massprop_cli.inputs.formats import apart, draft, listing, mapfile, mapped, propose, reading, recording, traits
+from massprop_cli.live import records, run
 from massprop_cli.plan import guess
 from massprop_cli.report import markdown, spreadsheet, terminal
 from massprop_cli.result import read
@@ -191,6 +197,43 @@ def _obeyed(text: str) -> Iterator[str]:
     return (character for character in text if unicodedata.category(character) in ("Cc", "Cf") and character not in "\t\r\n")
 
 
+def live(data: bytes) -> None:
+    """Records on standard input, CSV or objects: what is said is finite, and of a recording that a log may be but for its intervals."""
+    said, kept, told = 0, io.StringIO(), io.StringIO(data.decode("utf-8-sig", "replace"))
+    with suppress(InputError), np.errstate(all="ignore"):
+        for line in run.follow(records.lines_of(told), vehiclefile.load(SAMPLE), kept.write, _one_line):
+            estimates = json.loads(line, parse_constant=pytest.fail)["estimates"].values()
+            assert all((each["value"] is None) or each["sigma"] > 0 for each in estimates)
+            said += 1
+    if said:
+        # which interval is the usual one the first tells here, all of them there
+        refused = _refusal(kept.getvalue().encode("utf-8", "replace"))
+        assert not refused or "interval" in refused, refused
+
+
+def _refusal(recording: bytes) -> str:
+    try:
+        with np.errstate(all="ignore"):
+            telemetry.read(logfile.parse(Path("record.csv"), recording), flyer())
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _one_line(message: str) -> None:
+    assert not list(_obeyed(escape.message(message)))
+
+
+def exported(data: bytes) -> None:
+    """A vehicle file to C: every number is one, and no name ends the comment that it stands in."""
+    text = data.decode("utf-8", "replace")
+    with suppress(InputError), np.errstate(all="ignore"):
+        written = folder.contents(resolve.stated(vehiclefile.parse(text, "vehicle.toml")))
+        table = written["table.c"] + written["table.h"]
+        assert table.count("/*") == table.count("*/")
+        assert not {"inf", "nan"} & set(re.findall(r"R\(-?(\w+)", table))
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "csv": csv,
     "parquet": parquet,
@@ -198,4 +241,6 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "streams": streams,
     "toml": toml,
     "result": result,
+    "live": live,
+    "export": exported,
 }

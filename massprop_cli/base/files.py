@@ -73,22 +73,25 @@ def staged(folder: Path) -> Iterator[Staged]:
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Make a folder where there is none, hold it against other processes, and clear what a killed one left half-written.
-
-    A folder that was made and stays empty, because the disk is full for instance, is removed again.
-    """
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
+def made(folder: Path) -> Iterator[None]:
+    """Make a folder where there is none; if it stays empty, because the disk is full for instance, it is removed again."""
+    new = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with lock(folder / _LOCK, folder, _PATIENCE_S):
-            for left in folder.glob(f"{_BEGIN}*{_PARTIAL}"):
-                left.unlink(missing_ok=True)
-            yield
+        yield
     finally:
-        for path in made:
+        for path in new:
             with suppress(OSError):
                 path.rmdir()
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """The same, and hold it against other processes, and clear what a killed one left half-written."""
+    with made(folder), lock(folder / _LOCK, folder, _PATIENCE_S):
+        for left in folder.glob(f"{_BEGIN}*{_PARTIAL}"):
+            left.unlink(missing_ok=True)
+        yield
 
 
 @contextmanager

@@ -32,17 +32,17 @@ def live(
     """
     folder_of_its_own(out)
     from massprop_cli.inputs import vehiclefile
-    from massprop_cli.live import run
+    from massprop_cli.live import records, run
+    from massprop_cli.live.recording import RECORDED, recording
 
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")  # what is not text makes a bad record, not an end
     source = vehiclefile.load(vehicle, assign or [])
-    record = run.kept(out)
-    with record.open("x", encoding="utf-8", newline="\n") as keeping:
-        for line in run.follow(sys.stdin, source, keeping, say):
+    with recording(out) as keep:
+        for line in run.follow(records.lines_of(sys.stdin), source, keep, say):
             sys.stdout.write(f"{line}\n")
             sys.stdout.flush()
-    _concluded(record, vehicle, assign or [], quiet, no_color)
+    _concluded(out / RECORDED, vehicle, assign or [], quiet, no_color)
 
 
 def _concluded(record: Path, vehicle: Path, assign: Sequence[str], quiet: bool, no_color: bool) -> None:

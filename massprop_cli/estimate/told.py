@@ -47,6 +47,8 @@ class Told:
     def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
         """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""
         vehicle, cycles, (mean, covariance) = self.vehicle, self.cycles, self.last
+        if self.count != cycles.stop - cycles.start:
+            raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
         _, full = quantities(mean[None], covariance[None], vehicle)
         bare = quantities(mean[None], covariance[None], alone(vehicle))
         apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}

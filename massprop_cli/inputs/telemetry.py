@@ -26,6 +26,10 @@ CommandKind = commands.CommandKind
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+COARSE = 1e-3
+"""Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
+OFF_UNIT = 1e-2
+"""By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
 
@@ -198,6 +202,12 @@ def _records_per_cycle(source: LogTable, interval_s: Array, period_s: float) -> 
             f"{source.table.path}, column {source.name('time_s')}: a median interval of {usual:.6g} s does not divide the control "
             f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
         )
+    step = float(np.spacing(np.abs(source.required("time_s")).max()))
+    if step > COARSE * period_s:
+        raise InputError(
+            f"{source.table.path}, column {source.name('time_s')}: times this far from 0 have steps of {step:.2g} s, too coarse for a "
+            f"control cycle of {period_s:g} s; take the log's beginning off"
+        )
     return records
 
 
@@ -206,7 +216,7 @@ def _attitude(source: LogTable) -> Array | None:
         return None
     quaternion = np.stack([source.required(name) for name in QUATERNION], 1)
     norm = np.linalg.norm(quaternion, axis=1)
-    bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
+    bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
     if bad.size:
         raise source.error(
             int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"

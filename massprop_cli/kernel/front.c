@@ -209,7 +209,7 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
 
 /* A cycle whose executed commands are known. */
 static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *usable) {
-    mp_real theta[3], v[3];
+    mp_real theta[3], v[3], rounding;
     int i;
     cycle->end_s = flown->end_s;
     cycle->duration_s = flown->duration_s;
@@ -228,7 +228,9 @@ static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, i
     executed(front, flown->duration_s);
     impulses(front, cycle);
     passed(front, flown->duration_s);
-    *usable = !flown->unused && front->since_s >= front->table.delay_s - R(1e-6) * front->table.period_s;
+    /* on the ground `unused` says so too, more strictly (massprop_cli/prepare/align.py): rounding must not make two answers of it */
+    rounding = R(2e-6) * front->table.period_s + R(2e-15) * mp_abs(flown->end_s);
+    *usable = !flown->unused && front->since_s >= front->table.delay_s - rounding;
     front->since_s += flown->duration_s;
     front->cycles += 1;
 }

@@ -6,16 +6,39 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
 
+from massprop_cli.base import limits
+from massprop_cli.base.configfile import repeated
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import commands
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH, jet
-from massprop_cli.inputs.telemetry import ABSURD
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.telemetry import ABSURD, OFF_UNIT
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
 """Letters of a line."""
+
+
+def lines_of(stream: IO[str]) -> Iterator[str]:
+    """A stream's lines; of one longer than :data:`LONGEST` the beginning. :class:`InputError` where the stream can't be read."""
+    while line := _beginning(stream):
+        rest = line
+        while len(rest) > LONGEST and not rest.endswith("\n"):
+            rest = _beginning(stream)
+        yield line
+
+
+def _beginning(stream: IO[str]) -> str:
+    try:
+        return stream.readline(LONGEST + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"standard input: cannot be read ({getattr(error, 'strerror', None) or error}); pipe a log into it") from None
 
 
 class RecordError(ValueError):
@@ -60,6 +83,7 @@ class Reader:
 
     def __init__(self, vehicle: Vehicle, first: str) -> None:
         """``first`` is the stream's first line. :class:`InputError` where it lacks a column that is needed."""
+        _check_length(first)
         self.vehicle, self.is_json = vehicle, first.lstrip().startswith("{")
         self.names = list(_object(first)) if self.is_json else [name.strip() for name in _fields(first)]
         self.own = {name: column.from_ for name, column in vehicle.columns.items()}
@@ -72,16 +96,20 @@ class Reader:
 
     def read(self, line: str) -> Record:
         """One line; :class:`RecordError` where it is none."""
-        if len(line) > LONGEST:
-            raise RecordError(f"a line of {len(line)} letters")
+        _check_length(line)
         cells = self._cells(line)
         numbers = {name: self._number(name, cells) for name in (*self.columns.required, *self.columns.commands)}
         for name in self.columns.required:
             if not math.isfinite(numbers[name]):
                 raise RecordError(f"column {self._own(name)}: {cells.get(self._own(name)) or 'an empty cell'} is not a finite number")
         for name in (*DELTA_THETA, *DELTA_V, *GYRO, *ACCEL):
-            if abs(numbers.get(name, 0.0)) > ABSURD:
+            # an increment is over a cycle at most
+            longest_s = self.vehicle.cycle.period_s if name in (*DELTA_THETA, *DELTA_V) else 1.0
+            if abs(numbers.get(name, 0.0)) > ABSURD * longest_s:
                 raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is no motion of a vehicle")
+        norm = math.hypot(*(numbers[name] for name in QUATERNION)) if self.columns.attitude else 1.0
+        if not abs(norm - 1) <= OFF_UNIT:
+            raise RecordError(f"column {self._own('quat_w')}: the quaternion's norm is {norm:.4g}, not 1")
         for name in self.columns.commands if self.columns.jets else ():
             if numbers[name] < 0 or numbers[name] > self.vehicle.cycle.period_s * (1 + 1e-6):
                 raise RecordError(
@@ -96,6 +124,10 @@ class Reader:
         return any(self._own(name) in self.names for name in names)
 
     def _columns(self) -> Columns:
+        limits.COLUMNS.check("standard input, line 1", len(self.names))
+        twice = repeated(self.names)
+        if twice is not None:
+            raise InputError(f"standard input, line 1: column {twice!r} stands twice; rename one or drop it")
         jets, wrench = [jet(each.name) for each in self.vehicle.jets], self._has(WRENCH)
         if wrench and self._has(jets):
             raise InputError("standard input: has both jet_* and cmd_* columns; keep the one kind that was executed")
@@ -112,7 +144,18 @@ class Reader:
                 f"standard input: the first line lacks {', '.join(missing) or 'commands'}; begin with the names of all columns (CSV), or "
                 "with a JSON object that has them all, or map them under [columns] of the vehicle file"
             )
+        self._check_as_log()
         return found
+
+    def _check_as_log(self) -> None:
+        """:class:`InputError` where a log of these columns would be refused: of a jet, a wheel or a map that are not of this vehicle."""
+        import pyarrow as pa
+
+        place, row = Path("standard input"), Places([1])
+        cells = {name: Cells(place, name, pa.chunked_array([[0.0]]), row) for name in self.names}
+        log = LogTable(Table(place, "", cells, 1, row, None), self.vehicle.columns)
+        commands.commands(log, self.vehicle, 1, 1)
+        commands.wheels(log, self.vehicle, 1, 1)
 
     def _cells(self, line: str) -> dict[str, str]:
         if self.is_json:
@@ -129,7 +172,7 @@ class Reader:
     def _number(self, name: str, cells: dict[str, str]) -> float:
         text = cells[self._own(name)].strip()
         try:
-            value = float(text) if text else math.nan
+            value = float(text if text.isascii() and "_" not in text else "no number") if text else math.nan
         except ValueError:
             raise RecordError(f"column {self._own(name)}: {text!r} is no number") from None
         if math.isinf(value):
@@ -140,12 +183,26 @@ class Reader:
 
 def _object(line: str) -> dict[str, object]:
     try:
-        found = json.loads(line)
+        found = json.loads(line, object_pairs_hook=_once)
+    except RecordError:
+        raise
     except (ValueError, RecursionError):
         raise RecordError("is not JSON") from None
     if not isinstance(found, dict):
         raise RecordError("is no JSON object")
     return found
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    twice = repeated(name for name, _ in pairs)
+    if twice is not None:
+        raise RecordError(f"names {twice!r} twice")
+    return dict(pairs)
+
+
+def _check_length(line: str) -> None:
+    if len(line) > LONGEST:
+        raise RecordError(f"has more than {LONGEST} letters")
 
 
 def _fields(line: str) -> list[str]:

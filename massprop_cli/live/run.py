@@ -6,8 +6,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
-from pathlib import Path
-from typing import IO
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
@@ -23,8 +21,6 @@ from massprop_cli.model.handed import StatusError
 
 UNUSED = 14
 """Where a cycle's numbers say that it is of no phase."""
-RECORDED = "record.csv"
-"""What came, in the result's folder."""
 
 
 class Live:
@@ -77,8 +73,8 @@ class Live:
         return json.dumps({"time_s": end_s, "phase": self.legs[leg].name, "estimates": estimates})
 
 
-def follow(lines: Iterable[str], source: VehicleSource, record: IO[str], warn: Callable[[str], None]) -> Iterator[str]:
-    """A line of JSON for each cycle as it is estimated; ``record`` holds what came.
+def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], object], warn: Callable[[str], None]) -> Iterator[str]:
+    """A line of JSON for each cycle as it is estimated; ``keep`` is given what came, as lines of CSV.
 
     A record that must be left out is told by ``warn``. :class:`InputError` where what comes can't be used, or no more of it.
     """
@@ -96,14 +92,20 @@ def follow(lines: Iterable[str], source: VehicleSource, record: IO[str], warn: C
     columns = reader.columns
     live = Live(resolve.stated(source, columns.attitude and source.vehicle.on_air_bearing, columns.jets))
     gatherer = Gatherer(columns, source.vehicle.cycle.period_s)
-    record.write(reader.header)
+    keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
-        yield from _one(at, line, reader, gatherer, live, record, warn)
+        yield from _one(at, line, reader, gatherer, live, keep, warn)
     yield from live.last()
 
 
 def _one(
-    number: int, line: str, reader: Reader, gatherer: Gatherer, live: Live, record: IO[str], warn: Callable[[str], None]
+    number: int,
+    line: str,
+    reader: Reader,
+    gatherer: Gatherer,
+    live: Live,
+    keep: Callable[[str], object],
+    warn: Callable[[str], None],
 ) -> Iterator[str]:
     try:
         found = reader.read(line)
@@ -111,9 +113,8 @@ def _one(
     except RecordError as error:
         warn(f"standard input, line {number}: left out: {error}")
         return
-    record.write(found.row)
+    keep(found.row)
     for cycle in cycles:
-        record.flush()
         try:
             yield from live.add(cycle)
         except StatusError as error:
@@ -122,15 +123,3 @@ def _one(
 
 def _said(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def kept(folder: Path) -> Path:
-    """Where what comes is kept; :class:`InputError` where something is already."""
-    path = folder / RECORDED
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
-    if path.exists():
-        raise InputError(f"{path}: is there already, and a recording is not written over; choose another folder", option="out")
-    return path

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
-from massprop_cli import QUANTITIES
+from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base import configfile, limits
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
@@ -48,7 +49,7 @@ def read(path: Path) -> Recorded:
         raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
     text = configfile.read_text(file, "result.json")
     try:
-        data = json.loads(text)
+        data = json.loads(text, parse_constant=_finite, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON ({error}); make it again with massprop estimate") from None
     if not isinstance(data, dict) or data.get("schema") != "massprop/result/1":
@@ -66,7 +67,33 @@ def read(path: Path) -> Recorded:
             raise InputError(
                 f"{file}: estimates hold {', '.join(part.estimates) or 'nothing'}, not the ten quantities in their order; make it again"
             )
+        problem = _contradiction(part)
+        if problem:
+            raise InputError(f"{file}: {problem}; it was edited. Make it again")
     return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def _finite(text: str) -> float:
+    """Of JSON's numbers, and of NaN and Infinity, which are none."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is no finite number")
+    return number
+
+
+def _contradiction(part: PhaseItem | DockedObject) -> str:
+    """In which of a part's numbers nobody could believe; empty where there is none."""
+    for name, item in part.estimates.items():
+        if item.unit != UNITS[name]:
+            return f"the unit of {name} is {item.unit!r}, not {UNITS[name]!r}"
+        if item.sigma is not None and item.sigma < 0:
+            return f"the sigma of {name} is {item.sigma:g}, below 0"
+        if item.value is not None and item.sigma is None:
+            return f"{name} has a value and no sigma"
+    covariance = np.array(part.covariance, dtype=float)
+    if not np.array_equal(covariance, covariance.T, equal_nan=True) or (np.diag(covariance) < 0).any():
+        return "covariance is not symmetric, or has a variance below 0"
+    return ""
 
 
 def _below(folder: Path) -> str:

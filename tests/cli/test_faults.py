@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import resource
+import shlex
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from massprop_cli.base import files
-from tests.cli.test_kill import COMMANDS, THERE, contents
+from tests.cli.test_kill import COMMANDS, PLAN, SETTINGS, THERE, contents
+from tests.commandline import STDIN, massprop
 from tests.hostile import flight, vehicle
 from tests.refusal import save
 
@@ -71,6 +75,24 @@ def _limited(size: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
+def begun(folder: Path, arguments: Sequence[str], limited: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+    """A command in a new interpreter."""
+    line, given = [sys.executable, "-m", "massprop_cli", *arguments], folder / STDIN
+    # what Python compiles would be cut by the limit, too, and stay so
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "PYTHONDONTWRITEBYTECODE": "1"}
+    with given.open() if given.exists() else Path(os.devnull).open() as stdin:
+        return subprocess.Popen(
+            line,
+            cwd=folder,
+            env=environment,
+            stdin=stdin,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=limited,
+        )
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("command", WRITING)
 def test_a_quota_that_is_reached_leaves_what_was_there(command: str, tmp_path: Path) -> None:
@@ -78,12 +100,11 @@ def test_a_quota_that_is_reached_leaves_what_was_there(command: str, tmp_path: P
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
     before = contents(tmp_path)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    line = [sys.executable, "-m", "massprop_cli", *arguments]
-    done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, preexec_fn=_limited(300), check=False)
-    assert done.returncode == 3, done.stderr
-    assert done.stderr.count("\n") == 1
-    assert "cannot be written" in done.stderr
+    done = begun(tmp_path, arguments, _limited(300))
+    said = done.communicate(timeout=60)[1]
+    assert done.returncode == 3, said
+    assert said.count("\n") == 1
+    assert "cannot be written" in said
     left = {file for file in contents(tmp_path) if not file.startswith("out/results/")}
     assert left == set(before), "something half-written, or hidden, is left"
     assert command == "batch" or not (tmp_path / "out").exists(), "an empty folder is left"
@@ -111,20 +132,119 @@ def test_a_full_disk_leaves_the_earlier_result(small_disk: Path, log: Path) -> N
     assert contents(out) == {"result.json": b"the earlier one"}
 
 
+WRITTEN = ("out", "junit.xml", "drafted.toml")
+"""What commands of :data:`COMMANDS` write."""
+
+
+def _on(disk: Path, arguments: Sequence[str]) -> list[str]:
+    return [str(disk / one) if one in WRITTEN else one for one in arguments]
+
+
+def _refused(folder: Path, arguments: Sequence[str], words: str) -> None:
+    done = begun(folder, arguments)
+    said = done.communicate(timeout=60)[1]
+    assert done.returncode == 3, said
+    assert said.count("\n") == 1, said
+    assert words in said
+
+
 @pytest.mark.thorough
-def test_a_disk_that_can_only_be_read_is_told(small_disk: Path, log: Path) -> None:
+@pytest.mark.parametrize("command", WRITING)
+def test_a_disk_that_is_full_or_can_only_be_read_is_told(command: str, small_disk: Path, tmp_path: Path) -> None:
+    prepare, arguments = COMMANDS[command]
+    prepare(tmp_path)
+    filling = small_disk / "filling"
+    with suppress(OSError):
+        filling.write_bytes(bytes(2**15))
+    _refused(tmp_path, _on(small_disk, arguments), "No space left on device")
+    assert {path.name for path in small_disk.iterdir()} - ({"out"} if command == "batch" else set()) == {"filling"}
     subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
-    for line in (f"estimate log.parquet -q --out {small_disk}/out", f"simulate free-flyer --seeds 2 -q --out {small_disk}/out"):
-        done = shell(log.parent, f"{TOOL} {line}")
-        assert done.returncode == 3
-        assert done.stderr.count(b"\n") == 1
-        assert b"Read-only file system" in done.stderr
+    _refused(tmp_path, _on(small_disk, arguments), "Read-only file system")
 
 
-def test_a_folder_that_vanished_under_the_command_is_told(log: Path) -> None:
-    done = shell(log.parent, f"mkdir here && cd here && rmdir ../here && {TOOL} estimate ../log.parquet; code=$?; cd ..; exit $code")
+@pytest.mark.parametrize("command", WRITING)
+def test_a_folder_that_vanished_under_the_command_is_told(command: str, tmp_path: Path) -> None:
+    prepare, arguments = COMMANDS[command]
+    prepare(tmp_path)
+    above = " ".join(shlex.quote(f"../{one}" if (tmp_path / one).exists() else one) for one in arguments)
+    given = f"../{STDIN}" if (tmp_path / STDIN).exists() else "/dev/null"
+    done = shell(tmp_path, f"mkdir here && cd here && rmdir ../here && {TOOL} {above} < {given}; code=$?; cd ..; exit $code")
     assert done.returncode == 3, done.stderr
     assert done.stderr.count(b"\n") == 1
+
+
+SAYING = {
+    "check": ("check", "log.parquet"),
+    "columns": ("columns", "log.parquet"),
+    "init": ("init", "log.parquet"),
+    "export-flight": ("export-flight", "--vehicle", "vehicle.toml", "--out", "flight"),
+    "live": ("live", "--vehicle", "vehicle.toml", "--out", "live"),
+    "plan": ("plan", "--vehicle", "vehicle.toml", "--guess", "guess.toml", *PLAN, "--out", "plan"),
+    "combine": ("combine", "log", "other", "--out", "joint"),
+    "compare": ("compare", "log", "other"),
+    "report": ("report", "log", "--format", "md", "--out", "page"),
+    "simulate": ("simulate", "free-flyer", *SETTINGS, "--out", "flown"),
+    "schema": ("schema", "vehicle"),
+}
+"""Commands that say something."""
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with all that these are given."""
+    folder = tmp_path_factory.mktemp("asked")
+    COMMANDS["combine"][0](folder)
+    COMMANDS["plan"][0](folder)
+    COMMANDS["live"][0](folder)
+    return folder
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", SAYING)
+@pytest.mark.parametrize(("end", "codes"), [("| true", (141, 0)), (">&-", (0,)), ("2>&-", (0,)), (">/dev/full", (3,))])
+def test_a_stream_that_fails_under_any_command_is_no_bug(
+    end: str, codes: tuple[int, ...], command: str, asked: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "here"
+    shutil.copytree(asked, folder)
+    done = shell(folder, f"{TOOL} {shlex.join(SAYING[command])} < {STDIN} {end}")
+    # nothing on stdout is nothing that may be lost
+    assert done.returncode in codes or (command == "export-flight" and done.returncode == 0), done.stderr
+    for words in (b"Traceback", b"Exception ignored", b"internal error"):
+        assert words not in done.stderr
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", SAYING)
+def test_any_command_speaks_to_a_terminal_of_any_encoding(command: str, asked: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "here"
+    shutil.copytree(asked, folder)
+    done = shell(folder, f"{TOOL} {shlex.join(SAYING[command])} < {STDIN}", PYTHONIOENCODING="ascii", PYTHONUTF8="0", LC_ALL="C")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.isascii()
+    assert done.stderr.isascii()
+
+
+NAMES = ["two words", "new\nline", "-rf", 127 * "é" + "x", "\x1b[31m", "%s$(id)"]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("command", ["check", "export-flight", "live", "plan", "combine", "report"])
+def test_any_command_takes_files_and_folders_of_any_name(command: str, name: str, asked: Path, tmp_path: Path) -> None:
+    folder, out = tmp_path / "here", tmp_path / "here" / name
+    shutil.copytree(asked, folder)
+    line = [word for word in SAYING[command] if word not in ("--vehicle", "vehicle.toml")]
+    if "--out" in line:
+        line[line.index("--out") :] = [f"--out={name}"]
+    if command not in ("combine", "report"):
+        source = f"{name[:120]}.toml"
+        (folder / "vehicle.toml").rename(folder / source)
+        line.append(f"--vehicle={source}")
+    done = massprop(folder, *line)
+    assert done.returncode == 0, done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+    assert command == "check" or list(out.iterdir())
 
 
 @pytest.mark.thorough
@@ -132,18 +252,16 @@ def test_a_folder_that_vanished_under_the_command_is_told(log: Path) -> None:
 def test_two_processes_on_one_folder_end_in_one_whole_result(command: str, tmp_path: Path) -> None:
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    line = [sys.executable, "-m", "massprop_cli", *arguments]
-    both = [subprocess.Popen(line, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    both = [begun(tmp_path, arguments) for _ in range(2)]
     said = [process.communicate(timeout=60)[1] for process in both]
     codes = sorted(process.returncode for process in both)
     assert codes in ([0, 0], [0, 3]), said
     if codes == [0, 3]:
-        assert "another massprop is at work there" in "".join(said) or THERE in "".join(said)
+        assert "another massprop is at work there" in "".join(said) or any(words in "".join(said) for words in THERE)
     together = contents(tmp_path)
     assert not [file for file in together if "/." in f"/{file}"]
-    again = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert again.returncode == 0 or THERE in again.stderr
+    again = massprop(tmp_path, *arguments)
+    assert again.returncode == 0 or any(words in again.stderr for words in THERE)
     assert contents(tmp_path) == together
 
 

@@ -98,3 +98,23 @@ def test_a_reference_far_off_leads_to_the_same_fit(inertia: float, cg: float, ma
     far = Reference(inertia * tensor(true[:6]), cg * true[6:9], 1 / (mass * true[9]))
     again = offline.settle(found.samples, history.cycles, history.phase, far, resolved(found.vehicle)).history
     assert np.abs((again.values[-1] - history.values[-1]) / history.sigmas[-1]).max() < 0.1
+
+
+def test_when_a_clock_began_to_count_makes_no_difference() -> None:
+    """Of a computer's clock, which counts from 1970, numbers are 2.4e-7 s apart."""
+    flight, found = plain(3)
+    log = flight.log(0)
+    end = log.time_s + 1.7e9
+    other = replace(log, time_s=end, interval_s=np.diff(end, prepend=end[0] - log.interval_s[0]))
+    assert np.abs(moved(found, examined(other, flight.vehicle))).max() < 0.3
+
+
+@pytest.mark.parametrize("delay", [1.9999999, 2.0, 2.0000009, 2.000001, 2.0000011, 2.000002])
+def test_a_delay_at_the_edge_of_a_cycle_leaves_every_cycle_an_estimate(delay: float) -> None:
+    """Which is the first cycle whose command is known is asked twice, of sums that round differently."""
+    flight, _ = plain(3)
+    vehicle = flight.vehicle.model_copy(update={"cycle": flight.vehicle.cycle.model_copy(update={"command_delay_cycles": delay})})
+    log = without_first(flight.log(0), QUIET_CYCLES)
+    for offset in (0.0, 1e4, 1e7):
+        found = examined(replace(log, time_s=log.time_s + offset), vehicle)
+        assert len(found.histories[0].values) in (log.cycles - 2, log.cycles - 3)

@@ -69,6 +69,9 @@ BAD_LOGS = {
         cell("delta_v_x_m_s", 17, -INF), 17, ("column delta_v_x_m_s", "-inf", "not a finite number", "mend or cut")
     ),
     "holds NaN in its time": BadLog(cell("time_s", 42, NAN), 42, ("column time_s", "nan", "not a finite number", "mend or cut")),
+    "counts time from too far away": BadLog(
+        times(lambda _, time: time + 1e12), None, ("column time_s", "steps of 0.00012 s", "take the log's beginning off")
+    ),
     "holds text in an IMU column": BadLog(
         text_cell("delta_theta_z_rad", 42, "abc"), 42, ("column delta_theta_z_rad", "'abc'", "not a number", "mend the cell")
     ),

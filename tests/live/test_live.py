@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +19,8 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
-from massprop_cli.live import run
+from massprop_cli.live import records, run
+from massprop_cli.live.recording import recording
 from tests.analysed import SAMPLES, analysed
 from tests.commandline import massprop
 
@@ -41,7 +44,7 @@ def followed(name: str, lines: list[str], *assignments: str) -> tuple[list[dict[
     """What is said, what is kept and what is warned of."""
     record, warned = io.StringIO(), list[str]()
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
-    said = [json.loads(line) for line in run.follow(lines, source, record, warned.append)]
+    said = [json.loads(line) for line in run.follow(lines, source, record.write, warned.append)]
     return said, record.getvalue(), warned
 
 
@@ -94,19 +97,40 @@ def test_the_recording_is_estimated_as_any_log(tmp_path: Path) -> None:
     assert {name: (e["value"], e["sigma"]) for name, e in last.items()} == {name: (e["value"], e["sigma"]) for name, e in result.items()}
 
 
+def in_column(line: str, name: str, value: str) -> str:
+    """A line with another cell."""
+    cells = line.rstrip("\n").split(",")
+    cells[recorded("free-flyer")[0].replace('"', "").split(",").index(name)] = value
+    return ",".join(cells) + "\n"
+
+
 BAD = {
     "no record": "hello\n",
     "too few fields": "1.0,2.0\n",
     "no number": None,
     "time that stands still": None,
+    "a clock set back": None,
+    "decimal commas": None,
+    "a digit separator": None,
+    "another script's digits": None,
+    "no motion of a vehicle": None,
+    "a line without an end": "x" * (records.LONGEST + 2),
+}
+CELLS = {
+    "no number": ("delta_theta_x_rad", "nan"),
+    "a clock set back": ("time_s", "-3600.0"),
+    "decimal commas": ("delta_theta_x_rad", "0,001"),
+    "a digit separator": ("delta_theta_x_rad", "1_0"),
+    "another script's digits": ("delta_theta_x_rad", "١"),
+    "no motion of a vehicle": ("delta_theta_x_rad", "1e6"),
 }
 
 
 @pytest.mark.parametrize("kind", BAD)
 def test_a_bad_record_is_told_and_left_out(kind: str) -> None:
     lines = recorded("free-flyer")[:301]
-    if kind == "no number":
-        bad = lines[100].replace(lines[100].split(",")[1], "nan", 1)
+    if kind in CELLS:
+        bad = in_column(lines[100], *CELLS[kind])
     elif kind == "time that stands still":
         bad = lines[99]
     else:
@@ -146,10 +170,105 @@ def test_what_cannot_begin_is_refused(lines: list[str] | None, assignments: tupl
         followed("free-flyer", recorded("free-flyer")[:10] if lines is None else lines, *assignments)
 
 
+def with_columns(lines: list[str], **cells: str) -> list[str]:
+    """Lines with more columns, of one content each."""
+    return [f"{line.rstrip()},{','.join(cells.values() if number else cells)}\n" for number, line in enumerate(lines)]
+
+
+@pytest.mark.parametrize(
+    ("added", "assignments"),
+    [
+        ({"delta_theta_x_rad": "0"}, ()),
+        ({"jet_none_s": "0"}, ()),
+        ({"wheel_none_n_m": "0"}, ()),
+        ({"cmd_torque_x_n_m": "0"}, ()),
+        ({"qw": "1"}, ("columns.quat_w={from='w'}",)),
+    ],
+)
+def test_columns_that_a_log_may_not_have_are_refused_before_anything_is_said(
+    added: dict[str, str], assignments: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Else numbers would be said of a column that is another's, and the recording refused in the end."""
+    lines = with_columns(recorded("free-flyer")[:101], **added)
+    (tmp_path / "log.csv").write_text("".join(lines), encoding="utf-8")
+    vehicle = ("--vehicle", str(SAMPLES / "free-flyer" / "vehicle.toml"), *(word for one in assignments for word in ("--set", one)))
+    refused = massprop(tmp_path, "estimate", "log.csv", *vehicle, "--out", "out")
+    assert refused.returncode == 3
+    with pytest.raises(InputError) as said:
+        followed("free-flyer", lines, *assignments)
+    assert str(said.value).split(": ", 1)[1] == refused.stderr.rstrip().split(": ", 2)[2]
+    with pytest.raises(InputError):
+        followed("free-flyer", as_objects(lines) if len(added) == 1 and "delta_theta_x_rad" not in added else lines, *assignments)
+
+
+def test_an_object_that_names_a_column_twice_is_left_out() -> None:
+    lines = as_objects(recorded("free-flyer")[:201])
+    bad = lines[100].replace("{", '{"delta_theta_x_rad": 0.0, ', 1)
+    said, _, warned = followed("free-flyer", [*lines[:100], bad, *lines[100:]])
+    assert warned == ["standard input, line 101: left out: names 'delta_theta_x_rad' twice"]
+    assert said == followed("free-flyer", lines)[0]
+
+
+def test_a_quaternion_that_is_no_attitude_is_left_out() -> None:
+    lines = with_columns(recorded("free-flyer")[:301], quat_w="1", quat_x="0", quat_y="0", quat_z="0")
+    bad = lines[100].replace(",1,0,0,0", ",0,0,0,0")
+    said, _, warned = followed("free-flyer", [*lines[:100], bad, *lines[100:]])
+    assert warned == ["standard input, line 101: left out: column quat_w: the quaternion's norm is 0, not 1"]
+    assert said == followed("free-flyer", lines)[0]
+
+
+def test_a_line_of_a_gigabyte_is_never_held() -> None:
+    class Endless(io.StringIO):
+        left = 1000
+
+        def readline(self, size: int | None = -1, /) -> str:  # type: ignore[override]
+            assert size is not None
+            assert 0 < size <= records.LONGEST + 1
+            self.left -= 1
+            return "x" * size if self.left else "\n"
+
+    stream = Endless()
+    assert len(next(records.lines_of(stream))) == records.LONGEST + 1
+    assert stream.left == 0
+
+
+def test_a_disk_that_is_full_keeps_whole_records_alone(tmp_path: Path) -> None:
+    """No file may grow beyond 20 kB, as on a disk that is full then."""
+    text = "".join(recorded("free-flyer")[:301])
+    line = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", str(SAMPLES / "free-flyer" / "vehicle.toml"), "--out", "live"]
+    ended = subprocess.run(
+        line,
+        cwd=tmp_path,
+        input=text,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+        check=False,
+    )
+    assert ended.returncode == 3
+    assert (
+        ended.stderr
+        == "massprop: live/record.csv: cannot be written (File too large); it holds what came before. Make room, and begin anew\n"
+    )
+    kept = (tmp_path / "live" / "record.csv").read_text()
+    assert kept.endswith("\n")
+    assert len(kept.splitlines()) > 50
+    assert text.replace('"', "").startswith(kept.replace('"', ""))
+
+
+@pytest.mark.parametrize("given", ["", "time_s\n"])
+def test_what_never_began_leaves_no_folder(given: str, tmp_path: Path) -> None:
+    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
+    line = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "a/live"]
+    assert subprocess.run(line, cwd=tmp_path, input=given, capture_output=True, text=True, check=False).returncode == 3
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     (tmp_path / "record.csv").write_text("precious")
-    with pytest.raises(InputError, match="not written over"):
-        run.kept(tmp_path)
+    with pytest.raises(InputError, match="not written over"), recording(tmp_path):
+        pass
     assert (tmp_path / "record.csv").read_text() == "precious"
 
 
