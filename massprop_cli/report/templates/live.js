@@ -141,9 +141,5 @@
     panel.addEventListener("click", event => { if (event.pointerType !== "mouse") { panels.forEach(other => { if (other !== panel) leave(other); }); mount(panel, event); } });
   }
   addEventListener("resize", () => panels.forEach(leave));
-  addEventListener("beforeprint", () => {
-    panels.forEach(leave);
-    const printed = document.getElementById("printed");
-    if (printed) printed.textContent = `Printed on ${new Date().toISOString().slice(0, 10)}.`;
-  });
+  addEventListener("beforeprint", () => panels.forEach(leave));
 })();
