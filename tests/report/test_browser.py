@@ -210,7 +210,9 @@ def test_expectations_and_the_raster_stand_where_their_values_are(browser: Brows
     assert (low + high) / 2 == pytest.approx(0.2 / 0.5, abs=0.02)
     jet = recorded.result.vehicle.jets[0]
     busy = columns["time_s"][columns[f"executed_{jet}_s"] > 0]
-    assert across(page, "figure-firing", "jet1-firing") == pytest.approx((busy.min(), busy.max()), abs=np.ptp(columns["time_s"]) / 120)
+    assert across(page, "figure-firing", "jet1-firing") == pytest.approx(
+        (busy.min(), busy.max()), abs=float(np.ptp(columns["time_s"])) / 120
+    )
 
 
 def across(page: Page, figure: str, series: str) -> tuple[float, float]:
