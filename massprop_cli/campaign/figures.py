@@ -96,7 +96,7 @@ def _values(name: str, spread: Spread, told: Pooled) -> Panel:
 
         axis.values(axes, limits, vocabulary.SYMBOLS[name], vocabulary.unit(told.unit))
         axes.set_xlim(first - 0.6, last + 0.6)
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True, min_n_ticks=1))
         axes.axhspan(mean.value - mean.sigma, mean.value + mean.sigma, color=palette.BLUE, alpha=0.2, linewidth=0)
         axes.axhline(mean.value, color=palette.BLUE, linewidth=1.0, gid=f"{name}-mean")
         if spread.expected is not None:

@@ -48,5 +48,12 @@ def _table(pool: Pool) -> Table:
     for (name, item), row in zip(pool.estimates.items(), page.pooled(pool), strict=True):
         more = f" and {len(item.outliers) - NAMED} more" if len(item.outliers) > NAMED else ""
         stray = f"{', '.join(row['outliers'].split(', ')[:NAMED])}{more}" if item.outliers else "none"
-        table.add_row(name, *(escape.rich(row[key]) for key in _COLUMNS if key not in ("symbol", "outliers")), escape.rich(stray))
+        table.add_row(
+            name, *(escape.rich(_plain(row[key])) for key in _COLUMNS if key not in ("symbol", "outliers")), escape.rich(_plain(stray))
+        )
     return table
+
+
+def _plain(text: str) -> str:
+    """With the minus that other programs read."""
+    return text.replace("−", "-")

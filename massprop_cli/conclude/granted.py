@@ -45,14 +45,14 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iter
     for i, axis in enumerate(AXES):
         further = _with(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
         variant = Variant(here, Side(here.samples, further), 1e-3)
-        yield Taken("imu-position", f"{words}; further along {axis}", "1 mm", "position_m" in stated, variant, 1e-3)
+        yield Taken("imu-position", f"{words}; further along {axis}", f"1 mm along {axis}", "position_m" in stated, variant, 1e-3)
     words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
     for i, axis in enumerate(AXES):
         mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
         used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
         variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
         message = f"imu.body_from_imu is {words}; turned about {axis}"
-        yield Taken("imu-mounting", message, "1 degree", "body_from_imu" in stated, variant, DEGREE)
+        yield Taken("imu-mounting", message, f"1 degree about {axis}", "body_from_imu" in stated, variant, DEGREE)
     later = late(log, vehicle, timing, "delay")
     if later is not None:
         sigma = vehicle.cycle.command_delay_sigma_cycles
@@ -92,11 +92,11 @@ def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken
         changed = _with(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
         message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
         variant = Variant(here, Side(here.samples, changed), 1e-4)
-        yield Taken("bearing-position", message, "1 mm", "bearing_position_m" in stated, variant, 1e-3)
+        yield Taken("bearing-position", message, f"1 mm along {axis}", "bearing_position_m" in stated, variant, 1e-3)
     for i, axis in enumerate("" if samples.attitude_logged else "XY"):
         variant = Variant(here, _tilted(samples, vehicle, i, 0.1 * DEGREE), 0.1 * DEGREE)
         message = f"environment.initial_attitude_wxyz is {_vector(environment.initial_attitude_wxyz)}; tilted about the world's {axis}"
-        yield Taken("initial-attitude", message, "1 degree", "initial_attitude_wxyz" in stated, variant, DEGREE)
+        yield Taken("initial-attitude", message, f"1 degree about the world's {axis}", "initial_attitude_wxyz" in stated, variant, DEGREE)
 
 
 def _vector(values: Sequence[float]) -> str:

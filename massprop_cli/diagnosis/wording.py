@@ -174,7 +174,7 @@ def _tilt(said: Said) -> str:
 
 def _fuel(said: Said) -> str:
     mass, inertia = (100 * float(said.found.value(name)[0]) for name in ("mass_rate", "inertia_rate"))
-    return f"the mass falls by {mass:.3g} % and the inertia by {inertia:.3g} % from the first to the last cycle; state [drift]"
+    return f"the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle; state [drift]"
 
 
 def _vector(values: Array) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan import table
 from massprop_cli.plan.document import PlanFile, QuantityItem
-from massprop_cli.report import html, vocabulary
+from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.figures import axis, canvas, palette
 from massprop_cli.report.figures.panel import Panel
 from massprop_cli.report.svg import gathered, inline
@@ -29,8 +29,9 @@ def text(found: PlanFile) -> str:
         "plan": found,
         "rows": rows,
         "longer": table.longer(found),
+        "further": {name: table.further(item) for name, item in found.quantities.items()},
         "taught": table.taught,
-        "limits": [(limited.NAMES[name], item) for name, item in found.limits.items()],
+        "limits": [(limited.NAMES[name], table.limit(item)) for name, item in found.limits.items()],
         "legend": table.legend(found),
         # our own drawings, with their texts escaped
         "panels": [Markup(one) for one in drawn],
@@ -42,7 +43,12 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
     course = [(at, sigma) for at, sigma in zip(found.time_s, found.course[name], strict=True) if sigma is not None]
 
     def paint(axes: Axes) -> None:
+        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if course[0][1] > 30 * course[-1][1] else (1.0, 2.0, 5.0), numticks=6))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: digits.figures(float(tick), 1)))
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axis.heading(axes, f"{vocabulary.SYMBOLS[name]}: sigma", vocabulary.unit(item.unit))
         axis.time(axes, 0.0, found.duration_s)
         for number, stretch in enumerate(found.timeline):

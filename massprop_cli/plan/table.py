@@ -7,7 +7,7 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.plan import limits as limited
-from massprop_cli.plan.document import PlanFile, QuantityItem
+from massprop_cli.plan.document import LimitItem, PlanFile, QuantityItem
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.fit import fitted
 
@@ -29,8 +29,13 @@ def _quantities(found: PlanFile) -> Table:
     for name in ("quantity", "guess", "± predicted", "± at worst", "± wanted", "unit", "reached at", *longer(found)):
         table.add_column(name, justify="left" if name in ("quantity", "unit") else "right", no_wrap=True)
     for name, item in found.quantities.items():
-        table.add_row(name, *cells(item), *(digits.figures(sigma) if item.told == "well" else "–" for sigma in item.longer.values()))
+        table.add_row(name, *cells(item), *further(item))
     return table
+
+
+def further(item: QuantityItem) -> list[str]:
+    """Sigmas that more time would bring."""
+    return [digits.figures(sigma) if item.told == "well" else "–" for sigma in item.longer.values()]
 
 
 def longer(found: PlanFile) -> list[str]:
@@ -68,7 +73,7 @@ def _timeline(found: PlanFile) -> Table:
 def taught(teaches: dict[str, float]) -> str:
     """The few that lose most without it."""
     most = sorted(teaches.items(), key=lambda pair: -pair[1])[:FEW]
-    return ", ".join(f"{name} {'× > 100' if factor > 100 else f'× {factor:.2g}'}" for name, factor in most) or "little"
+    return ", ".join(f"{name} {'> 100 ×' if factor > 100 else f'{factor:.2g} ×'}" for name, factor in most) or "little"
 
 
 def _limits(found: PlanFile) -> Table:
@@ -76,18 +81,22 @@ def _limits(found: PlanFile) -> Table:
     for name in ("limit", "used", "allowed", "unit"):
         table.add_column(name, justify="right" if name in ("used", "allowed") else "left", no_wrap=True)
     for name, item in found.limits.items():
-        table.add_row(
-            limited.NAMES[name], digits.figures(item.used, 3), "–" if item.allowed is None else digits.stated(item.allowed), item.unit
-        )
+        table.add_row(limited.NAMES[name], *limit(item))
     return table
+
+
+def limit(item: LimitItem) -> tuple[str, str, str]:
+    """Used, allowed, unit."""
+    allowed = "–" if item.allowed is None else digits.stated(item.allowed)
+    return digits.figures(item.used, 3), allowed, vocabulary.unit(item.unit)
 
 
 def legend(found: PlanFile) -> list[str]:
     """What the numbers mean."""
     untold = [name for name, item in found.quantities.items() if item.told == "by no motion of this vehicle"]
     return [
-        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. ± is one",
-        f"standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
+        "Inertia about the CG in body axes; products are the tensor's own elements, ixy = -Σ m x y. CG from O in body axes. "
+        f"± is one standard deviation: the Cramér–Rao bound of the plan flown in software. At worst: over {found.bodies} bodies that the "
         f"vehicle may be (guess: {found.guess}).",
         *([f"No motion of this vehicle can tell {', '.join(untold)}."] if untold else []),
         *(f"Note: {note}." for note in found.notes),

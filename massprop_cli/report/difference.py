@@ -39,7 +39,7 @@ def _table(part: Part) -> Table:
     for name in ("quantity", "result", "baseline", "difference", "± sigma", "sigmas", "unit", "allowed", "within"):
         table.add_column(name, justify="right" if name in _NUMBERS else "left", no_wrap=name != "within")
     for name, d in part.differences.items():
-        sign = "[green]✓[/]" if d.within else "[red]✗[/]"
+        sign = "[red]✗[/]" if not d.within else "–" if d.difference is None else "[green]✓[/]"
         table.add_row(name, *_cells(d), vocabulary.unit(d.unit), vocabulary.unit(d.stated), f"{sign} {escape.rich(d.note)}".rstrip())
     return table
 

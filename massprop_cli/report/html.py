@@ -53,7 +53,6 @@ class Phase:
     axes: list[matrices.Axis]
     note: str
     nearest: matrices.Grid | None
-    expectations: Figure | None
     ellipsoid: Figure
     excitation: Figure
     correlation: Figure
@@ -120,7 +119,14 @@ def environment() -> Environment:
         finalize=_clean,
     )
     found.filters["quoted"] = lambda text: Markup(quoted(text))
-    found.globals |= {"light": palette.css(dark=False), "dark": palette.css(dark=True), "words": vocabulary, "view": view, "digits": digits}
+    found.globals |= {
+        "light": palette.css(dark=False),
+        "dark": palette.css(dark=True),
+        "words": vocabulary,
+        "view": view,
+        "digits": digits,
+        "printed": script("printed.js"),
+    }
     return found
 
 
@@ -146,6 +152,7 @@ def _report(recorded: Recorded) -> Mapping[str, Any]:
         "mended": mended,
         "fit": [_figure(name, recorded, name) for name in OF_FIT],
         "stacked": STACKED,
+        "expectations": _figure("expectations", recorded, "expectations") if any(table.expected for table in tables) else None,
         "signals": [_figure(name, recorded, name) for name in OF_LOG],
         "delay": [*checks.delay(result.delay), checks.lag(result.lag)],
         "settings": settings(result),
@@ -178,7 +185,6 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
         axes=matrices.axes(item),
         note=item.physical.note,
         nearest=matrices.nearest(item),
-        expectations=_figure("expectations", recorded, f"expectations{number}", item.name) if table.expected else None,
         ellipsoid=_figure("ellipsoid", recorded, f"ellipsoid{number}", item.name),
         excitation=_figure("excitation", recorded, f"excitation{number}", item.name),
         correlation=_figure("correlation", recorded, f"correlation{number}", item.name),

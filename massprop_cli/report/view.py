@@ -72,6 +72,11 @@ class Table:
         return any(row.final for row in self.rows)
 
     @property
+    def precise(self) -> bool:
+        """Whether any has a sigma in parts of its value."""
+        return any(row.percent for row in self.rows)
+
+    @property
     def expected(self) -> bool:
         """Whether any was expected."""
         return any(row.expected for row in self.rows)
@@ -192,15 +197,18 @@ def differences(estimates: Mapping[str, EstimateItem], first: Mapping[str, Estim
 
 
 def cures(table: Table) -> list[tuple[str, Row, str]]:
-    """For each quantity that is not converged: its name, row, and what would help; contradicted ones, which share a cause, together."""
+    """Of the quantities that are not converged: name, row, and what would help; those that share verdict, reason and cure together."""
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
-    wrong = [row for row in table.open if row.verdict == "contradicted"]
-    together = [(", ".join(row.symbol for row in wrong), wrong[0], vocabulary.remedy("", "contradicted"))] if wrong else []
-    return together + [
-        (row.symbol, row, vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason))
-        for row in table.open
-        if row not in wrong
-    ]
+    alike: dict[tuple[str, str, str], list[Row]] = {}
+    for row in sorted(table.open, key=lambda row: row.verdict != "contradicted"):
+        cure = vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason)
+        alike.setdefault((row.verdict, row.reason, cure), []).append(row)
+    return [(", ".join(row.symbol for row in rows), rows[0], cure) for (*_, cure), rows in alike.items()]
+
+
+def spread(sigma: str) -> str:
+    """A sigma as it stands behind its value."""
+    return sigma if sigma == digits.ABSENT else f"± {sigma}"
 
 
 def signs(found: Iterable[Table]) -> list[str]:

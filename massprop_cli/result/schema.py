@@ -225,7 +225,7 @@ class Assumption(Item):
 
     code: str
     message: str
-    step: str = Field(description='by how much it is varied: "1 %", "1 mm", "1 degree" or "0.1 cycles"')
+    step: str = Field(description='by how much it is varied: "1 %", "1 mm along X", "1 degree about X" or "0.1 cycles"')
     stated: bool = Field(description="whether the vehicle file states it; false: a default")
     effects: list[Effect]
 

@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from massprop_cli.report import html
+from massprop_cli.report.figures import whiteness
+from massprop_cli.report.figures.command import against
+from massprop_cli.report.figures.command import means as means_of
 from massprop_cli.result.read import Recorded
-from tests.recording import record
+from tests.recording import changed, record
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -140,14 +143,14 @@ def opened(browser: Browser, file: Path) -> Page:
     return page
 
 
-def over(page: Page, figure: str, right: float, down: float = 0.5) -> Locator:
-    """The pointer in a figure's first panel, that part of its width and height from its upper left corner."""
-    panel = page.locator(f"#figure-{figure} .panel").first
-    panel.scroll_into_view_if_needed()
-    box = panel.bounding_box()
+def over(page: Page, figure: str, right: float, down: float = 0.5, panel: int = 0) -> Locator:
+    """The pointer in one of a figure's panels, that part of its width and height from its upper left corner."""
+    found = page.locator(f"#figure-{figure} .panel").nth(panel)
+    found.scroll_into_view_if_needed()
+    box = found.bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + right * box["width"], box["y"] + down * box["height"])
-    return panel
+    return found
 
 
 def told(panel: Locator) -> dict[str, float]:
@@ -175,6 +178,59 @@ def test_values_under_the_pointer_are_those_of_the_history(browser: Browser, pag
     assert np.abs(np.log10(columns["ixx_sigma"][near] / said["sigma"])).min() < 0.02
     page.mouse.move(0, 0)
     assert page.locator(".live").count() == 0, "the drawing is back when the pointer has gone"
+
+
+def test_figures_of_the_fit_say_what_the_history_gives(browser: Browser, pages: dict[str, Path], recorded: Recorded) -> None:
+    page, columns = opened(browser, pages["refined"]), recorded.history["all"]
+    z = np.column_stack([columns[f"whitened_rate_{letter}"] for letter in "xyz"])
+    z = z[np.isfinite(z).all(1)]
+    at, shares = named(over(page, "whiteness", 0.55))
+    bins = whiteness.EDGES[:-1], whiteness.EDGES[1:]
+    touched = [(low, high) for low, high in zip(*bins, strict=True) if low - 0.01 <= at <= high + 0.01]  # two, where it is on an edge
+    found = [[((z[:, i] >= low) & (z[:, i] < high)).mean() / (high - low) for i in range(3)] for low, high in touched]
+    assert any(shares == pytest.approx(one, abs=0.01) for one in found)
+    lag, correlations = named(over(page, "whiteness", 0.5, panel=1))
+    lagged = [np.dot(z[int(lag) :, i], z[: -int(lag), i]) / np.dot(z[:, i], z[:, i]) for i in range(3)]
+    assert correlations == pytest.approx(lagged, abs=0.005)
+    panel = over(page, "command-fit", 0.9)
+    command, (left, *_) = named(panel)
+    assert panel.locator("output").inner_text().endswith("rad/s²")
+    parts = [(1, recorded.result.phases[0], columns)]
+    means = means_of(against(parts, "rate", "x"))
+    nearest = min(means, key=lambda mean: abs(mean.command - command))
+    assert left == pytest.approx(nearest.left, abs=0.3 * nearest.sigma)
+
+
+def test_expectations_and_the_raster_stand_where_their_values_are(browser: Browser, tmp_path: Path, recorded: Recorded) -> None:
+    wanted = {"value": 1.0, "tolerance": 0.5, "stated": "0.5", "met": True, "difference": 0.2, "sigmas": 3.0}
+    file = tmp_path / "expected.html"
+    file.write_text(html.page([changed(recorded, "ixx", {"expected": wanted})]), encoding="utf-8")
+    page, columns = opened(browser, file), recorded.history["all"]
+    low, high = across(page, "figure-expectations", "ixx-ratio-1")
+    assert (low + high) / 2 == pytest.approx(0.2 / 0.5, abs=0.02)
+    jet = recorded.result.vehicle.jets[0]
+    busy = columns["time_s"][columns[f"executed_{jet}_s"] > 0]
+    assert across(page, "figure-firing", "jet1-firing") == pytest.approx(
+        (busy.min(), busy.max()), abs=float(np.ptp(columns["time_s"])) / 120
+    )
+
+
+def across(page: Page, figure: str, series: str) -> tuple[float, float]:
+    """From where to where a series is drawn, in the units of its panel."""
+    left, right = page.locator(f"#{figure} [id$={series}]").first.evaluate(
+        """e => {
+            const svg = e.closest("svg"), frame = svg.querySelector("[data-x]"), [a, b] = frame.dataset.x.split(" ").map(Number);
+            const all = svg.getBoundingClientRect(), own = e.getBoundingClientRect();
+            return [own.left, own.right].map(x => a + b * (x - all.left) / all.width * svg.viewBox.baseVal.width);
+        }"""
+    )
+    return float(left), float(right)
+
+
+def named(panel: Locator) -> tuple[float, list[float]]:
+    """What a panel that isn't against time says under the pointer: "0.5: histogram 0.39, 0.37, 0.40 share per σ"."""
+    at, _, rest = panel.locator("output").inner_text().replace("−", "-").partition(": ")
+    return float(at), [float(number) for number in re.findall(r"-?\d+\.\d+(?:e-?\d+)?", rest)]
 
 
 def test_a_stretch_is_zoomed_into_and_a_double_click_leads_back(browser: Browser, pages: dict[str, Path], recorded: Recorded) -> None:

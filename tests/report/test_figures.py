@@ -87,7 +87,7 @@ def test_what_runs_out_of_the_picture_is_named(flyer: Recorded) -> None:
         assert vocabulary.SYMBOLS[name] in picture.caption.split("runs out of the picture: ")[1]
 
 
-@pytest.mark.parametrize(("kind", "unit"), [("torque", "n_m"), ("force", "n"), ("rate", "rad_s"), ("acceleration", "m_s2")])
+@pytest.mark.parametrize(("kind", "unit"), [("rate", "rad_s"), ("acceleration", "m_s2")])
 def test_drawn_signals_are_the_history_with_their_extremes(flyer: Recorded, kind: str, unit: str) -> None:
     svg, columns = figures.draw(kind, flyer, "svg"), flyer.history["all"]
     for letter in "xyz":
@@ -97,6 +97,20 @@ def test_drawn_signals_are_the_history_with_their_extremes(flyer: Recorded, kind
         assert points[:, 1].max() == pytest.approx(values.max(), abs=within[1])
         assert points[:, 1].min() == pytest.approx(values.min(), abs=within[1])
         assert len(points) <= 2 * series.BUCKETS + 2
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("torque", "n_m"), ("force", "n")])
+def test_drawn_commands_are_means_within_what_the_history_spans(flyer: Recorded, kind: str, unit: str) -> None:
+    svg, columns = figures.draw(kind, flyer, "svg"), flyer.history["all"]
+    for letter in "xyz":
+        values, within = columns[f"{kind}_{letter}_{unit}"], precision(svg, f"{kind}_{letter}")
+        points = drawn(svg, f"{kind}_{letter}", f"{kind}_{letter}-value-1")
+        band = drawn(svg, f"{kind}_{letter}", f"{kind}_{letter}-band-1")
+        assert len(points) == series.BUCKETS
+        # a point stands for seven or eight cycles of 0.05 s around it
+        means = [values[np.abs(columns["time_s"] - at) < 0.18].mean() for at in points[:, 0]]
+        assert points[:, 1] == pytest.approx(means, abs=within[1])
+        assert (band[:, 1].min(), band[:, 1].max()) == pytest.approx((values.min(), values.max()), abs=within[1])
 
 
 def test_innovations_stand_between_two_sigmas_as_the_filter_expected(flyer: Recorded) -> None:
@@ -147,13 +161,13 @@ def test_neighbouring_panels_have_one_unit(flyer: Recorded) -> None:
 
 
 def test_every_phase_is_drawn_and_named(docking: Recorded) -> None:
-    svg = figures.draw("torque", docking, "svg")
+    svg = figures.draw("rate", docking, "svg")
     texts = ["".join(text.itertext()) for text in ET.fromstring(svg).iter(f"{SVG}text")]
     assert texts.count("single") == texts.count("combined") == 3
     for number, phase in enumerate(("single", "combined"), 1):
         columns = docking.history[phase]
-        points = drawn(svg, "torque_x", f"torque_x-value-{number}")
-        assert follows(points, columns["time_s"], columns["torque_x_n_m"], precision(svg, "torque_x"))
+        points = drawn(svg, "rate_x", f"rate_x-value-{number}")
+        assert follows(points, columns["time_s"], columns["rate_x_rad_s"], precision(svg, "rate_x"))
         svg_inertia = figures.draw("inertia", docking, "svg")
         assert follows(
             drawn(svg_inertia, f"iyy-{number}", f"iyy-value-{number}"),

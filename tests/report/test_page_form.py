@@ -55,7 +55,7 @@ def test_the_page_loads_nothing_and_turns_dark_on_a_screen_only(docking_page: Pa
     assert "http" not in docking_page.text.replace("http-equiv", "")
     assert "default-src 'none'" in docking_page.text
     assert not [tag for tag, _ in docking_page.tags if tag in ("img", "iframe", "object", "base")]
-    assert [found for tag, found in docking_page.tags if tag == "script"] == [{}, {}]
+    assert [found for tag, found in docking_page.tags if tag == "script"] == [{}, {}, {}]
     assert foreign(docking_page) == []
     assert all(link.startswith("#") or link == "data:," for link in docking_page.links)
     assert docking_page.text.count("url(") == docking_page.text.count("url(#")

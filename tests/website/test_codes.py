@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ast
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from typing import get_args
 
+import pytest
+
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.diagnosis.wording import _WORDS
+from website.examples import VERDICTS, WARNINGS
+from website.pictures import picture
 from website.stage import ROOT
 
 PAGES = {path.stem for path in (ROOT / "docs" / "warnings").glob("*.md")} - {"index"}
@@ -62,3 +67,25 @@ def test_every_page_is_of_a_code_and_says_cause_finding_and_cure() -> None:
 def test_every_verdict_has_its_page() -> None:
     pages = {path.stem for path in (ROOT / "docs" / "verdicts").glob("*.md")} - {"index"}
     assert pages == set(get_args(Verdict))
+
+
+def test_every_page_shows_an_example_on_a_report() -> None:
+    for folder, examples in (("warnings", WARNINGS), ("verdicts", VERDICTS)):
+        pages = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / folder).glob("*.md") if path.stem != "index"}
+        assert set(examples) == set(pages), "python -m website.pictures makes what website/examples.py has"
+        for name, text in pages.items():
+            picture = ROOT / "docs" / folder / f"{name}.svg"
+            assert re.search(rf"^!\[.+\]\({name}\.svg\)$", text, re.MULTILINE), picture
+            assert picture.stat().st_size < 60_000, picture
+            said = "".join(ET.fromstring(picture.read_bytes()).itertext())
+            assert (f"[{name}]" if folder == "warnings" else name.replace("_", " ")) in said, picture
+
+
+def test_a_picture_is_the_warning_above_the_panels_that_show_it() -> None:
+    image = picture("noise-floor", WARNINGS["noise-floor"], verdict=False)
+    assert "imu.gyro_noise_rad_s is stated as 0" in image
+    drawn = ET.fromstring(image)
+    panels = [group for group in drawn.iter("{http://www.w3.org/2000/svg}g") if (group.get("id") or "").startswith("axes-rate_")]
+    assert len(panels) == 3
+    with pytest.raises(ValueError, match="gyro-units is not said"):
+        picture("gyro-units", WARNINGS["noise-floor"], verdict=False)

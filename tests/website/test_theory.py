@@ -32,3 +32,14 @@ def test_each_module_of_the_flow_is_there() -> None:
     for module in re.findall(r"`([a-z]+\.[a-z]+)`", TEXT.split("\n## How it flows")[1]):
         path = ROOT / "massprop_cli" / module.replace(".", "/")
         assert path.with_suffix(".py").is_file() or path.is_dir(), module
+
+
+def test_each_file_that_a_page_names_is_there() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    named = {
+        (page.name, file)
+        for page in pages
+        for file in re.findall(r"`((?:massprop_cli|tests|benchmarks|website)/[\w/.-]+)`", page.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 40
+    assert not [(page, file) for page, file in named if not (ROOT / file).exists()]

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from massprop_cli.base.arrays import Array
     from massprop_cli.result.schema import PhaseItem
 
+FITTING = 60.0
+"""Points of type at which a tick's label of one character would fill the place left of the axes."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -52,9 +54,12 @@ def values(axes: Axes, limits: Limits, text: str, unit: str, exponent: int | Non
     exponent = power([limits]) if exponent is None else exponent
     ticks = [float(tick) for tick in MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(limits.low, limits.high)]
     decimals = _decimals([tick / 10.0**exponent for tick in ticks])
+    shown = [tick for tick in ticks if limits.hold(tick)]
+    longest = max((len(_plain(tick / 10.0**exponent, decimals)) for tick in shown), default=1)
     axes.set_ylim(limits.low, limits.high)
-    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if limits.hold(tick)]))
+    axes.yaxis.set_major_locator(FixedLocator(shown))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: _plain(tick / 10.0**exponent, decimals)))
+    axes.tick_params(axis="y", labelsize=min(7.5, FITTING / longest))
     heading(axes, text, unit, exponent)
 
 

@@ -38,7 +38,7 @@ def picture(found: Sequence[dict[str, EstimateItem]], names: Sequence[str] = ())
     caption = (
         "Each result's value with a bar of ± one sigma, over its name, or its number in the table. Filled circle: converged; open "
         "diamond: not converged; open circle: not excited; filled cross: contradicted, its bar does not hold. Dashes: what was expected "
-        "of it. The range fits the converged values; others may lie outside."
+        "of it. The range fits the converged values; an arrow at the edge stands for one that lies outside."
     )
     return Picture(caption, tuple(_panel(name, [items[name] for items in found], named) for name in QUANTITIES))
 
@@ -59,10 +59,11 @@ def _panel(name: str, items: list[EstimateItem], names: Sequence[str]) -> Panel:
         if names:
             axes.set_xticks(range(1, len(items) + 1), [line(each, 16) for each in names], rotation=20, ha="right", rotation_mode="anchor")
         else:
-            axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
             axes.set_xlabel("result", labelpad=2)
         for verdict in MARKERS:
             _points(axes, name, verdict, items)
+        _beyond(axes, name, items, limits)
         _expectations(axes, items)
 
     return Panel(name, _says(name, items), paint, (LENGTH, HEIGHT + 0.25 * bool(names)), bottom=BOTTOM + 0.25 * bool(names))
@@ -80,6 +81,15 @@ def _points(axes: Axes, name: str, verdict: Verdict, items: list[EstimateItem]) 
     size, cap = (4.0, 2.0) if len(items) <= 40 else (2.5, 0.0)
     bars = axes.errorbar(at, values, sigmas, fmt=marker, markersize=size + larger, color=colour, markerfacecolor=face, capsize=cap)
     bars.lines[0].set_gid(f"{name}-{verdict}")
+
+
+def _beyond(axes: Axes, name: str, items: list[EstimateItem], limits: Limits | None) -> None:
+    """An arrow for each value that lies outside."""
+    for number, item in enumerate(items, 1):
+        if limits is not None and item.value is not None and not limits.hold(item.value):
+            above = item.value > limits.high
+            edge, marker, colour = limits.high if above else limits.low, "^" if above else "v", palette.VERDICT[item.verdict]
+            axes.plot([number], [edge], marker, color=colour, markersize=6, clip_on=False, gid=f"{name}-beyond-{number}")
 
 
 def _expectations(axes: Axes, items: list[EstimateItem]) -> None:

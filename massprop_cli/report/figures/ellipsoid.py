@@ -93,6 +93,7 @@ def _panel(number: int, phase: PhaseItem, seen: body.Ellipsoid | None, view: str
         if view == "oblique":
             axes.set_xticks([])
             axes.set_yticks([])
+            axes.spines[:].set_visible(False)
             _sections(axes, seen, directions)
         else:
             axes.locator_params(nbins=5)

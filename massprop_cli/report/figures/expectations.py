@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from massprop_cli.base.escape import line
@@ -14,20 +15,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import EstimateItem, PhaseItem
+    from massprop_cli.result.schema import EstimateItem
 
 FAR = 3.0
 """Tolerances beyond which a value stands at the edge, as an arrow."""
 
 
 def picture(recorded: Recorded) -> Picture:
-    """A panel for each phase."""
-    phases = recorded.result.phases
+    """A panel for each phase, and one for the docked object."""
+    found = {phase.name: phase.estimates for phase in recorded.result.phases}
+    if recorded.result.docked_object is not None:
+        found["docked object"] = recorded.result.docked_object.estimates
     caption = (
         "Value less expected, over the tolerance; bars are ± one sigma. Between the dashes an expectation is met. Green: met. Red: missed, "
         f"an arrow stands for more than {FAR:g} tolerances. A value that no verdict vouches for is open."
     )
-    return Picture(caption, tuple(_panel(number, phase, len(phases) > 1) for number, phase in enumerate(phases, 1)), 2)
+    return Picture(caption, tuple(_panel(number, *each, len(found) > 1) for number, each in enumerate(found.items(), 1)), 2)
 
 
 def ratio(item: EstimateItem) -> tuple[float, float] | None:
@@ -38,11 +41,11 @@ def ratio(item: EstimateItem) -> tuple[float, float] | None:
     return found.difference / found.tolerance, (item.sigma or 0.0) / found.tolerance
 
 
-def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
-    found = [(name, item, told) for name, item in phase.estimates.items() if (told := ratio(item)) is not None]
+def _panel(number: int, part: str, estimates: Mapping[str, EstimateItem], several: bool) -> Panel:
+    found = [(name, item, told) for name, item in estimates.items() if (told := ratio(item)) is not None]
 
     def paint(axes: Axes) -> None:
-        axis.heading(axes, f"Value less expected{f', {line(phase.name, 24)}' if several else ''}", "tolerances")
+        axis.heading(axes, f"Value less expected{f', {line(part, 24)}' if several else ''}", "tolerances")
         axes.set_xlim(-FAR - 0.2, FAR + 0.2)
         axes.set_ylim(len(found) - 0.4 if found else 0.6, -0.6)
         axes.set_yticks(range(len(found)), [vocabulary.SYMBOLS[name] for name, *_ in found])
@@ -64,5 +67,5 @@ def _panel(number: int, phase: PhaseItem, several: bool) -> Panel:
             bars.lines[0].set_gid(f"{name}-ratio-{number}")
 
     listed = ", ".join(f"{vocabulary.SYMBOLS[name]} {off:+.2g}" for name, _, (off, _) in found) or "nothing was expected"
-    says = f"Value less expected in tolerances, phase {line(phase.name)}: {listed}"
+    says = f"Value less expected in tolerances, {line(part)}: {listed}"
     return Panel(f"expectations-{number}", says, paint, (LENGTH * 1.4, 0.22 * max(len(found), 4) + 0.75))

@@ -126,7 +126,9 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, po
                 told = name if label and len(drawn) else None
                 axes.plot(one.time_s[drawn], values[drawn], color=colour, linewidth=1.1, linestyle=style, gid=gid.format(name), label=told)
         if letter == "x":
-            axes.legend(loc="upper right", ncols=2, borderaxespad=0.1, handlelength=2.2)
+            axes.legend(
+                loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.0, handlelength=1.6, handletextpad=0.4, columnspacing=0.8
+            )
 
     return Panel(f"{kind}_{letter}", f"{heading} {letter.upper()}, measured and predicted, against time: {_told(each, unit)}", paint)
 

@@ -43,6 +43,17 @@ def thin(values: Array, keep: Iterable[int] = (), buckets: int = BUCKETS) -> NDA
     return np.unique(np.array([finite[0], *extremes, *kept, finite[-1]], dtype=np.intp))
 
 
+def gathered(time_s: Array, values: Array, buckets: int) -> tuple[Array, Array, Array, Array]:
+    """(buckets,) each: the middle of a part, and its mean, least and largest value. Every cycle is a part where they are few."""
+    finite = np.flatnonzero(np.isfinite(values))
+    parts = np.array_split(finite, buckets) if len(finite) > 2 * buckets else finite[:, None]
+    times, mean, low, high = (
+        np.array([pick(column[part]) for part in parts])
+        for column, pick in ((time_s, np.mean), (values, np.mean), (values, np.min), (values, np.max))
+    )
+    return times, mean, low, high
+
+
 def broken(rows: NDArray[np.intp], blank: BoolArray) -> NDArray[np.intp]:
     """Rows to draw, with a −1 between two that something blank lies between."""
     behind = np.cumsum(blank)[rows]

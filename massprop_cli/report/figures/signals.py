@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent
-from massprop_cli.report.figures.series import Limits, parts_of, said, span, thin
+from massprop_cli.report.figures.series import Limits, gathered, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.schema import AXES
 
@@ -49,6 +50,8 @@ KINDS = {
 }
 
 
+COMMANDED = ("torque", "force")
+"""Kinds that jump from cycle to cycle."""
 NOTHING = 1e-3
 """The least range of a panel over the largest value of the three axes: rounding errors are no signal."""
 
@@ -62,8 +65,17 @@ def picture(recorded: Recorded, kind: str) -> Picture:
     ranges = [span(np.concatenate([each[f"{kind}_{letter}_{SIGNALS[kind]}"] for *_, each in parts]), NOTHING * largest) for letter in AXES]
     power, heading = axis.power(ranges), signal.heading.format(point=point)
     panels = tuple(_panel(kind, letter, heading, parts, limits, power) for letter, limits in zip(AXES, ranges, strict=True))
-    lengths = [len(each["time_s"]) for *_, each in parts]
-    return Picture(signal.caption.format(point=point) + said(lengths, parts_of(len(parts))), panels)
+    thinned = said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts)))
+    if thinned and kind in COMMANDED:
+        thinned = f" Line: their mean.{thinned.replace('Drawn', 'Band')}"
+    return Picture(signal.caption.format(point=point) + thinned, panels)
+
+
+def _commanded(axes: Axes, gid: str, time_s: Array, mean: Array, low: Array, high: Array) -> None:
+    """Jets go on and off from cycle to cycle: the mean of many cycles, within their least and largest."""
+    there, back = np.concatenate([time_s, time_s[::-1]]), np.concatenate([low, high[::-1]])
+    axes.fill(there, back, color=palette.BLUE, alpha=0.2, linewidth=0, gid=gid.format("band"))
+    axes.plot(time_s, mean, color=palette.BLUE, linewidth=0.9, gid=gid.format("value"))
 
 
 def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: Limits, power: int) -> Panel:
@@ -76,10 +88,12 @@ def _panel(kind: str, letter: str, heading: str, parts: list[Covered], limits: L
         axis.values(axes, limits, f"{heading} {letter.upper()}", unit, power)
         axis.phases(axes, [phase for _, phase, _ in parts])
         for number, _, columns in parts:
-            rows = thin(columns[column], buckets=parts_of(len(parts)))
-            axes.plot(
-                columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=f"{kind}_{letter}-value-{number}"
-            )
+            gid = f"{kind}_{letter}-{{}}-{number}"
+            if kind in COMMANDED:
+                _commanded(axes, gid, *gathered(columns["time_s"], columns[column], parts_of(len(parts))))
+            else:
+                rows = thin(columns[column], buckets=parts_of(len(parts)))
+                axes.plot(columns["time_s"][rows], columns[column][rows], color=palette.BLUE, linewidth=0.8, gid=gid.format("value"))
 
     finite = values[np.isfinite(values)]
     told = f"from {finite.min():.3g} to {finite.max():.3g} {unit}, rms {np.sqrt((finite**2).mean()):.3g}" if finite.size else "not known"

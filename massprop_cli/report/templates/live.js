@@ -39,11 +39,11 @@
     const corners = pairs(frame.querySelector("path").getAttribute("d"));
     const box = { left: corners[0][0], bottom: corners[0][1], right: corners[1][0], top: corners[2][1] };
     const texts = [...frame.querySelectorAll("text")].map(text => text.textContent);
-    const unit = texts.map(text => text.match(HEADING)).filter((found, i) => found && !texts[i].startsWith("time ["))[0];
+    const unit = texts.map(text => text.match(HEADING)).filter((found, i) => found && !texts[i].startsWith("time [")).at(-1); // the title comes after what stands along the axes
     const series = [];
     for (const group of frame.querySelectorAll("g[id]")) {
       const path = group.querySelector("path[d]"), name = group.id.match(/(?:_([xyz]))?-([a-z]+)(?:-\d+)?$/);
-      if (!path || !name || group.querySelector("use")) continue;
+      if (!path || !name || path.closest("defs")) continue; // markers alone
       const style = getComputedStyle(path);
       const look = { stroke: style.stroke, width: parseFloat(style.strokeWidth), dash: style.strokeDasharray, name: name[2] };
       if (style.fill === "none") {
@@ -59,14 +59,14 @@
   // as many decimals as a hundredth of a point on paper bears
   const written = (value, seen) => {
     if (value == null) return "–";
-    if (seen.log) return (10 ** value).toExponential(2);
+    if (seen.log) return (10 ** value).toExponential(2).replace("-", "−");
     const decimals = Math.max(0, Math.ceil(-Math.log10(seen.fine)));
-    return (decimals > 6 && Math.abs(value) < 1e-3 ? value.toExponential(4) : value.toFixed(Math.min(decimals, 12))).replace("-", "−");
+    return (decimals > 6 && Math.abs(value) < 1e-3 ? value.toExponential(4) : value.toFixed(Math.min(decimals, 12))).replaceAll("-", "−");
   };
 
   const label = (tick, log) => {
     if (log) return Number.isInteger(tick) ? `1e${tick}` : "";
-    return `${Math.abs(tick) > 0 && Math.abs(tick) < 1e-3 ? tick.toExponential(0) : +tick.toPrecision(6)}`.replace("-", "−");
+    return `${Math.abs(tick) > 0 && Math.abs(tick) < 1e-3 ? tick.toExponential(0) : +tick.toPrecision(6)}`.replaceAll("-", "−");
   };
 
   function said(chart, seen) {
@@ -141,9 +141,5 @@
     panel.addEventListener("click", event => { if (event.pointerType !== "mouse") { panels.forEach(other => { if (other !== panel) leave(other); }); mount(panel, event); } });
   }
   addEventListener("resize", () => panels.forEach(leave));
-  addEventListener("beforeprint", () => {
-    panels.forEach(leave);
-    const printed = document.getElementById("printed");
-    if (printed) printed.textContent = `Printed on ${new Date().toISOString().slice(0, 10)}.`;
-  });
+  addEventListener("beforeprint", () => panels.forEach(leave));
 })();

@@ -1,0 +1,4 @@
+"use strict";
+addEventListener("beforeprint", () => {
+  document.getElementById("printed").textContent = `Printed on ${new Date().toISOString().slice(0, 10)}.`;
+});

@@ -1,0 +1,203 @@
+"""Logs with something wrong, one for each page of docs/warnings and docs/verdicts.
+
+They are faults of benchmarks/faults.py, and samples with other settings.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from typer.testing import CliRunner
+
+from massprop_cli import flow
+from massprop_cli.cli import app
+from massprop_cli.combine import flow as combining
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import telemetry, vehiclefile
+from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.result import build, read, schema, store
+from massprop_cli.result.read import Recorded
+from massprop_cli.testbed import output, scenario
+from website.stage import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+RATE, FORCE = ("rate-fit", (1, 3, 5)), ("force-fit", (1, 3, 5))
+"""What the model leaves of rate and specific force."""
+SEEN = ("rate-fit", (0, 2, 4))
+INERTIA, MASS, WHITE = ("inertia", (0, 3, 5)), ("mass", (0,)), ("whiteness", (0, 1, 2))
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a report says, and the result that its figures are of; None where a command says it and there is no result."""
+
+    said: dict[str, str]
+    """Message by code of a warning, or reason by verdict."""
+    recorded: Recorded | None = None
+
+
+@dataclass(frozen=True)
+class Example:
+    """How it is made, and which panels of which figure show it."""
+
+    made: Callable[[], Told]
+    figure: str = ""
+    panels: tuple[int, ...] = ()
+
+
+def _told(found: Analysis) -> Told:
+    with tempfile.TemporaryDirectory() as folder:
+        store.write(Path(folder), found, schema.to_json(build.result(found)))
+        recorded = read.read(Path(folder))
+    items = {name: item for phase in recorded.result.phases for name, item in phase.estimates.items()}
+    reasons = {item.verdict: f"{name}: {item.reason}" for name, item in reversed(items.items())}
+    return Told(reasons | {one.code: one.message for one in recorded.result.warnings}, recorded)
+
+
+def _faulty(fault: str, vehicle: str, seed: int = 1001) -> Told:
+    """A fault of benchmarks/faults.py, drawn as there."""
+    from fault_kinds import FAULTS
+    from fault_vehicles import subject
+
+    drawn = FAULTS[fault].draw(subject(vehicle, seed), np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
+    if drawn is None:
+        raise ValueError(f"{vehicle} can't have {fault}")
+    with np.errstate(all="ignore"):
+        return _told(flow.examine(drawn.case.log, VehicleSource(drawn.case.vehicle, vehicle, "")))
+
+
+def _sample(log: str, *settings: str) -> Told:
+    with np.errstate(all="ignore"):
+        return _told(flow.analyse(ROOT / "sample_logs" / log, None, list(settings), None))
+
+
+def _unstated(log: str) -> Told:
+    """A sample whose vehicle file doesn't state the gyro's noise."""
+    path = ROOT / "sample_logs" / log
+    table = read_table(path)
+    found = vehiclefile.find(path, None, table.embedded_vehicle, ())
+    imu = found.vehicle.imu.model_copy(update={"gyro_noise_rad_s": None})
+    used = replace(found, vehicle=found.vehicle.model_copy(update={"imu": imu}))
+    return _told(flow.examine(telemetry.read(table, used.vehicle), used))
+
+
+def _flown(name: str, *settings: str) -> Told:
+    """A scenario with other settings, estimated."""
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        _massprop("simulate", name, "-q", "--out", folder, *(word for one in settings for word in ("--set", one)))
+        return _told(flow.analyse(Path(folder) / "log.parquet", None, [], None))
+
+
+def _massprop(*arguments: str) -> None:
+    done = CliRunner().invoke(app, arguments)
+    if done.exit_code:
+        raise ValueError(done.output)
+
+
+def _simulated(name: str, *settings: str) -> Told:
+    """What ``massprop simulate`` says."""
+    return Told({notice.code: notice.message for notice in output.warnings(scenario.load(name, list(settings)))})
+
+
+def _combined(*parts: tuple[str, str]) -> Told:
+    """What ``massprop combine`` says of results: each a scenario's settings and the vehicle's."""
+    with tempfile.TemporaryDirectory() as place:
+        folders = []
+        for n, (flown, stated) in enumerate(parts):
+            folder = Path(place) / f"run-{n + 1}"
+            _massprop("simulate", "free-flyer", "-q", "--seed", str(n), "--out", str(folder / "log"), *flown.split())
+            _massprop("estimate", str(folder / "log" / "log.parquet"), "-q", "--out", str(folder), *stated.split())
+            (folder / "log" / "log.parquet").unlink()
+            folders.append(folder)
+        return Told({one.code: one.message.replace(f"{place}/", "") for one in combining.combine(folders).warnings})
+
+
+LOOSE = (f"estimator.thesis.q1={[1e-3] * 9}", "estimator.thesis.r1=1e-3")
+VIBRATING = ("disturbance.periodic_n_m=[0.05, 0.05, 0.05]", "disturbance.periodic_s=0.11")
+STRONG = 'plan=[{motion="steady",axes=["x"],force_n=9.0,start_cycle=0,end_cycle=5}]'
+TURNED = "jets.0.force_n=[0.0, 0.0, -1.112]"
+DOCKS = (
+    "docked={ixx=8.0,iyy=7.0,izz=7.5,mass=15.0}",
+    'events=[{kind="dock",cycle=500}]',
+    'vehicle.phases=[{name="all",start_s=0.0,end_s=60.0}]',
+)
+ROLLS = '--set plan=[{motion="alternating",axes=["roll"],start_cycle=40,end_cycle=400}] --set duration_s=20'
+WARNINGS: dict[str, Example] = {
+    code: Example(partial(_faulty, fault, vehicle), *shown)
+    for code, fault, vehicle, shown in (
+        ("jet-dead", "jet-dead", "jets", RATE),
+        ("jet-position", "jet-50mm", "jets", RATE),
+        ("jet-direction", "jet-20deg", "jets", RATE),
+        ("thrust-scale", "jet-weak", "jets", RATE),
+        ("command-sign", "command-sign", "wrench", RATE),
+        ("thrust-rise", "rise-long", "jets", RATE),
+        ("thrust-lag", "lag", "jets", RATE),
+        ("delay-mismatch", "delay-one", "jets", RATE),
+        ("clock-drift", "clock-drift", "jets", RATE),
+        ("gyro-units", "gyro-degrees", "jets", SEEN),
+        ("accel-units", "accel-g", "jets", FORCE),
+        ("gyro-scale", "gyro-scale-one", "jets", RATE),
+        ("accel-scale", "accel-scale-one", "canted", FORCE),
+        ("gyro-bias", "gyro-bias", "jets", RATE),
+        ("accel-bias", "accel-bias", "jets", FORCE),
+        ("gyro-filter", "gyro-filter", "jets", RATE),
+        ("accel-filter", "accel-filter", "jets", FORCE),
+        ("gyro-saturated", "gyro-range", "jets", SEEN),
+        ("accelerometer-saturated", "accel-clipped", "jets", ("force-fit", (0, 2, 4))),
+        ("outliers", "gyro-spikes", "jets", WHITE),
+        ("imu-mounting", "imu-right-angle", "jets", RATE),
+        ("imu-position", "imu-100mm", "jets", FORCE),
+        ("mass-change", "docked", "jets", INERTIA),
+        ("steady-torque", "steady-torque", "jets", RATE),
+        ("rate-torque", "friction", "jets", RATE),
+        ("attitude-start", "attitude-start", "bearing", RATE),
+        ("bearing-position", "bearing-1mm", "bearing", RATE),
+        ("disturbance-torque", "walk-large", "jets", RATE),
+    )
+} | {
+    code: Example(partial(_sample, log, *settings), *shown)
+    for code, log, settings, shown in (
+        ("jet-sign", "free-flyer/log.parquet", (TURNED,), RATE),
+        ("cause-unknown", "crazyflie/thrust.parquet", (), WHITE),
+        ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
+        ("contradicted", "crazyflie/yaw.parquet", (), WHITE),
+        ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),
+        ("noise-floor", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=0",), RATE),
+        ("known-mismatch", "free-flyer/log.parquet", ("known.mass.value=25", "known.mass.sigma=0.01", "thrust.scale_sigma=0.01"), MASS),
+        (
+            "no-docked-object",
+            "free-flyer/log.parquet",
+            ('phases=[{name="first",start_s=0,end_s=45},{name="second",start_s=45,end_s=60}]',),
+            ("mass", (0, 1)),
+        ),
+        ("docked-mass", "docking/log.parquet", ("docking.before=combined", "docking.after=single"), ("mass", (0, 1))),
+        ("thesis-gain-divergent", "scenarios/refined/log.parquet", ("estimator.method=thesis", *LOOSE), INERTIA),
+        ("unphysical-inertia", "scenarios/refined/log.parquet", ("estimator.method=thesis",), INERTIA),
+    )
+} | {
+    "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
+    "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),
+    "fuel-use": Example(partial(_flown, "free-flyer", "fuel.specific_impulse_s=4", "vehicle.imu.accel_noise_m_s2=0.002"), *FORCE),
+    "phase-over-docking": Example(partial(_simulated, "free-flyer", *DOCKS)),
+    "plan-saturates": Example(partial(_simulated, "free-flyer", STRONG)),
+    "results-disagree": Example(partial(_combined, ("", ""), ("", ""), ("--set truth.ixx=0.7", ""))),
+    "delay-shared": Example(partial(_combined, ("", "--delay auto"), ("", "--delay auto"))),
+    "delays-differ": Example(partial(_combined, ("", ""), ("--set vehicle.cycle.command_delay_cycles=3", ""))),
+    "result-partial": Example(partial(_combined, (ROLLS, ""), ("", ""))),
+}  # fmt: skip
+VERDICTS = {
+    "converged": Example(partial(_sample, "free-flyer/log.parquet"), *INERTIA),
+    "not_converged": Example(partial(_sample, "free-flyer/log.parquet", 'phases=[{name="short",start_s=0,end_s=33}]'), *MASS),
+    "not_excited": Example(partial(_sample, "crazyflie/yaw.parquet"), *INERTIA),
+    "contradicted": Example(partial(_sample, "free-flyer/log.parquet", TURNED), *INERTIA),
+    "unobservable": Example(partial(_flown, "planar"), *INERTIA),
+}
