@@ -1,10 +1,4 @@
-"""The default estimator: a regression on products of the mass properties, run through a phase once, cycle by cycle.
-
-What the log has said stands in a triangle of constant size (:mod:`massprop_cli.estimate.regression`). The present estimate enters it only
-where it multiplies what is small (:func:`massprop_cli.model.linearise.lifted`). While it still moves, the last :data:`RING` cycles are
-taken in anew about where it has moved to; nothing older is looked at again. So every row depends on its own and earlier cycles only, no
-starting value is needed, and the cost of a cycle does not grow with the log.
-"""
+"""The default estimator through a phase: causal, as it would have run in flight, or off line, the whole phase at hand."""
 
 from __future__ import annotations
 
@@ -17,8 +11,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, flown
+from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.nuisance import Taken
 from massprop_cli.estimate.quantities import alone, discrepancies, quantities
 from massprop_cli.estimate.regression import Regression
@@ -35,14 +29,6 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
 
-BLOCK, LONGEST = 16, 128
-"""Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
-RING, LEARNING = 256, 1024
-"""Cycles that are taken in anew when the estimate has moved: once each axis is known, and before."""
-AGAIN = 8
-"""How often, on the average, a cycle may be taken in anew."""
-FIRST = 16
-"""Least number of cycles between attempts to find a first reference."""
 MISMATCH = 4.0
 """A known quantity further than this many sigmas from the log's own estimate is pointed out."""
 SETTLED = 0.003
@@ -72,54 +58,15 @@ def replay(
         # what is too large to be squared is no cycle to the kernel; here it becomes nothing that can be said
         with suppress(StatusError):
             return _compiled(samples, cycles, phase, vehicle, progress)
-    regression = Regression(samples, cycles, vehicle, consider)
-    run = regression.begin(fallback(vehicle))
-    started, due, spare = False, cycles.start + FIRST, LEARNING
-    ring, told = [run], _Told(cycles, vehicle)
-    while run.at < cycles.stop:
+    causal, told = Causal(samples, cycles, vehicle, consider), _Told(cycles, vehicle)
+    while causal.run.at < cycles.stop:
         if progress is not None:
-            progress((run.at - cycles.start) / (cycles.stop - cycles.start))
-        end = run.at + (min(max(BLOCK, (run.at - run.moved) // 2), LONGEST) if started else BLOCK)
-        before, (run, taken), far = run, regression.take(run, min(end, cycles.stop)), None
-        if not started:
-            rows = Rows.untold(len(taken.white))
-        else:
-            posed = regression.posed(before, taken)
-            far = regression.astray(before, posed) if spare >= 0 else None
-            if far is not None:
-                # the estimate has moved too far to go on about the one before: the block ends here
-                spare -= end - before.at - far - 1
-                end, posed = before.at + far + 1, posed.first(far + 1)
-                run, taken = regression.take(before, end)
-            rows = regression.rows(before, taken, posed)
-        if run.at < end:
-            told.add(rows)
+            progress((causal.run.at - cycles.start) / (cycles.stop - cycles.start))
+        begun = causal.run.at
+        told.add(causal.block())
+        if causal.run.at == begun:
             break  # a block at the log's end is what it would have been in a longer log
-        ring = [*_kept(ring, run.at - (RING if run.bound else LEARNING)), run]
-        target: Reference | None = None
-        if started:
-            run = ring[-1] = regression.improved(run)
-            if spare >= 0 and not regression.stands(run):
-                target = run.estimate
-        elif run.at >= due:
-            # at due times only, in proportion, so that a long quiet stretch doesn't cost its square
-            due = run.at + max(FIRST, (run.at - cycles.start) // 200)
-            target = first_reference(samples, slice(cycles.start, run.at), vehicle)
-            if target is not None:
-                ring = [replace(one, centre=target) for one in ring]
-        spare += AGAIN * (run.at - before.at)
-        if target is not None:
-            spare -= run.at - ring[0].at
-            ring = regression.again(ring, target)
-            run, started = ring[-1], True
-        told.add(rows.ending(*regression.row(run)) if started else rows)
-    return _history(samples, phase, told, run.estimate if started else None)
-
-
-def _kept(ring: list[Run], oldest: int) -> list[Run]:
-    """The checkpoints from a cycle on; one too near the one before it goes, so that their number has a bound."""
-    kept = [run for run in ring if run.at >= oldest]
-    return kept[:-1] if len(kept) > 1 and kept[-1].at - kept[-2].at < BLOCK else kept
+    return _history(samples, phase, told, causal.run.estimate if causal.started else None)
 
 
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Vehicle, progress: Callable[[float], None] | None) -> History:

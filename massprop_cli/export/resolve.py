@@ -35,6 +35,8 @@ class Leg(NamedTuple):
     """As :func:`massprop_cli.estimate.flown.rule_of` has it."""
     cycles: slice
     """Of the log; empty without one."""
+    own: Vehicle
+    """With what is known in this phase."""
 
 
 class Resolved(NamedTuple):
@@ -62,7 +64,7 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     delay = 0.0 if vehicle.cycle.command_delay_cycles == "auto" else vehicle.cycle.command_delay_cycles
     _check(source, vehicle, delay, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
+        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, vehicle.in_phase(phase)) for phase in vehicle.phases] or [("all", vehicle)]
     )
     commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, delay)
@@ -81,7 +83,7 @@ def told(source: VehicleSource, log_path: Path) -> Resolved:
     legs = []
     for history in found.histories:
         own = vehicle.in_phase(history.phase)
-        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles))
+        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles, own))
     return Resolved(vehicle, commands, tuple(legs), log)
 
 

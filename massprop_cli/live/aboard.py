@@ -10,7 +10,6 @@ from massprop_cli.estimate import flown
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.kernel import kernel
 from massprop_cli.live.cycles import Cycle
 from massprop_cli.live.legs import Legs
 from massprop_cli.model.handed import StatusError
@@ -23,11 +22,6 @@ class Aboard:
 
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
         """``source`` is for messages; :class:`InputError` where the estimator can't hold the vehicle, or it is not stated in full."""
-        if kernel().library is None:
-            raise InputError(
-                f'{source}: control.model = "estimate" wants the compiled kernel, and here runs {kernel().name}; install a C compiler and '
-                "massprop again"
-            )
         resolved = resolve.stated(VehicleSource(vehicle, f'{source}, control.model = "estimate"', ""))
         self.each = [Legs(resolved) for _ in range(members)]
         self.before_s = 0.0

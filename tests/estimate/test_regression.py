@@ -10,6 +10,7 @@ import pytest
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, disturbances, engine, nuisance, triangle
+from massprop_cli.estimate.causal import LEARNING, LONGEST
 from massprop_cli.estimate.history import History, phase_cycles
 from massprop_cli.estimate.initial import fallback
 from massprop_cli.estimate.regression import Regression
@@ -100,9 +101,9 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
     samples = Timing(2.0, 0.0).of(flown.log(0), flown.vehicle)
     cycles = slice(2, len(samples))
     engine.replay(samples, cycles, ALL, flown.vehicle)
-    assert max(span.stop - span.start for span in spans) <= engine.LEARNING + engine.LONGEST
+    assert max(span.stop - span.start for span in spans) <= LEARNING + LONGEST
     late = [span for span in spans if span.start > 700]
-    again = [span for span in late if span.stop - span.start > engine.LONGEST + 1]
+    again = [span for span in late if span.stop - span.start > LONGEST + 1]
     assert len(again) <= 3
     assert sum(span.stop - span.start for span in spans) < 6 * len(samples)
 
