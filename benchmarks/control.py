@@ -78,7 +78,11 @@ def table(
     seeds: Sequence[int], stretches: Sequence[tuple[int, int, str]], assignments: Sequence[str] = (), without: str = ""
 ) -> dict[str, Flight]:
     """A row for each stretch and kind of gains."""
-    flights = {name: simulate.fly(scenario.load("docked-hold", [*own, *assignments]), seeds, running=Aboard) for name, own in GAINS.items()}
+    flights = {
+        name: simulate.fly(scenario.load("docked-hold", [*own, *assignments]), seeds, running=Aboard)
+        for name, own in GAINS.items()
+        if name != without
+    }
     print("| from, s | to, s | the vehicle | gains of | pointing error, rms, degrees | largest | fuel, N s | ± over seeds |")
     print("|--:|--:|---|---|--:|--:|--:|--:|")
     for start, end, what in (*stretches, (5, 100, "all of it")):
