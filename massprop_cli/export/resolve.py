@@ -60,7 +60,10 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     }
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:
-        raise InputError(f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; or give a log")
+        raise InputError(
+            f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; massprop estimate on a log "
+            "tells them, export-flight takes them from one"
+        )
     delay = 0.0 if vehicle.cycle.command_delay_cycles == "auto" else vehicle.cycle.command_delay_cycles
     _check(source, vehicle, delay, vehicle.cycle.period_s)
     legs = tuple(

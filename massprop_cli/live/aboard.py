@@ -23,6 +23,7 @@ class Aboard:
     def __init__(self, vehicle: Vehicle, source: str, members: int) -> None:
         """``source`` is for messages; :class:`InputError` where the estimator can't hold the vehicle, or it is not stated in full."""
         resolved = resolve.stated(VehicleSource(vehicle, f'{source}, control.model = "estimate"', ""))
+        self.source = source
         self.each = [Legs(resolved) for _ in range(members)]
         self.before_s = 0.0
         self.values, self.verdicts = np.full((members, 10), np.nan), np.zeros((members, 10))
@@ -37,7 +38,9 @@ class Aboard:
             try:
                 found = one.add(Cycle(end_s, np.array(numbers)))
             except StatusError as error:
-                raise InputError(f"the estimator aboard can't use the cycle that ends at {end_s:.6g} s ({error})") from None
+                raise InputError(
+                    f"{self.source}: the estimator aboard can't use the cycle to {end_s:.6g} s ({error}); check sensors and forces"
+                ) from None
             for completed in found:
                 self.values[i], self.verdicts[i] = completed.found.values[-1], completed.found.verdicts[-1]
         self.before_s = end_s
