@@ -75,7 +75,7 @@ def test_the_control_takes_what_live_says_of_its_log_once_that_has_converged(mem
         with np.errstate(invalid="ignore"):
             assert (np.abs(used - expected) <= 1e-5 * sigmas)[np.isfinite(sigmas)].all()
         assert (used == expected)[~np.isfinite(sigmas)].all()
-    assert k == len(said)
+    assert k == len(said) - 1  # the last comes when there is nothing left to control
     assert np.isfinite(sigmas).all()
     assert (np.abs(flight.modelled[member, -1] - flight.truth[member, -1]) < 4 * sigmas).all()
 
@@ -145,13 +145,13 @@ class Beside:
 
 
 @compiled
-@pytest.mark.parametrize(("name", "setting"), [("free-flyer", ""), ("free-flyer", "cycle.command_delay_cycles=0.4"), ("air-bearing", "")])
-def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str, setting: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Delays above and below a cycle, a gap between phases; that a delay is wrong does no harm to the comparison."""
+@pytest.mark.parametrize("name", ["free-flyer", "docking", "air-bearing"])
+def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Delays of two cycles and of none, a gap between phases."""
     text = io.BytesIO()
     pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet").slice(0, 260), text)
     phases = 'phases=[{name="a", start_s=0.0, end_s=6.0}, {name="b", start_s=7.0, end_s=100.0}]'
-    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", [phases, *([setting] if setting else [])])
+    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", [phases])
     monkeypatch.setattr(legs, "Compiled", Beside)
     lines = text.getvalue().decode().splitlines(keepends=True)
     said = [json.loads(line) for line in run.follow(lines, source, io.StringIO(), print)]
