@@ -53,8 +53,9 @@ WORDS = """## In words
   costs fuel that a swinging vehicle does not burn. Stiff gains bring most of the pointing for the same fuel; what is left is the CG, which
   no gain knows.
 - Left alone after that it saves fuel: frozen gains damp the slow swing hardly.
-- Before a quantity has converged nothing is gained. The turn that docking leaves is stopped by the frozen gains, and a vehicle that is
-  not excited learns late: each gain that steps up then moves it, and all of it burns more than either frozen or true gains do.
+- Before a quantity has converged nothing is gained: the turn that docking leaves is stopped by the frozen gains, where stiff ones stop it
+  as closely as true ones. A vehicle that is not excited learns late: each gain that steps up then moves it, and all of it burns more than
+  with either frozen or true gains.
 - Excitation burns far more than better gains save. It pays where pointing counts, or where the mass properties are wanted anyway; where
   those of the docked object are known beforehand, gains of these need none.
 - A small object changes little, and its estimate brings little.
