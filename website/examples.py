@@ -21,7 +21,7 @@ from massprop_cli.cli import app
 from massprop_cli.combine import flow as combining
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
-from massprop_cli.inputs.tablefile import read_table
+from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, read, schema, store
 from massprop_cli.result.read import Recorded

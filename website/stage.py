@@ -79,7 +79,7 @@ def navigation(pages: Path) -> Nav:
         {"Your own log in 15 minutes": "tutorial.md"},
         {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
-        {"Tables, wheels, on board": ["planar.md", "actuators.md", "wheels.md", "uncertain-geometry.md", "kernel.md"]},
+        {"Tables, wheels, on board": ["planar.md", "actuators.md", "wheels.md", "uncertain-geometry.md", "kernel.md", "control.md"]},
         {"What it says": ["verdicts/index.md", *verdicts, {"Warnings": ["warnings/index.md", *warnings]}, "assumptions.md"]},
         {"How it works": ["theory.md", "where.md"]},
         {"How good": ["how-good.md", *GOOD]},

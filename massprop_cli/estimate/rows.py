@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,10 @@ class Rows:
     def untold(count: int) -> Rows:
         """Of so many cycles of which nothing is said."""
         return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
+
+    def last(self) -> Rows:
+        """The last row alone."""
+        return Rows(*(getattr(self, part.name)[-1:] for part in fields(self)))
 
     def ending(self, value: Array, spread: Array) -> Rows:
         """With another estimate in the last row."""

@@ -38,6 +38,8 @@ class Leg(NamedTuple):
     """As :func:`massprop_cli.estimate.flown.rule_of` has it."""
     cycles: slice
     """Of the log; empty without one."""
+    own: Resolved
+    """With what is known in this phase."""
 
 
 class Constants(NamedTuple):
@@ -61,11 +63,14 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     }
     missing = [key for key, is_open in open_keys.items() if is_open]
     if missing:
-        raise InputError(f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; or give a log")
+        raise InputError(
+            f"{source.source}: {', '.join(missing)} must be stated for a flight, above 0 where it is a noise; massprop estimate on a log "
+            "tells them, export-flight takes them from one"
+        )
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0))
+        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
     commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, timing.delay)
@@ -84,7 +89,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     legs = []
     for history in found.histories:
         own = used.in_phase(history.phase)
-        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles))
+        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles, own))
     return Constants(vehicle, commands, tuple(legs), log)
 
 

@@ -122,11 +122,33 @@ class Fuel(Section):
 
 
 class Control(Section):
-    """Attitude hold: ``τ = ω × Î ω − D ω − K q_vec`` per axis, from the gyro's rates and the attitude integrated from them."""
+    """Attitude hold: ``τ = ω × Î ω − D ω − K q_vec`` per axis, from the gyro's rates and the attitude integrated from them.
+
+    Gains stand here, or are made of a body by ``natural_frequency_rad_s`` and ``damping``; then its CG's offset torque is fed forward.
+    """
 
     inertia_kg_m2: Vector = Field(ZERO, description="diagonal of the controller's own inertia Î")
-    rate_gain_n_m_s: Vector
-    attitude_gain_n_m: Vector
+    rate_gain_n_m_s: Vector | None = None
+    attitude_gain_n_m: Vector | None = None
+    model: Literal["nominal", "estimate", "truth"] | None = Field(
+        None,
+        description="the body that gains are made of: the vehicle's [nominal], that until the running estimate has converged, or the truth",
+    )
+    natural_frequency_rad_s: Positive | None = Field(None, description="of each axis, with a model")
+    damping: Positive | None = Field(None, description="of each axis over critical, with a model")
+
+    @model_validator(mode="after")
+    def _has_gains(self) -> Control:
+        given = {name for name in self.model_fields_set if getattr(self, name) is not None}
+        stated, made = {"rate_gain_n_m_s", "attitude_gain_n_m"}, {"natural_frequency_rad_s", "damping"}
+        wanted, unwanted = (stated, made) if self.model is None else (made, stated | {"inertia_kg_m2"})
+        if wanted - given:
+            why = "without a model gains are stated" if self.model is None else f'model = "{self.model}" makes gains of these'
+            raise ValueError(f"{why}: give {' and '.join(sorted(wanted - given))}")
+        if unwanted & given:
+            why = "belongs to a model" if self.model is None else f'has no meaning beside model = "{self.model}"'
+            raise ValueError(f"{', '.join(sorted(unwanted & given))} {why}; drop it{', or give model' if self.model is None else ''}")
+        return self
 
 
 class Initial(Section):

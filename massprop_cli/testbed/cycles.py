@@ -11,7 +11,6 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
-from massprop_cli.testbed.conditions import Control
 from massprop_cli.testbed.environment import dynamics_in
 from massprop_cli.testbed.motion import (
     Bodies,
@@ -19,10 +18,10 @@ from massprop_cli.testbed.motion import (
     Wrench,
     compose,
     compose_all,
-    cross,
     quaternions,
     rotation_vectors,
 )
+from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
 from massprop_cli.testbed.wheels import Wheels
@@ -46,8 +45,18 @@ class Change:
 class Cycles:
     """S members, K cycles of N records, body axes; :meth:`fly` takes one cycle after the other, in their order."""
 
-    def __init__(self, source: ScenarioSource, seeds: Sequence[int], issued: Array | None, changes: Mapping[int, Change]) -> None:
-        """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown."""
+    def __init__(
+        self,
+        source: ScenarioSource,
+        seeds: Sequence[int],
+        issued: Array | None,
+        changes: Mapping[int, Change],
+        running: RunningOf | None = None,
+    ) -> None:
+        """``issued`` (K, C) or (S, K, C) goes in place of the scenario's plan; :class:`InputError` where that can't be flown.
+
+        ``running`` makes the estimator that the control may ask for.
+        """
         self.source, self.seeds, self.changes = source, seeds, changes
         scenario = self.scenario = source.scenario
         rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
@@ -72,7 +81,9 @@ class Cycles:
         """(S, K + 1, 3) at the edges of cycles, rad/s."""
         initial = np.array(scenario.vehicle.environment.initial_attitude_wxyz)
         self.attitude[:, 0], self.rate[:, 0] = initial, scenario.initial.rate_rad_s
-        self.onboard = _Onboard(scenario.control, np.repeat(initial[:, None], self.members, 1))
+        self.onboard = None if issued is not None else _onboard(source, np.repeat(initial[:, None], self.members, 1), running)
+        self.modelled = np.zeros((self.members, scenario.cycles if scenario.modelled and issued is None else 0, 10))
+        """(S, K, 10) what the control took the body to be in each cycle; none without a model."""
         self.position = np.array(scenario.vehicle.imu.position_m)
 
     def truth(self) -> Array:
@@ -121,13 +132,18 @@ class Cycles:
 
     def _command(self, k: int) -> None:
         """By the plan, with the attitude control where that holds; nothing where commands were recorded."""
-        if self.plan is None:
+        if self.plan is None or self.onboard is None:
             return
+        if self.scenario.modelled == "truth":
+            self.onboard.body = self.truth()
+        if self.scenario.modelled:
+            self.modelled[:, k] = self.onboard.body
         demand, turning = self.plan.demand[:, k], self.plan.wheel_demand[:, k]
+        torque = self.onboard.torque(demand[:, 3:]) if (self.plan.held[k] | self.plan.held_by_wheels[k]).any() else 0.0
         if self.plan.held[k].any():
-            demand = demand + np.pad(self.onboard.torque() * self.plan.held[k], ((0, 0), (0, 3)))
+            demand = demand + np.pad(torque * self.plan.held[k], ((0, 0), (0, 3)))
         if self.plan.held_by_wheels[k].any():
-            turning = turning + self.onboard.torque() * self.plan.held_by_wheels[k]
+            turning = turning + torque * self.plan.held_by_wheels[k]
         self.actuators.issue(k, self.allocated.commands(demand))
         self.wheels.issue(k, turning @ self.allocated.on_wheels.T)
 
@@ -135,8 +151,10 @@ class Cycles:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
         per_record = (3, self.members, self.records, -1)
         angle = self.gyro.sense(k, rate.reshape(per_record).mean(-1))
-        self.accelerometer.sense(k, felt.reshape(per_record).mean(-1), jump)
-        self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
+        velocity = self.accelerometer.sense(k, felt.reshape(per_record).mean(-1), jump)
+        if self.onboard is not None:
+            self.onboard.learn((k + 1) * self.period, self.actuators.issued[:, k], angle.T, velocity.T)
+            self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
 
     def _burn(self, k: int, burn_s: Array) -> None:
         """What the fuel of a cycle leaves; :class:`InputError` where that is no body."""
@@ -157,35 +175,15 @@ class Cycles:
             )
 
 
-@dataclass
-class _Onboard:
-    """The vehicle's own attitude control: attitude integrated from the gyro, PD law with the rates of the cycle before."""
-
-    control: Control | None
-    attitude: Array
-
-    def __post_init__(self) -> None:
-        self.target = self.attitude.copy()
-        self.rate = np.zeros((3, self.attitude.shape[1]))
-
-    def sense(self, angle_imu: Array, body_from_imu: Array, period_s: float) -> None:
-        """Take a cycle's angle increment, (3, S) IMU axes."""
-        if self.control is None:
-            return
-        angle = np.einsum("ij,js->is", body_from_imu, angle_imu)
-        self.rate = angle / period_s
-        self.attitude = compose(self.attitude, quaternions(angle))
-
-    def torque(self) -> Array:
-        """(S, 3) ``ω × Î ω − D ω − K q_vec``, N m."""
-        assert self.control is not None
-        inertia, rate_gain, attitude_gain = (
-            np.array(gains)[:, None] for gains in (self.control.inertia_kg_m2, self.control.rate_gain_n_m_s, self.control.attitude_gain_n_m)
-        )
-        error = compose(self.target * np.array([1.0, -1.0, -1.0, -1.0])[:, None], self.attitude)
-        error = error * np.where(error[0] < 0, -1.0, 1.0)
-        torque: Array = cross(self.rate, inertia * self.rate) - rate_gain * self.rate - attitude_gain * error[1:]
-        return torque.T
+def _onboard(source: ScenarioSource, attitude: Array, running: RunningOf | None) -> Onboard:
+    """Control of the vehicles that begin at ``attitude`` (4, S)."""
+    scenario, members = source.scenario, attitude.shape[1]
+    body = np.repeat(nominal(scenario.vehicle.nominal)[None], members, 0)
+    if scenario.modelled != "estimate":
+        return Onboard(scenario.control, attitude, body, None)
+    if running is None:
+        raise InputError(f'{source.source}: control.model = "estimate" wants an estimator aboard; massprop simulate brings one')
+    return Onboard(scenario.control, attitude, body, running(scenario.logged, source.source, members))
 
 
 def _bins(scenario: Scenario) -> int:

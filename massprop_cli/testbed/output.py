@@ -21,6 +21,7 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed import mission
+from massprop_cli.testbed.onboard import RunningOf
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.simulate import Flight, fly
 from massprop_cli.testbed.timeline import AXES
@@ -39,20 +40,31 @@ def simulate(
     seeds: int | None,
     kind: Kind = "parquet",
     progress: Callable[[str, float], None] | None = None,
+    running: RunningOf | None = None,
 ) -> str:
-    """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written."""
+    """Fly one seed into ``folder``, or ``seeds`` of them into folders seed-N below it; says what was written.
+
+    ``running`` makes the estimator that the control may take its body from.
+    """
     try:
         if seeds is None:
-            flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0))
+            flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0), running=running)
             with files.held(folder):
                 write(flight, 0, source.scenario, folder, kind)
             return f"log.{kind}, vehicle.toml and truth.json"
-        return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress)
+        return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress, running)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
 
 
-def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, progress: Callable[[str, float], None] | None) -> str:
+def _campaign(
+    source: ScenarioSource,
+    folder: Path,
+    seeds: range,
+    kind: Kind,
+    progress: Callable[[str, float], None] | None,
+    running: RunningOf | None,
+) -> str:
     """All seeds or none: they are written aside and moved into place when the last has been flown."""
     names = [f"seed-{seed:0{max(4, len(str(seeds[-1])))}d}" for seed in seeds]
     strangers = sorted({path.name for path in folder.iterdir()} - set(names)) if folder.is_dir() else []
@@ -66,7 +78,7 @@ def _campaign(source: ScenarioSource, folder: Path, seeds: range, kind: Kind, pr
             chosen = seeds[start : start + batch]
             share = len(chosen) / len(seeds)
             before = start / len(seeds)
-            flight = fly(source, chosen, progress=partial(_tell, progress, before, share))
+            flight = fly(source, chosen, progress=partial(_tell, progress, before, share), running=running)
             for member in range(len(chosen)):
                 write(flight, member, source.scenario, aside / names[start + member], kind)
         _move(aside, folder, names)

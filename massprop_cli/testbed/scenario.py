@@ -159,12 +159,24 @@ class Scenario(Timed):
             raise ValueError("initial.rate_rad_s: a vehicle on a table turns about Z alone; make the others 0")
         if self.control is None and any(s.motion == "hold" or s.closed_loop for s in self.plan):
             raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
+        self._check_model()
         self._check_wheels()
         if not self.vehicle.jets:
             needs = {axis for s in self.plan if s.motion != "coast" and not self.turned_by_wheels(s) for axis in s.driven}
             torque, force = self.actuators.max_torque_n_m, self.actuators.max_force_n
             if (torque is None and needs & set(TURNS)) or (force is None and needs - set(TURNS)):
                 raise ValueError("the vehicle has no jets: give actuators.max_torque_n_m and max_force_n for the axes that the plan drives")
+
+    def _check_model(self) -> None:
+        if self.modelled is None:
+            return
+        if self.vehicle.environment.kind != "free":
+            raise ValueError(
+                "control.model is for free flight, where the vehicle turns about its CG; state rate_gain_n_m_s and attitude_gain_n_m"
+            )
+        missing = [f"vehicle.nominal.{name}" for name in ("ixx", "iyy", "izz") if self.vehicle.nominal.value(name) is None]
+        if missing and self.modelled != "truth":
+            raise ValueError(f'control.model = "{self.modelled}" begins with the nominal body: give {", ".join(missing)}')
 
     def _check_wheels(self) -> None:
         wheels = self.vehicle.wheels
@@ -219,6 +231,16 @@ class Scenario(Timed):
         if name is not None:
             found.append(Phase(name=name, start_s=start, end_s=round(self.cycles * period, 9)))
         return tuple(found)
+
+    @property
+    def logged(self) -> Vehicle:
+        """The vehicle as its log's users get it, with the phases that events make."""
+        return self.vehicle.model_copy(update={"phases": self.phases}) if self.events else self.vehicle
+
+    @property
+    def modelled(self) -> Literal["nominal", "estimate", "truth"] | None:
+        """Whose body the control's gains are made of; None where they are stated."""
+        return None if self.control is None else self.control.model
 
     @property
     def tick_s(self) -> float | None:

@@ -16,6 +16,7 @@ from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.wheel import WheelLog
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
+from massprop_cli.testbed.onboard import RunningOf
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 
 ABSURD = 1e6
@@ -51,6 +52,8 @@ class Flight:
     """(S, phases, 10) at the end of each phase."""
     docked: Array | None
     """(10,) true object that docked."""
+    modelled: Array
+    """(S, K, 10) what the control took the body to be in each cycle; (S, 0, 10) where its gains are stated."""
 
     def commanded(self, member: int) -> Array:
         """(K, C) of one member, without the wheels' torques."""
@@ -99,15 +102,17 @@ def fly(
     issued: Array | None = None,
     changes: Mapping[int, Change] | None = None,
     progress: Progress | None = None,
+    running: RunningOf | None = None,
 ) -> Flight:
     """Fly one member per seed.
 
     ``issued`` (K, C) or (S, K, C) flies recorded commands open loop instead of the plan; ``changes`` happen at the start of their cycle.
-    :class:`InputError` where the plan can't be flown or the motion runs away.
+    ``running`` makes the estimator that the control may take its body from. :class:`InputError` where the plan can't be flown or the motion
+    runs away.
     """
     scenario = source.scenario
     period, cycles, phases = scenario.vehicle.cycle.period_s, scenario.cycles, scenario.phases
-    flying = Cycles(source, seeds, issued, changes or {})
+    flying = Cycles(source, seeds, issued, changes or {}, running)
     ends = [_end_cycle(phase, period, cycles) for phase in phases]
     truth = np.zeros((len(seeds), len(phases), 10))
     for k in range(cycles):
@@ -121,7 +126,7 @@ def fly(
     for name, sensor in (("gyro", flying.gyro), ("accelerometer", flying.accelerometer)):
         _check_sensor(source, name, sensor)
     return Flight(
-        vehicle=scenario.vehicle.model_copy(update={"phases": phases}) if flying.events else scenario.vehicle,
+        vehicle=scenario.logged,
         seeds=tuple(seeds),
         logs_attitude=scenario.sensors.log_attitude,
         time_s=frozen(_record_ends(scenario)),
@@ -135,6 +140,7 @@ def fly(
         phases=phases,
         truth=frozen(truth),
         docked=None if scenario.docked is None else scenario.docked.values,
+        modelled=frozen(flying.modelled),
     )
 
 

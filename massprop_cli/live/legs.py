@@ -1,0 +1,102 @@
+"""One flight through its phases, cycle by cycle."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.flown import Flight, Reported
+from massprop_cli.export.resolve import Constants, Leg
+from massprop_cli.kernel import kernel
+from massprop_cli.live.cycles import Cycle
+from massprop_cli.live.onnumpy import OnNumPy
+
+UNUSED = 14
+"""Where a cycle's numbers say that it is of no phase."""
+
+
+class Estimator(Protocol):
+    """Of one flight, fed cycle by cycle."""
+
+    def begin(self, leg: Leg) -> None:
+        """Estimate anew with the next cycle; commands in flight and the attitude go on."""
+
+    def step(self, numbers: Array) -> Reported | None:
+        """The next cycle, as :func:`massprop_cli.estimate.flown.cycles_of` has it; what the one completed by it came to."""
+
+    def last(self) -> Reported | None:
+        """The cycle that waits for the next one's commands, where nothing more comes."""
+
+
+class Compiled:
+    """The kernel."""
+
+    def __init__(self, resolved: Constants) -> None:
+        self.flight = Flight(resolved.commands, resolved.legs[0].vehicle, resolved.legs[0].rule)
+
+    def begin(self, leg: Leg) -> None:
+        """Another phase."""
+        self.flight.phase(leg.vehicle, leg.rule)
+
+    def step(self, numbers: Array) -> Reported | None:
+        """The next cycle."""
+        return _any(self.flight.step(numbers[None]))
+
+    def last(self) -> Reported | None:
+        """The one that waits."""
+        return _any(self.flight.last())
+
+
+def _any(found: Reported) -> Reported | None:
+    return found if len(found.values) else None
+
+
+class Completed(NamedTuple):
+    """A cycle that is estimated."""
+
+    end_s: float
+    phase: str
+    found: Reported
+
+
+class Legs:
+    """The estimator of one flight."""
+
+    def __init__(self, resolved: Constants) -> None:
+        vehicle = resolved.vehicle
+        self.legs, self.phases, self.leg = resolved.legs, vehicle.phases, -1 if vehicle.phases else 0
+        self.late = resolved.commands[4] < vehicle.cycle.period_s
+        """Whether a cycle's estimate comes with the next cycle."""
+        self.flight: Estimator = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
+        self._waiting: tuple[float, int] | None = None
+
+    def add(self, cycle: Cycle) -> list[Completed]:
+        """The cycle that is estimated by now, where there is one."""
+        leg = self._leg(cycle.end_s)
+        cycle.numbers[UNUSED] = leg is None
+        begins, self.leg = leg not in (None, self.leg), self.leg if leg is None else leg
+        if begins and not self.late:
+            self._begin()
+        completed = self._waiting if self.late else (cycle.end_s, self.leg)
+        self._waiting = cycle.end_s, self.leg
+        found = self.flight.step(cycle.numbers)
+        if begins and self.late:
+            self._begin()  # the call has completed the last cycle of the phase before
+        return self._completed(completed, found)
+
+    def last(self) -> list[Completed]:
+        """The cycle that waited for the next."""
+        return self._completed(self._waiting, self.flight.last())
+
+    def _begin(self) -> None:
+        self.flight.begin(self.legs[self.leg])
+
+    def _leg(self, end_s: float) -> int | None:
+        if not self.phases:
+            return 0
+        inside = (i for i, phase in enumerate(self.phases) if phase.start_s + 1e-9 < end_s <= phase.end_s + 1e-9)
+        return next(inside, None)
+
+    def _completed(self, at: tuple[float, int] | None, found: Reported | None) -> list[Completed]:
+        # none of a cycle that is of no phase, or whose commands were issued before the first one came
+        return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found)]

@@ -1,0 +1,134 @@
+"""The causal pass cycle by cycle where there is no compiled kernel: that of :mod:`massprop_cli.estimate.causal` on a log that grows.
+
+Slow: with every cycle all commands before it are aligned anew.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.verdict import BEGUN, HALVED, POSITIVE, PRIOR, SURE
+from massprop_cli.estimate.causal import Causal
+from massprop_cli.estimate.flown import VERDICTS, Reported
+from massprop_cli.estimate.quantities import quantities
+from massprop_cli.estimate.rows import Rows
+from massprop_cli.export.resolve import Constants, Leg
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.model.layout import MU
+from massprop_cli.model.parameters import natural_sizes
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+END, LENGTH, THETA, VELOCITY, ATTITUDE, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 12), slice(12, 14), 14
+"""Where a cycle's numbers stand (:func:`massprop_cli.estimate.flown.cycles_of`); commands follow."""
+
+
+class OnNumPy:
+    """The estimator of one flight."""
+
+    def __init__(self, resolved: Constants) -> None:
+        jets, _, logged, period, delay, *_ = resolved.commands
+        self.vehicle, self.jets, self.logged = resolved.vehicle, bool(jets), bool(logged)
+        self.period_s, self.delay_s, self.late = float(period), float(delay), bool(delay < period)
+        self.rows: list[Array] = []
+        self.begin(resolved.legs[0])
+
+    def begin(self, leg: Leg) -> None:
+        """Another phase, with the next cycle that is completed."""
+        self.leg, self.steady, self.first = leg, Steady(leg), max(len(self.rows) - self.late, 0)
+        self.causal: Causal | None = None
+
+    def step(self, numbers: Array) -> Reported | None:
+        """The next cycle; what the one completed by it came to."""
+        self.rows.append(numbers)
+        return self._estimated(len(self.rows) - self.late)
+
+    def last(self) -> Reported | None:
+        """The one that waits."""
+        return self._estimated(len(self.rows)) if self.late else None
+
+    def _estimated(self, stop: int) -> Reported | None:
+        """Of the last of ``stop`` cycles; None of one of no phase, or whose commands came before the first."""
+        if not stop or self.rows[stop - 1][UNUSED]:
+            return None
+        flown = np.array(self.rows)
+        started = flown[:stop, END] - flown[:stop, LENGTH]
+        usable = int(np.searchsorted(started, started[0] + self.delay_s - 1e-6 * self.period_s))
+        if usable >= stop:
+            return None
+        first = max(self.first, usable)
+        rows, reference = Rows.untold(1), None
+        if stop - first > 1:
+            with np.errstate(all="ignore"):
+                rows, reference = self._passed(flown, slice(first, stop))
+        values, covariance = quantities(rows.mean, rows.covariance, self.leg.own)
+        sigmas = np.sqrt(np.einsum("kii->ki", covariance))
+        return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], reference)[None])
+
+    def _passed(self, flown: Array, cycles: slice) -> tuple[Rows, Reference | None]:
+        """The row after the last of ``cycles``, and the present estimate."""
+        samples = Stream.of(self._log(flown), self.vehicle, Timing(self.delay_s / self.period_s, 0.0))
+        if self.causal is None:
+            self.causal = Causal(samples, cycles, self.leg.own, Consider())
+        else:
+            self.causal.goes_on(samples, cycles.stop)
+        rows, begun = Rows.untold(1), -1
+        while begun < self.causal.run.at < cycles.stop:
+            begun = self.causal.run.at
+            rows = self.causal.block()
+        return rows.last(), self.causal.run.estimate if self.causal.started else None
+
+    def _log(self, flown: Array) -> Log:
+        """Of all cycles up to now, one record each."""
+        return Log(
+            path=Path("what has arrived"),
+            sha256="",
+            rows=len(flown),
+            records_per_cycle=1,
+            time_s=flown[:, END],
+            interval_s=flown[:, LENGTH],
+            delta_theta_imu_rad=flown[:, THETA],
+            delta_v_imu_m_s=flown[:, VELOCITY],
+            command_kind="jets" if self.jets else "wrench",
+            command=flown[:, UNUSED + 1 :],
+            attitude_wxyz=flown[:, ATTITUDE] if self.logged else None,
+            notices=(),
+            ignored=flown[:, IGNORED] != 0,
+        )
+
+
+class Steady:
+    """How long each quantity has stood still: ``mp_report`` of massprop_cli/kernel/verdict.c."""
+
+    def __init__(self, leg: Leg) -> None:
+        _, self.count, self.relative, *tolerances = leg.rule[:6]
+        self.tolerance = np.repeat(tolerances, [6, 3, 1])
+        self._begin()
+
+    def _begin(self) -> None:
+        self.steady, self.values = np.zeros(10), np.full(10, np.nan)
+
+    def verdicts(self, values: Array, sigmas: Array, reference: Reference | None) -> Array:
+        """(10,) numbers of ``VERDICTS`` of the next row, by the sizes of the present estimate."""
+        if reference is None:
+            self._begin()
+            return np.zeros(10)
+        sizes = natural_sizes(reference)
+        sizes[MU] = 1 / reference.mu
+        tolerance, prior = self.tolerance * (sizes if self.relative else 1.0), sizes.copy()
+        prior[POSITIVE] = np.minimum(sizes, values)[POSITIVE]
+        with np.errstate(invalid="ignore"):
+            informed = sigmas < HALVED * PRIOR * prior
+            still = np.abs(values - self.values) <= tolerance
+            sure = sigmas < SURE * tolerance
+        self.steady = np.where(informed & still, np.minimum(self.steady + 1, self.count), 0.0)
+        self.values = values
+        stands = (self.steady == self.count) | (informed & sure & (self.steady >= BEGUN * self.count))
+        said = np.where(stands, "converged", np.where(informed, "not_converged", "not_excited"))
+        said[np.isnan(values)] = "untold"
+        return np.array([VERDICTS.index(one) for one in said], dtype=float)
