@@ -12,10 +12,10 @@ measured one enters to second order only.
 Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
 
 :func:`linearise` is the same about one reference. Its state x, in this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3);
-then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3); on a
-bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in body axes: true attitude =
-integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with
-wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
+then the nuisances that the vehicle file asks for: gyro bias (3), accelerometer bias (3), slowly varying disturbance torque (3), damping of
+the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector
+in body axes: true attitude = integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the
+cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ from massprop_cli.base.rigidbody import cross_matrix, elements, inverse, tensor,
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
+from massprop_cli.model.damping import impulse_by_damping, made_by_motion
 from massprop_cli.model.gyroscopic import products, products_by_rate
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.momentum import held, moments_by_scale, precession, scale_sigmas
+from massprop_cli.model.momentum import held, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
@@ -51,6 +52,7 @@ class Layout:
     gyro_bias: slice
     accel_bias: slice
     torque: slice
+    damping: slice
     tilt: slice
     scale: slice
     """Relative errors of the thrust's scale and of the wheels' inertias, of a vehicle that has wheels."""
@@ -63,15 +65,16 @@ class Layout:
             3 * (vehicle.imu.gyro_bias_sigma_rad_s > 0),
             3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
             3 * (vehicle.environment.disturbance_walk_n_m > 0),
+            3 * (vehicle.environment.damping_sigma_n_m_s > 0),
             plant_of(vehicle).tilts(samples.attitude_logged),
         )
         slices, end = [], RATE.stop
         for size in sizes:
             slices.append(slice(end, end + size))
             end += size
-        gyro_bias, accel_bias, torque, tilt = slices
+        gyro_bias, accel_bias, torque, damping, tilt = slices
         scale = slice(end, end + len(scale_sigmas(vehicle)))
-        return Layout(gyro_bias, accel_bias, torque, tilt, scale, scale.stop)
+        return Layout(gyro_bias, accel_bias, torque, damping, tilt, scale, scale.stop)
 
     @staticmethod
     def of_all(own: Array) -> Array:
@@ -147,11 +150,15 @@ def lifted(
     if here.executed.stored is not None:
         momentum = held(here.executed.stored, bin_s)
         leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
+    if reference.damping.any():
+        half = own @ np.diag(reference.damping) * duration[:, None, None] / 2
+        leaving, entering = leaving - half[:-1], entering - half[1:]
     leaving, entering = _bounded(leaving), _bounded(entering)
     solve = inverse(np.eye(3) - entering)
     to_rate = solve @ own
     states = layout.size - RATE.start
-    turning, torque, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in (RATE, layout.torque, layout.tilt))
+    blocks = (RATE, layout.torque, layout.damping, layout.tilt)
+    turning, torque, damping, tilt = (slice(s.start - RATE.start, s.stop - RATE.start) for s in blocks)
     transition = np.zeros((len(step), states, states))
     transition[:] = np.eye(states)
     transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
@@ -165,6 +172,12 @@ def lifted(
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if torque.stop > torque.start:
         transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+    damped = np.zeros((len(duration), 3, damping.stop - damping.start))
+    if damping.stop > damping.start:
+        by_damping = impulse_by_damping(motion, within.rates, bin_s)
+        damped = by_damping.whole / duration[:, None, None]
+        transition[:, turning, damping] = to_rate @ by_damping.step
+        drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping
     tilting = np.zeros((len(duration), 3, tilt.stop - tilt.start))
     if tilt.stop > tilt.start:
         by_tilt = windows(plant.moment_by_tilt(reference, motion), bin_s)
@@ -186,6 +199,7 @@ def lifted(
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
         (slice(3, 6), layout.torque, euler @ own),
+        (slice(3, 6), layout.damping, euler @ own @ damped),
     ):
         if columns.stop > columns.start:
             observation[:, rows, columns.start - RATE.start : columns.stop - RATE.start] = matrix
@@ -198,6 +212,8 @@ def lifted(
     measured = np.zeros((len(duration), 6, 1 + combined))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
+    if damping.stop > damping.start:
+        measured[:, 3:, 0] += observation[:, 3:, damping] @ reference.damping
     np.negative(felt, out=measured[:, 3:, 1:])
     return Lifted(transition, observation, to_rate, steps, drive, measured)
 
@@ -243,9 +259,9 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     # the commands' own exactly, the rest by its bins
     jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
     parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
-    if executed.stored is not None:
-        torque, late = precession(executed.stored, motion, bin_s[:, None, None])
-        own = windows(torque, bin_s, late.sum(1))
+    made = made_by_motion(executed.stored, within.damping, motion, bin_s[:, None, None])
+    if made is not None:
+        own = windows(made[0], bin_s, made[1].sum(1))
         jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
     parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]

@@ -41,6 +41,10 @@ class Change:
     """One per member, in place of what the scenario has."""
     rate: Array
     """(3, S) added to the body rate, rad/s."""
+    damping: Array | float = 0.0
+    """(3, S) added to the torque against the rate over it, N m s."""
+    thrust: Array | float = 1.0
+    """(S,) factor on all thrust issued from then on."""
 
 
 class Cycles:
@@ -119,6 +123,8 @@ class Cycles:
         if k in self.changes:
             self.body = self.changes[k].bodies
             self.rate[:, k] += self.changes[k].rate.T
+            self.damping = self.damping + np.asarray(self.changes[k].damping)[..., None]
+            self.actuators.strength[:, k:] *= np.asarray(self.changes[k].thrust)[..., None, None]
         return jump
 
     def _command(self, k: int) -> None:

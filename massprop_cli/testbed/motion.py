@@ -1,8 +1,8 @@
 """Rigid-body motion of all members through one control cycle.
 
 Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) − d ω + what holds it``, with the commands' wrench w(t), the wheels' momentum h
-and the damping d known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds the body; what
-another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
+and the damping d known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds
+the body; what another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
 
 A cycle is cut into bins. Within a bin ω is the exact answer to the commands plus a smooth rest, whose bin mean and slope are taken to
 second order; the bins of a cycle are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
