@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
-from massprop_cli.conclude.granted import Taken, granted
+from massprop_cli.conclude.granted import AXES, Taken, granted
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
@@ -148,7 +148,7 @@ def assumptions(
         for of_one, t in zip(effects, found.taken, strict=True):
             of_one.append(_effect(history, conclusion, vehicle, response, found.step(t, response.shift.shape[1])))
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
-        listed += _geometry(history, conclusion, response)
+        listed += _beside(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
     return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
 
@@ -187,19 +187,21 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
-GEOMETRY = {
+BESIDE = {
     "jet-thrust": ("each jet's own thrust is as uncertain as jets.thrust_sigma says", "jets.thrust_sigma"),
     "jet-position": ("jets sit where they are stated to within jets.position_sigma_m", "jets.position_sigma_m"),
     "jet-direction": ("jets point where they are stated to within jets.direction_sigma_rad", "jets.direction_sigma_rad"),
     "imu-position": ("the IMU sits where it is stated to within imu.position_sigma_m", "imu.position_sigma_m"),
     "imu-mounting": ("the IMU is turned as it is stated to within imu.mounting_sigma_rad", "imu.mounting_sigma_rad"),
+    "damping": ("the log was asked for a torque against the rate, {damping} N m s times it", "environment.damping_sigma_n_m_s"),
 }
-"""What is uncertain of the geometry, and the key that says how much."""
+"""What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 
-def _geometry(history: History, conclusion: Conclusion, response: Response) -> list[Assumption]:
-    """What the stated uncertainty of jets and IMU adds to each sigma, squares added; it is in every sigma."""
+def _beside(history: History, conclusion: Conclusion, response: Response) -> list[Assumption]:
+    """What the stated uncertainty of jets and IMU, and damping, add to each sigma, squares added; it is in every sigma."""
     found = []
+    damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip(AXES, response.damping, strict=False))
     for kind, variance in response.added.items():
         part = np.sqrt(np.maximum(variance, 0.0))
         part[MU] = part[MU] / history.reference.mu**2 if history.reference is not None else np.nan
@@ -208,8 +210,8 @@ def _geometry(history: History, conclusion: Conclusion, response: Response) -> l
             for name, size in zip(QUANTITIES, part, strict=True)
             if (sigma := conclusion.estimates[name].sigma) is not None and size > SHOWN * sigma
         }
-        message, key = GEOMETRY[kind]
-        said = f"{message}; that is in every sigma, and so much of it"
+        message, key = BESIDE[kind]
+        said = f"{message.format(damping=damping)}; that is in every sigma, and so much of it"
         found.append(Assumption(f"uncertain-{kind}", said, f"its {key}", True, (Effect(history.phase.name, change, None),)))
     return found
 

@@ -22,11 +22,17 @@ from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]
 BY_HAND = ("torque", "drag", "mass_rate", "inertia_rate")
-"""Entries of x that no log and no vehicle file can be mended for."""
+"""Entries of x whose values no log and no vehicle file can be given."""
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
-STATED = ("delay", "lag", "gyro_lag", "accel_lag", "gyro_bias", "accel_bias", "torque", "mass_rate", "inertia_rate")
+STATED = ("delay", "lag", "gyro_lag", "accel_lag", "gyro_bias", "accel_bias", "torque", "drag", "mass_rate", "inertia_rate")
 """Entries whose uncertainty is a key of the vehicle file."""
+SIGMAS = {
+    "gyro_bias": "imu.gyro_bias_sigma_rad_s",
+    "accel_bias": "imu.accel_bias_sigma_m_s2",
+    "drag": "environment.damping_sigma_n_m_s",
+}
+"""Keys by which an entry is estimated; of its size, each."""
 NEAR = 0.05
 """Parts of its stated thrust within which a jet is dead, or pushes the other way."""
 PART = 1e-3
@@ -253,7 +259,7 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     for sensor in ("gyro", "accel"):
         if get(f"{sensor}_lag").any():
             settings.append(f"imu.{sensor}_lag_sigma_s={float(found.sigma(f'{sensor}_lag')[0]) * period:.3g}")
-    for name, key in (("gyro_bias", "imu.gyro_bias_sigma_rad_s"), ("accel_bias", "imu.accel_bias_sigma_m_s2")):
+    for name, key in SIGMAS.items():
         if get(name).any():
             settings.append(f"{key}={float(np.abs(get(name)).max()):.3g}")
     if get("torque").any():

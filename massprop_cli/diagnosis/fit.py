@@ -160,4 +160,5 @@ def _prior(layout: Layout, reference: Reference, vehicle: Vehicle) -> Array:
     sigma[RATE] = 1.0
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
+    sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
     return sigma

@@ -122,7 +122,7 @@ class Model:
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
         sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
-        sigmas["slope"] = plant_of(vehicle).tilt_sigma
+        sigmas |= {"slope": plant_of(vehicle).tilt_sigma, "drag": vehicle.environment.damping_sigma_n_m_s}
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}

@@ -207,6 +207,9 @@ _WORDS: dict[str, Callable[[Said], str]] = {
     ),
     "attitude-start": _tilt,
     "steady-torque": lambda said: f"a steady torque of {said.body('torque')} N m acts beside the commands; find it, or state a disturbance",
-    "rate-torque": lambda said: f"a torque of {said.body('drag')} N m s times the rate acts beside the commands: drag, or a cable",
+    "rate-torque": lambda said: (
+        f"a torque of {said.body('drag')} N m s times the rate acts beside the commands: drag, or a cable; "
+        "state environment.damping_sigma_n_m_s"
+    ),
     "fuel-use": _fuel,
 }

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, grown, root_beside_unit, triangle_of
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, root_beside_unit, triangle_of
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
@@ -83,7 +83,8 @@ class Regression(Triangle):
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
         scale = self._state(run, layout.scale, theta, others, reference.scale)
-        estimate = replace(lift.reference(theta, bias), response=response, scale=scale)
+        damping = self._state(run, layout.damping, theta, others, reference.damping)
+        estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping)
         return replace(run, estimate=estimate, bound=bound)
 
     def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
@@ -176,20 +177,27 @@ class Regression(Triangle):
         end = own + 10
         shift = scale[:, None] * np.linalg.solve(triangle[own:end, own:end], triangle[own:end, end + 1 :])
         left = triangle[end:, end:]
-        return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]))
+        root = np.linalg.inv(triangle[:end, :end])[self._damping]
+        damping = np.column_stack([root @ triangle[:end, end], np.sqrt((root**2).sum(1))])
+        return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
+
+    @property
+    def _damping(self) -> IntArray:
+        """Which of the unknown beginnings are damping's, which stays as it begins."""
+        block, states = Layout.of(self.samples, self.vehicle).damping, RATE.start + np.flatnonzero(self.prior > 0)
+        return np.flatnonzero((states >= block.start) & (states < block.stop))
 
     def _added(self, theta: Array, scale: Array, triangle: Array) -> dict[str, Array]:
-        """(10,) variance of the state parameters that each kind of uncertain geometry adds: beside its being known exactly."""
-        slopes, first = self.lift.slopes(theta) * scale, len(triangle) - 10 - self.uncertain
-        kinds = np.array(self.consider.kinds)
+        """(10,) variance of the state parameters that damping and each kind of uncertain geometry add: beside their being known."""
+        slopes, of = self.lift.slopes(theta) * scale, np.full(len(triangle), "", dtype=object)
+        of[len(of) - 10 - self.uncertain : len(of) - 10], of[self._damping] = self.consider.kinds, "damping"
 
         def variance(kept: BoolArray) -> Array:
-            columns = np.concatenate([np.ones(first, dtype=bool), kept, np.ones(10, dtype=bool)])
-            root = slopes @ np.linalg.inv(triangle_of(triangle[:, columns])[-10:, -10:])
+            root = slopes @ np.linalg.inv(triangle_of(triangle[:, kept])[-10:, -10:])
             found: Array = (root**2).sum(1)
             return found
 
-        return {kind: variance(kinds == kinds) - variance(kinds != kind) for kind in dict.fromkeys(self.consider.kinds)}
+        return {kind: variance(of == of) - variance(of != kind) for kind in dict.fromkeys(of[of != ""])}
 
     def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
         """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""

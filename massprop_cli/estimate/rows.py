@@ -21,7 +21,9 @@ class Response:
     """(1 + e, 1 + e) inner products of what is left of the whitened innovations, first of the log's own, then of what each would add."""
 
     added: Mapping[str, Array] = field(default_factory=dict)
-    """Of each kind of uncertain geometry: (10,) by how much its uncertainty widens the variance of the state parameters."""
+    """Of each kind of uncertain geometry, and of damping: (10,) by how much its uncertainty widens the variance of the state parameters."""
+    damping: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """(3, 2) torque against the rate about each axis over it, and its sigma, N m s; empty where none is looked for."""
 
     @property
     def misfit(self) -> Array:

@@ -65,6 +65,6 @@ def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicl
 
 
 def _told(samples: Source, vehicle: Vehicle) -> list[int]:
-    """Which states explain motion for good: mass properties, and scales beside wheels."""
-    scale = Layout.of(samples, vehicle).scale
-    return [*range(PARAMETERS.stop), *range(scale.start, scale.stop)]
+    """Which states explain motion for good: mass properties, damping, and scales beside wheels."""
+    layout = Layout.of(samples, vehicle)
+    return [*range(PARAMETERS.stop), *range(layout.damping.start, layout.damping.stop), *range(layout.scale.start, layout.scale.stop)]

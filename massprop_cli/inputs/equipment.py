@@ -82,6 +82,10 @@ class Environment(Section):
     disturbance_torque_n_m: NonNegative = Field(0.0, description="one sigma per cycle, white, each axis")
     disturbance_walk_n_m: NonNegative = Field(0.0, description="a slowly varying torque on each axis: one sigma of its change per cycle")
 
+    damping_sigma_n_m_s: NonNegative = Field(
+        0.0, description="one sigma of an unknown torque against the body rate about each axis, over that rate: drag; 0: none"
+    )
+
     @field_validator("initial_attitude_wxyz")
     @classmethod
     def _is_unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:

@@ -40,6 +40,8 @@ def unknown(vehicle: Vehicle) -> str:
         return f"estimator.bins_per_cycle is {vehicle.estimator.bins_per_cycle}, and the kernel holds {BINS}"
     if any(getattr(vehicle.drift, name) for name in type(vehicle.drift).model_fields):
         return "[drift] is stated, and the kernel knows none"
+    if vehicle.environment.damping_sigma_n_m_s > 0:
+        return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     if vehicle.spinning or vehicle.rotors:

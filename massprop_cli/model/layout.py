@@ -1,9 +1,10 @@
 """Where each state stands: the ten mass properties, the cycle-mean rate, and the nuisances that a vehicle file asks for.
 
 In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), slowly varying
-disturbance torque (3); on a bearing, where the attitude comes from the gyro, its error at the start of the cycle (3, rotation vector in
-body axes: true attitude = integrated attitude turned by it); on a table, what the accelerometer feels of its slope in the middle of the
-cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and of each wheel.
+disturbance torque (3), damping of the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at the
+start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it); on a table, what the accelerometer
+feels of its slope in the middle of the cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and
+of each wheel.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ class Layout:
     gyro_bias: slice
     accel_bias: slice
     torque: slice
+    damping: slice
     tilt: slice
     scale: slice
     """Relative errors of the thrust's scale and of the wheels' inertias, of a vehicle that has wheels."""
@@ -42,15 +44,16 @@ class Layout:
             3 * (vehicle.imu.gyro_bias_sigma_rad_s > 0),
             3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
             3 * (vehicle.environment.disturbance_walk_n_m > 0),
+            3 * (vehicle.environment.damping_sigma_n_m_s > 0),
             plant_of(vehicle).tilts(samples.attitude_logged),
         )
         slices, end = [], RATE.stop
         for size in sizes:
             slices.append(slice(end, end + size))
             end += size
-        gyro_bias, accel_bias, torque, tilt = slices
+        gyro_bias, accel_bias, torque, damping, tilt = slices
         scale = slice(end, end + len(scale_sigmas(vehicle)))
-        return Layout(gyro_bias, accel_bias, torque, tilt, scale, scale.stop)
+        return Layout(gyro_bias, accel_bias, torque, damping, tilt, scale, scale.stop)
 
     @property
     def states(self) -> int:

@@ -24,10 +24,11 @@ from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
+from massprop_cli.model.damping import impulse_by_damping, made_by_motion
 from massprop_cli.model.gyroscopic import products, products_by_rate
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.momentum import held, moments_by_scale, precession, scale_sigmas
+from massprop_cli.model.momentum import held, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
@@ -78,9 +79,12 @@ def lifted(
         return _compiled(here, layout, lift, reference, vehicle, onto)
     within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
     step, whole, known = integrals(here, lift, within.theta, within)
-    coupling = _coupling(here, lift, within)
+    coupling = _coupling(here, lift, within, reference.damping)
+    damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
     tilting = windows(plant.moment_by_tilt(reference, within.motion), _bin_s(here, within.motion)) if layout.has(layout.tilt) else None
-    about = _About(here, layout, lift, reference, within, coupling, tilting, _scaling(here, vehicle, plant, reference, within.motion))
+    about = _About(
+        here, layout, lift, reference, within, coupling, damped, tilting, _scaling(here, vehicle, plant, reference, within.motion)
+    )
     steps = times(within.response, step) + known
     if about.scaling is not None and len(reference.scale):
         steps = steps + coupling.own @ about.scaling.step @ reference.scale
@@ -113,6 +117,8 @@ class _About(NamedTuple):
     reference: Reference
     within: Within
     coupling: _Coupling
+    damped: Windows | None
+    """(K, 3, 3) of the damping about each axis to the moment, where it is a state."""
     tilting: Windows | None
     """(K, 3, 3) of an error of the attitude to the moment, where it is a state."""
     scaling: Windows | None
@@ -125,7 +131,7 @@ def _bin_s(here: Samples, motion: Motion) -> Array:
     return found
 
 
-def _coupling(here: Samples, lift: Lift, within: Within) -> _Coupling:
+def _coupling(here: Samples, lift: Lift, within: Within, damping: Array) -> _Coupling:
     """Of the derivative of ω × I ω with respect to the rate, which is linear in the rate.
 
     The step's derivatives with respect to the rates of the cycle that it leaves and of the one that it enters make it implicit.
@@ -138,6 +144,9 @@ def _coupling(here: Samples, lift: Lift, within: Within) -> _Coupling:
     if here.executed.stored is not None:
         momentum = held(here.executed.stored, bin_s)
         leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
+    if damping.any():
+        half = own @ np.diag(damping) * here.executed.duration_s[:, None, None] / 2
+        leaving, entering = leaving - half[:-1], entering - half[1:]
     leaving, entering = _bounded(leaving), _bounded(entering)
     solve = inverse(np.eye(3) - entering)
     return _Coupling(leaving, entering, own, solve, solve @ own)
@@ -148,7 +157,7 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
     here, layout, lift, reference = about.here, about.layout, about.lift, about.reference
     (leaving, entering, _, solve, to_rate), duration = about.coupling, here.executed.duration_s
     rate = here.rate_rad_s - reference.gyro_bias
-    turning, torque, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.tilt))
+    turning, torque, damping, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.damping, layout.tilt))
     transition = np.zeros((len(step), layout.states, layout.states))
     transition[:] = np.eye(layout.states)
     transition[:, turning, turning] = solve @ (np.eye(3) + leaving)
@@ -162,6 +171,9 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if layout.has(layout.torque):
         transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+    if about.damped is not None:
+        transition[:, turning, damping] = to_rate @ about.damped.step
+        drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping
     if about.tilting is not None:
         kept, by_error = lift.plant.tilt_step(rate, duration)
         transition[:, turning, tilt] = to_rate @ about.tilting.step
@@ -186,6 +198,8 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     ):
         if layout.has(block):
             observation[:, rows, layout.own(block)] = matrix
+    if about.damped is not None:
+        observation[:, 3:, layout.own(layout.damping)] = euler @ own @ (about.damped.whole / duration[:, None, None])
     if about.tilting is not None:
         by_moment = euler @ own @ (about.tilting.whole / duration[:, None, None])
         observation[:, 3:, layout.own(layout.tilt)] = lift.plant.force_by_tilt(within.motion).mean(1) + by_moment
@@ -197,6 +211,8 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     measured = np.zeros((len(duration), 6, 1 + (lift.size if onto is None else onto.shape[1])))
     measured[:, :3, 0] = here.rate_rad_s
     measured[:, 3:, 0] = here.specific_force_m_s2 - offset
+    if about.damped is not None:
+        measured[:, 3:, 0] += observation[:, 3:, layout.own(layout.damping)] @ about.reference.damping
     np.negative(felt, out=measured[:, 3:, 1:])
     return observation, measured
 
@@ -242,9 +258,9 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     # the commands' own exactly, the rest by its bins
     jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
     parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
-    if executed.stored is not None:
-        torque, late = precession(executed.stored, motion, bin_s[:, None, None])
-        own = windows(torque, bin_s, late.sum(1))
+    made = made_by_motion(executed.stored, within.damping, motion, bin_s[:, None, None])
+    if made is not None:
+        own = windows(made[0], bin_s, made[1].sum(1))
         jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
     parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]

@@ -101,6 +101,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = max(STEADY * vehicle.environment.disturbance_walk_n_m, float(jets.max()))
+    sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
     sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
     sigma[layout.scale] = scale_sigmas(vehicle)
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first

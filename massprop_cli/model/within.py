@@ -12,9 +12,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.model.damping import made_by_motion
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.momentum import precession
 from massprop_cli.model.plant import Motion, Reference
 from massprop_cli.prepare.compensate import Samples
 
@@ -43,6 +43,8 @@ class Within(NamedTuple):
     """(K, 3) the rate at the start and at the end of each cycle."""
     ups: tuple[Array, Array]
     """(K, 3) the vertical there."""
+    damping: Array
+    """(3,) of the reference, N m s."""
 
 
 def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
@@ -66,8 +68,8 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
     for again in range(_REFINEMENTS):
         coupled = times(response[:, -6:], products(motion.rate))
         coupled *= _bounded_share(coupled, motion.rate, bin_s * coupled.shape[1])
-        if plant.pivoted or stored is not None or not again:
-            torque, torque_late = (0.0, 0.0) if stored is None else precession(stored, motion, bin_s)
+        if plant.pivoted or stored is not None or reference.damping.any() or not again:
+            torque, torque_late = made_by_motion(stored, reference.damping, motion, bin_s) or (0.0, 0.0)
             driven = times(response[:, :-6], plant.acting(_beside(motion.wrench, torque), motion.up, motion.up))
             # thrust that comes late in a bin leaves the bin's mean rate behind its middle's
             late = times(response[:, :-6], plant.acting(_beside(skew, torque_late), np.zeros_like(rate), motion.up))
@@ -85,7 +87,7 @@ def motion_within(samples: Samples, reference: Reference, lift: Lift) -> Within:
             up, end = (_turned(up_start, angle) for angle in (turned - rate * bin_s / 2 - rate_dot * bin_s**2 / 12, turned[:, -1:]))
             ups = up_start, end[:, 0]
         motion = Motion(motion.wrench, rate, rate_dot, up)
-    return Within(theta, response, motion, (start, start + change[:, -1]), ups)
+    return Within(theta, response, motion, (start, start + change[:, -1]), ups, reference.damping)
 
 
 def _beside(wrench: Array, torque: Array | float) -> Array:

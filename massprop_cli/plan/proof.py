@@ -22,6 +22,7 @@ def uncounted(vehicle: Vehicle) -> list[str]:
     stated = {
         "environment.disturbance_torque_n_m": vehicle.environment.disturbance_torque_n_m,
         "environment.disturbance_walk_n_m": vehicle.environment.disturbance_walk_n_m,
+        "environment.damping_sigma_n_m_s": vehicle.environment.damping_sigma_n_m_s,
         "thrust.pulse_sigma": vehicle.thrust.pulse_sigma,
         "thrust.lag_sigma_s": vehicle.thrust.lag_sigma_s,
         "cycle.command_delay_sigma_cycles": vehicle.cycle.command_delay_sigma_cycles,

@@ -2,10 +2,13 @@
 
 The commands that were issued are flown again open loop, once for each parameter a little larger and once a little smaller. The differences
 of the noise-free increments are the sensitivities; with the IMU's noise they make the information matrix. Body rates at the start of a
-phase are unknown too; the attitude is known; disturbances, pulse errors and biases are not counted.
+phase are unknown too, and so are damping and, beside wheels, the scale of all thrust, as far as the vehicle file says (:func:`cramer_rao`);
+the attitude is known; disturbances, pulse errors and biases are not counted.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,6 +21,8 @@ STEP = 1e-6
 """Parameters are changed by this part of their natural size."""
 RATE_STEP = 1e-6
 """rad/s; body rates by this much."""
+BESIDE_STEP = 1e-5
+"""Of its stated sigma, by how much damping and the scale of thrust are changed."""
 RESOLVED = 1e-11
 """Singular values of the sensitivities below this part of the largest are not told from zero."""
 
@@ -25,16 +30,33 @@ RESOLVED = 1e-11
 def cramer_rao(source: ScenarioSource, flight: Flight, member: int) -> list[Array]:
     """(10, 10) covariance bound of the ten quantities for each phase of one member's log.
 
-    Gyro and accelerometer noise must be above zero.
+    Beside them the damping is unknown where ``environment.damping_sigma_n_m_s`` is stated, and ``thrust.scale_sigma`` where wheels tell it;
+    both from a prior of that sigma. Gyro and accelerometer noise must be above zero.
     """
-    scenario = source.scenario
+    return list(of_members(source, flight, slice(member, member + 1))[0])
+
+
+def of_members(source: ScenarioSource, flight: Flight, members: slice) -> Array:
+    """(M, phases, 10, 10) the same of several members, flown again side by side; their records take memory for 26 or more flights each."""
+    scenario, seeds = source.scenario, flight.seeds[members]
     period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
-    found = []
-    for phase, values in zip(flight.phases, flight.truth[member], strict=True):
+    found = np.empty((len(seeds), len(flight.phases), 10, 10))
+    for i, phase in enumerate(flight.phases):
         start = int(np.floor(phase.start_s / period + 0.5))
         end = int(min(scenario.cycles, np.floor(phase.end_s / period + 1e-6)))
-        slopes = _sensitivities(source, flight.seeds[member], flight.issued[member][None], values[None], start)
-        found.append(_covariance(slopes[0, :, start * records : end * records].reshape(13, -1))[:10, :10])
+        slopes = _sensitivities(source, seeds, flight.issued[members], flight.truth[members, i], start, _beside(source))
+        for one, told in zip(found, slopes[:, :, start * records : end * records], strict=True):
+            known = np.eye(len(told))[:, 13:]  # in sigmas
+            one[i] = _covariance(np.hstack([told.reshape(len(told), -1), known]))[:10, :10]
+    return found
+
+
+def _beside(source: ScenarioSource) -> Array:
+    """(n, 4) one sigma of each unknown beside the body and its rate: of damping about each axis, and of the scale of all thrust."""
+    vehicle, sigmas = source.scenario.vehicle, np.zeros(4)
+    sigmas[:3] = vehicle.environment.damping_sigma_n_m_s
+    sigmas[3] = vehicle.thrust.scale_sigma if vehicle.spinning else 0.0
+    found: Array = np.diag(sigmas)[sigmas > 0]
     return found
 
 
@@ -43,7 +65,7 @@ def information(source: ScenarioSource, issued: Array, values: Array) -> Array:
 
     In units of :func:`natural_sizes` and rad/s. Information adds up: the bound after cycle k is the inverse of the sum so far.
     """
-    slopes = _sensitivities(source, 0, issued, values, 0)
+    slopes = _sensitivities(source, [0] * len(values), issued, values, 0, np.zeros((0, 4)))
     members, unknowns = slopes.shape[:2]
     by_cycle = np.moveaxis(slopes.reshape(members, unknowns, issued.shape[1], -1), 1, 2)
     sizes = np.concatenate([[natural_sizes(body) for body in values], np.ones((members, 3))], 1)
@@ -59,25 +81,30 @@ def noise_free(source: ScenarioSource) -> ScenarioSource:
     return ScenarioSource(source.scenario.model_copy(update={"sensors": sensors, "fuel": None}), source.source)
 
 
-def _sensitivities(source: ScenarioSource, seed: int, issued: Array, values: Array, start: int) -> Array:
-    """(S, 13, K N, 6) whitened change of each record by one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``."""
-    scenario, members = source.scenario, len(values)
+def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, beside: Array) -> Array:
+    """(S, 13 + n, K N, 6) whitened change of each record.
+
+    By one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``, and by one sigma of what is ``beside`` them (n, 4).
+    """
+    scenario, members, unknowns = source.scenario, len(values), 13 + len(beside)
     period, records = scenario.vehicle.cycle.period_s, scenario.sensors.records_per_cycle
-    moves = np.zeros((members, 13, 13))
-    moves[:, range(13), range(13)] = [np.concatenate([STEP * natural_sizes(body), np.full(3, RATE_STEP)]) for body in values]
-    both = np.concatenate([moves, -moves], 1)
-    bodies = values[:, None] + both[..., :10]
-    change = Change(as_bodies(bodies.reshape(-1, 10)), both[..., 10:].reshape(-1, 3).T)
-    flown = fly(noise_free(source), [seed] * (26 * members), issued=np.repeat(issued, 26, 0), changes={start: change})
+    sizes = [np.concatenate([STEP * natural_sizes(body), np.full(3, RATE_STEP), np.full(len(beside), BESIDE_STEP)]) for body in values]
+    moves = np.array(sizes)[:, :, None] * np.eye(unknowns)
+    both = np.concatenate([moves, -moves], 1).reshape(-1, unknowns)
+    bodies = np.repeat(values, 2 * unknowns, 0) + both[:, :10]
+    others = (both[:, 13:] @ beside).T
+    change = Change(as_bodies(bodies), both[:, 10:13].T, others[:3], 1 + others[3])
+    flown = fly(
+        noise_free(source), np.repeat(seeds, 2 * unknowns).tolist(), issued=np.repeat(issued, 2 * unknowns, 0), changes={start: change}
+    )
     whitened = np.concatenate(
         [
             flown.delta_theta_rad / _sigma(scenario.sensors.gyro_noise_rad_s, scenario.vehicle.imu.gyro_noise_rad_s),
             flown.delta_v_m_s / _sigma(scenario.sensors.accel_noise_m_s2, scenario.vehicle.imu.accel_noise_m_s2),
         ],
         -1,
-    ).reshape(members, 2, 13, -1, 6) / (np.sqrt(records) * period / records)
-    size = moves[:, range(13), range(13)]
-    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * size[:, :, None, None])
+    ).reshape(members, 2, unknowns, -1, 6) / (np.sqrt(records) * period / records)
+    found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
     return found
 
 

@@ -104,7 +104,7 @@ class Disturbance(Section):
     constant_n_m: Vector = ZERO
     periodic_n_m: Vector = Field(ZERO, description="amplitude of a sine that begins with the log")
     periodic_s: Positive = Field(10.0, description="its period")
-    rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate, over that rate at the cycle's start")
+    rate_n_m_s: Vector = Field(ZERO, description="friction or drag: torque against the body rate about each axis, over it")
     table_tilt_rad: tuple[FiniteFloat, FiniteFloat] = Field((0.0, 0.0), description="by which a table is turned about the world's X and Y")
     table_hold: float = Field(
         0.0,

@@ -40,6 +40,10 @@ class Change:
     """One per member, in place of what the scenario has."""
     rate: Array
     """(3, S) added to the body rate, rad/s."""
+    damping: Array | float = 0.0
+    """(3, S) added to the torque against the rate over it, N m s."""
+    thrust: Array | float = 1.0
+    """(S,) factor on all thrust issued from then on."""
 
 
 class Cycles:
@@ -70,7 +74,8 @@ class Cycles:
         self.actuators = _actuators(scenario, rngs["pulses"], edges, jets)
         self.wheels = Wheels(scenario, self.members, edges, spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
-        self.torque, self.drag = _disturbance(scenario, rngs["disturbance"]), np.array(scenario.disturbance.rate_n_m_s)
+        self.torque = _disturbance(scenario, rngs["disturbance"])
+        self.damping = np.array(scenario.disturbance.rate_n_m_s)[:, None, None]
         self.dynamics_of = dynamics_in(scenario)
         self.body = truth.bodies(scenario.truth, self.members)
         self.events = {event.at(self.period): event for event in scenario.events}
@@ -95,7 +100,7 @@ class Cycles:
         jump = self._begin(k)
         self._command(k)
         mean, gathered, burn_s = self.actuators.execute(k)
-        disturbing = (self.torque[:, :, k] - (self.drag * self.rate[:, k]).T)[..., None]
+        disturbing = self.torque[:, :, k, None]
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
         spin = self.wheels.spin(k, self.rate[:, k].T)
@@ -103,7 +108,8 @@ class Cycles:
         gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
         dynamics = self.dynamics_of(self.wheels.bare(self.body))
-        motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), Wrench(mean, gathered, spin.momentum, spin.torque), self.width)
+        wrench = Wrench(mean, gathered, spin.momentum, spin.torque, self.damping)
+        motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), wrench, self.width)
         self.wheels.log(k, motion)
         self.rate[:, k + 1] = motion.rate_end.T
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
@@ -128,6 +134,8 @@ class Cycles:
         if k in self.changes:
             self.body = self.changes[k].bodies
             self.rate[:, k] += self.changes[k].rate.T
+            self.damping = self.damping + np.asarray(self.changes[k].damping)[..., None]
+            self.actuators.strength[:, k:] *= np.asarray(self.changes[k].thrust)[..., None, None]
         return jump
 
     def _command(self, k: int) -> None:

@@ -1,8 +1,8 @@
 """Rigid-body motion of all members through one control cycle.
 
-Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) + what holds it``, with the commands' wrench w(t) and the wheels' momentum h
-known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds the body; what
-another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
+Every environment has the form ``A ω̇ = M w − ω × (A₀ ω + h) − d ω + what holds it``, with the commands' wrench w(t), the wheels' momentum h
+and the damping d known exactly. In free flight (6 degrees of freedom) ``A = A₀ = I`` about the CG, ``M w = τ − c × F``, and nothing holds
+the body; what another environment changes in that stands in its file of :mod:`massprop_cli.testbed.environment`.
 
 A cycle is cut into bins. Within a bin ω is the exact answer to the commands plus a smooth rest, whose bin mean and slope are taken to
 second order; the bins of a cycle are solved together by fixed-point iteration, which converges by a factor |ω| T or better each time.
@@ -70,6 +70,8 @@ class Wrench:
     """(3, S, B) that wheels hold, mean of each bin, N m s."""
     momentum_slope: Array | float = 0.0
     """(3, S, B) its growth, N m; the opposite of it is in ``mean``."""
+    damping: Array | float = 0.0
+    """(3, 1, 1) torque against the rate about each axis, over it, N m s."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +181,8 @@ class Dynamics:
         mean = start + gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
         momentum, torque = apply(inertia, mean) + wrench.momentum, apply(inertia, state.dot) + wrench.momentum_slope
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
-        rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque))
-        rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque))
+        rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque) + wrench.damping * mean)
+        rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque) + wrench.damping * state.dot)
         held = self.held(Loose(mean, driven, rest, rest_slope, inverse), state, fixed, wrench, h)
         dot = driven + held.rest
         return State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)

@@ -29,7 +29,7 @@ def at_once(source: scenario.ScenarioSource, flight: simulate.Flight, starts: li
     noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
     columns, left = [], []
     for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        slopes = bound._sensitivities(source, flight.seeds[0], flight.issued, flight.truth[0], start)[0, :, start:end]
+        slopes = bound._sensitivities(source, flight.seeds[:1], flight.issued, flight.truth[0], start, np.zeros((0, 4)))[0, :, start:end]
         own = np.zeros((10 + 3 * len(starts), *slopes.shape[1:]))
         own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
         columns.append(own.reshape(len(own), -1).T)

@@ -55,7 +55,7 @@ def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
         noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
         noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
         # the first cycle whose command is known is the third
-        slopes = bound._sensitivities(source, seed, flight.issued, flight.truth[0], 2)[0, :, 2:]
+        slopes = bound._sensitivities(source, [seed], flight.issued, flight.truth[0], 2, np.zeros((0, 4)))[0, :, 2:]
         own = np.zeros((10 + 3 * len(seeds), *slopes.shape[1:]))
         own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
         columns.append(own.reshape(len(own), -1).T)

@@ -180,11 +180,16 @@ def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
         assert e.verdict != "converged" or abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
 
 
-def test_a_cause_that_no_key_mends_has_no_mended_answer_and_leaves_nothing_standing() -> None:
+def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> None:
     flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.rate_n_m_s=[0.05, 0.05, 0.05]"]), [3])
     found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
     assert "rate-torque" in {notice.code for notice in found.notices}
-    assert found.mended == ()
+    (mended,) = found.mended
+    assert [setting.split("=")[0] for setting in mended.settings] == ["environment.damping_sigma_n_m_s"]
+    (answer,) = mended.conclusions
+    z = (answer.values - flown.truth[0, 0]) / np.sqrt(np.diag(answer.covariance))
+    assert (np.abs(z) < 4).all()
+    assert {e.verdict for e in answer.estimates.values()} == {"converged"}
     assert {e.verdict for e in found.conclusions[0].estimates.values()} == {"contradicted"}
 
 

@@ -25,6 +25,10 @@ BODY = scenario.load("free-flyer").scenario.truth
 WANT = "ixx 1 %, cg_z 0.5 mm, mass 3 %"
 
 
+WHEEL = '{name="x", axis=[1.0, 0.0, 0.0], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, column="speed"}'
+ROTOR = '{name="m1", position_m=[0.1, 0.0, 0.0], axis=[0.0, 0.0, 1.0], spin=1, thrust_n=[0.0, 1.0], torque_ratio_m=0.01}'
+
+
 def vehicle_text(name: str = "free-flyer") -> str:
     return output.vehicle_toml(scenario.load(name).scenario.vehicle)
 
@@ -200,6 +204,8 @@ def test_a_common_uncertainty_of_the_thrust_is_named_as_what_no_time_mends(folde
         (["--want", "mass 2 %", "--max-time", "0.9", "--max-rate", "1e-6"], 3, "no motion keeps the limit of 1e-06 rad/s on the body rate"),
         (["--want", "mass 2 %", "--set", "imu.gyro_noise_rad_s=0.0"], 3, "imu.gyro_noise_rad_s is 0; no precision can be planned"),
         (["--want", "mass 2 %", "--set", "jets=[]"], 3, "no actuators to plan with"),
+        (["--want", "mass 2 %", "--set", f"wheels=[{WHEEL}]"], 3, "motions by [[wheels]] can't be planned"),
+        (["--want", "mass 2 %", "--set", "jets=[]", "--set", f"rotors=[{ROTOR}]"], 3, "motions by [[rotors]] can't be planned"),
         (["--want", "mass 2 %", "--out", "."], 2, "is the current folder"),
     ],
 )

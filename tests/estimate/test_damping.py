@@ -1,0 +1,83 @@
+"""A torque against the rate that is looked for: errors and sigmas against the Cramér–Rao bound that counts it, and what of it is found."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import bound, scenario, simulate
+
+pytestmark = pytest.mark.numerical
+
+SEEDS = 8
+ALL = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]'
+ON_TABLE = 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=20.0}]'
+BY_BOTH = (
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw"], by_wheels=true, start_s=0.0, end_s=10.0}, '
+    '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=10.0, end_s=20.0}]'
+)
+CASES = {
+    "free-flyer": (ALL, (0.05, 0.04, 0.06)),
+    "testbed": (ALL, (0.02, 0.1, 0.08)),
+    "planar": (ON_TABLE, (0.0, 0.0, 0.02)),
+    "wheels-and-jets": (BY_BOTH, (0.05, 0.04, 0.06)),
+}
+"""A plan of 20 s, and the torque against the rate about each axis over it, N m s: a turn dies away within ten seconds to a minute."""
+
+
+class Found(NamedTuple):
+    """(S, n) errors and sigmas of what is told, (n,) the first one's bound; (S, 3, 2) the damping that was found, with its sigma."""
+
+    error: Array
+    sigma: Array
+    bound: Array
+    damping: Array
+    warnings: tuple[str, ...]
+
+
+@cache
+def flown(name: str) -> Found:
+    plan, damping = CASES[name]
+    keys = ["duration_s=20.0", plan, f"disturbance.rate_n_m_s={list(damping)}", "vehicle.environment.damping_sigma_n_m_s=0.2"]
+    source = scenario.load(name, keys)
+    flights = simulate.fly(source, range(1, SEEDS + 1))
+    found = [flow.examine(flights.log(i), VehicleSource(flights.vehicle, name, "")) for i in range(SEEDS)]
+    told = np.isfinite(found[0].conclusions[0].values)
+    limit = np.sqrt(np.diag(bound.cramer_rao(source, flights, 0)[0]))
+    responses = [analysis.examination.responses[0] for analysis in found if analysis.examination is not None]
+    return Found(
+        np.array([analysis.conclusions[0].values for analysis in found])[:, told] - flights.truth[:, 0][:, told],
+        np.sqrt([np.diag(analysis.conclusions[0].covariance) for analysis in found])[:, told],
+        limit[told],
+        np.array([response.damping for response in responses if response is not None]),
+        tuple(notice.code for analysis in found for notice in analysis.notices),
+    )
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_errors_are_those_of_the_bound_and_the_sigmas_honest(name: str) -> None:
+    found = flown(name)
+    assert found.warnings == ()
+    np.testing.assert_allclose(found.sigma[0], found.bound, rtol=0.1)
+    over = np.sqrt(((found.error / found.sigma) ** 2).mean())
+    assert abs(over - 1) < 4 / np.sqrt(2 * found.error.size)  # of unit normal deviates, four standard deviations
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_what_is_found_of_the_damping_is_what_acted(name: str) -> None:
+    axes = slice(2, 3) if name == "planar" else slice(None)
+    found, true = flown(name).damping[:, axes], np.array(CASES[name][1])[axes]
+    z = (found[..., 0] - true) / found[..., 1]
+    assert (found[..., 1] < 0.1 * true).all()
+    assert 0.4 < np.sqrt((z**2).mean()) < 1.7  # of eight or more, one in a thousand is outside
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_table_tells_no_damping_but_of_yaw() -> None:
+    np.testing.assert_allclose(flown("planar").damping[:, :2], [[[0.0, 0.2]] * 2] * SEEDS, atol=1e-12)
