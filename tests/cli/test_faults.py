@@ -101,7 +101,7 @@ def test_a_quota_that_is_reached_leaves_what_was_there(command: str, tmp_path: P
     prepare(tmp_path)
     before = contents(tmp_path)
     done = begun(tmp_path, arguments, _limited(300))
-    said = done.communicate(timeout=60)[1]
+    said = done.communicate(timeout=120)[1]
     assert done.returncode == 3, said
     assert said.count("\n") == 1
     assert "cannot be written" in said
@@ -142,7 +142,7 @@ def _on(disk: Path, arguments: Sequence[str]) -> list[str]:
 
 def _refused(folder: Path, arguments: Sequence[str], words: str) -> None:
     done = begun(folder, arguments)
-    said = done.communicate(timeout=60)[1]
+    said = done.communicate(timeout=120)[1]
     assert done.returncode == 3, said
     assert said.count("\n") == 1, said
     assert words in said
@@ -253,7 +253,7 @@ def test_two_processes_on_one_folder_end_in_one_whole_result(command: str, tmp_p
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
     both = [begun(tmp_path, arguments) for _ in range(2)]
-    said = [process.communicate(timeout=60)[1] for process in both]
+    said = [process.communicate(timeout=120)[1] for process in both]
     codes = sorted(process.returncode for process in both)
     assert codes in ([0, 0], [0, 3]), said
     if codes == [0, 3]:
