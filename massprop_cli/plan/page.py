@@ -46,7 +46,9 @@ def _panel(found: PlanFile, name: str, item: QuantityItem) -> Panel:
         from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if course[0][1] > 30 * course[-1][1] else (1.0, 2.0, 5.0), numticks=6))
+        axes.yaxis.set_major_locator(
+            LogLocator(subs=(1.0,) if course and course[0][1] > 30 * course[-1][1] else (1.0, 2.0, 5.0), numticks=6)
+        )
         axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: digits.figures(float(tick), 1)))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axis.heading(axes, f"{vocabulary.SYMBOLS[name]}: sigma", vocabulary.unit(item.unit))
