@@ -19,13 +19,13 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, flown
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import fallback, first_reference
+from massprop_cli.estimate.known import belied
 from massprop_cli.estimate.nuisance import Taken
-from massprop_cli.estimate.quantities import alone, discrepancies, quantities
+from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.residual import Residual, residual
 from massprop_cli.estimate.rows import Response, Rows
 from massprop_cli.estimate.triangle import Run
-from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.handed import StatusError
 from massprop_cli.model.linearise import MU, natural_sizes
@@ -43,8 +43,6 @@ AGAIN = 8
 """How often, on the average, a cycle may be taken in anew."""
 FIRST = 16
 """Least number of cycles between attempts to find a first reference."""
-MISMATCH = 4.0
-"""A known quantity further than this many sigmas from the log's own estimate is pointed out."""
 SETTLED = 0.003
 """Largest second-order error of what is linear about the reference, in sigmas, of an off-line fit that stands still."""
 SETTLINGS = 8
@@ -265,7 +263,7 @@ def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | 
     vehicle, cycles, (mean, covariance) = told.vehicle, told.cycles, told.last
     _, full = quantities(mean[None], covariance[None], vehicle)
     bare = quantities(mean[None], covariance[None], alone(vehicle))
-    apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}
+    against, notices = belied(mean, covariance, vehicle, phase.name)
     sizes: Array = np.full(10, np.nan)
     share: Array = np.zeros((10, 6))
     drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
@@ -290,13 +288,6 @@ def _history(samples: Source, phase: Phase, told: _Told, reference: Reference | 
         observable=seen,
         bare=(bare[0][0], bare[1][0]),
         reference=reference,
-        belied=tuple(apart),
-        notices=tuple(
-            Notice(
-                "known-mismatch",
-                f"phase {phase.name}: known.{name} = {vehicle.known[name].value:g} lies {abs(z):.3g} sigmas from what the log alone says; "
-                "check it, the thrust, and thrust.scale_sigma",
-            )
-            for name, z in apart.items()
-        ),
+        belied=against,
+        notices=notices,
     )
