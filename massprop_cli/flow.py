@@ -25,7 +25,7 @@ from massprop_cli.estimate.history import History, phases_of
 from massprop_cli.estimate.phases import Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.tablefile import read_table
-from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
+from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider
@@ -173,7 +173,7 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         assignments=tuple(assignments),
         examination=examination,
         faults=(
-            *(Fault(n, None) for n in _saturated(log)),
+            *(Fault(n, None) for n in log.notices if n.code in VOID),
             *(Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations),
         ),
         unknown=unknown,
