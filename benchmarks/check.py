@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import resource
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ onethread.prefer()
 
 import numpy as np  # noqa: E402
 from commit import commit  # noqa: E402
+from correlated import deviate, rms  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
 from fault_runs import warm_up  # noqa: E402
@@ -84,12 +86,11 @@ def faulty(fault: str, vehicle: str, seed: int) -> Said | None:
     return None if drawn is None else said(drawn.case, vehicle)
 
 
-def deviates(found: Analysis, truth: Sequence[Array]) -> list[Array]:
-    """(10,) uncorrelated normalised errors of each phase."""
+def deviates(found: Analysis, truth: Sequence[Array]) -> list[tuple[Array, float]]:
+    """(10,) error of each quantity over its sigma, of each phase, and the variance of their mean square as they are correlated."""
     made = []
     for conclusion, true in zip(found.conclusions, truth, strict=True):
-        root = np.linalg.cholesky(conclusion.covariance)
-        made.append(np.linalg.solve(root, conclusion.values - true))
+        made.append(deviate(conclusion.values - true, conclusion.covariance))
     return made
 
 
@@ -139,7 +140,7 @@ def clean_table(vehicles: Sequence[str], seeds: range) -> list[str]:
     """What is said of clean logs, and whether the sigmas that are told of them hold."""
     lines = ["| vehicle | clean logs | with a fault found | with a note | achieved / expected sigma |", "|---|--:|--:|--:|--:|"]
     for vehicle in vehicles:
-        faults, notes, off = 0, 0, list[Array]()
+        faults, notes, off = 0, 0, list[tuple[Array, float]]()
         for seed in seeds:
             case = subject(vehicle, seed).clean
             one = said(case, vehicle)
@@ -147,9 +148,7 @@ def clean_table(vehicles: Sequence[str], seeds: range) -> list[str]:
             faults, notes = faults + bool(codes - {"note"}), notes + ("note" in codes)
             if one.found is not None:
                 off += deviates(one.found, [body.values for body in case.bodies])
-        z = np.array(off)
-        achieved, chance = np.sqrt((z**2).mean()), 1 / np.sqrt(2 * z.size)
-        lines.append(f"| {vehicle} | {len(seeds)} | {faults} | {notes} | {achieved:.3f} ± {chance:.3f} |")
+        lines.append(f"| {vehicle} | {len(seeds)} | {faults} | {notes} | {rms(off)} |")
     return lines
 
 
@@ -163,7 +162,8 @@ def main() -> None:
     arguments = parser.parse_args()
     vehicles = arguments.vehicle or list(VEHICLES)
     warm_up()
-    print(HEAD.format(version=__version__, commit=commit(), seed=arguments.seed))
+    command = shlex.join(["python", "benchmarks/check.py", *sys.argv[1:]])
+    print(HEAD.format(command=command, version=__version__, commit=commit(), seed=arguments.seed))
     runs = {}
     for vehicle in vehicles:
         for fault in arguments.fault or FAULTS:
@@ -179,10 +179,11 @@ def main() -> None:
 
 HEAD = """# What a check says
 
-Made by `python benchmarks/check.py` at commit {commit} (massprop {version}), seed {seed}. Faults are those of [faults.md](faults.md). What
+Made by `{command}` at commit {commit} (massprop {version}), seed {seed}. Faults are those of [faults.md](faults.md). What
 `estimate` names is in every check; what stands in the last column is seen in the log itself, before any estimate.
 """
-TIMES = """Achieved over expected sigma is the root mean square of all errors, made uncorrelated by the covariance that goes with them.
+TIMES = """Achieved over expected sigma is the root mean square of all errors over the sigmas that go with them, and ± how far it scatters
+by chance, as the errors of a log are correlated.
 
 The whole command, from the shell on, the median of 5 runs by turns:
 """

@@ -17,6 +17,7 @@ from massprop_cli.base import onethread
 onethread.prefer()
 
 import numpy as np  # noqa: E402
+from correlated import deviate, rms  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
 
 from massprop_cli import QUANTITIES  # noqa: E402
@@ -68,12 +69,12 @@ def needed(name: str) -> float:
 
 
 def flown(source: ScenarioSource, made: flow.Made, seed: int) -> tuple[Array, Array, bool]:
-    """(10,) sigma and (10,) error of one log of the plan, and whether it keeps the limits."""
+    """(10, 10) covariance and (10,) error of one log of the plan, and whether it keeps the limits."""
     flight = simulate.fly(source, [seed])
     found = analysis.examine(flight.log(0), VehicleSource(flight.vehicle, "plan", "")).conclusions[0]
     used = limits.used(simulate.fly(bound.noise_free(source), [seed])).most()
     allowed = {key: item.allowed for key, item in made.plan.limits.items() if item.allowed is not None}
-    return np.sqrt(np.diag(found.covariance)), found.values - flight.truth[0, 0], not limits.exceeded(used, allowed)
+    return found.covariance, found.values - flight.truth[0, 0], not limits.exceeded(used, allowed)
 
 
 def report(name: str, seeds: int) -> str:
@@ -81,12 +82,14 @@ def report(name: str, seeds: int) -> str:
     made = made_for(name)
     source = scenario.parse(made.scenario, "scenario.toml")
     predicted = np.array([item.sigma for item in made.plan.quantities.values()])
-    sigmas, errors, kept = zip(*[flown(source, made, seed) for seed in range(1, seeds + 1)], strict=True)
-    told, off = np.array(sigmas) / predicted, np.array(errors) / predicted
-    rms, mean = np.sqrt((off**2).mean(0)), told.mean(0)
+    covariances, errors, kept = zip(*[flown(source, made, seed) for seed in range(1, seeds + 1)], strict=True)
+    told = np.sqrt([np.diag(covariance) for covariance in covariances]) / predicted
+    off, mean = np.sqrt(((np.array(errors) / predicted) ** 2).mean(0)), told.mean(0)
+    # as correlated as the logs say, as large as the plan does
+    pooled = [deviate(error, covariance / np.outer(one, one)) for error, covariance, one in zip(errors, covariances, told, strict=True)]
     cells = [name, f"{made.plan.duration_s:g} s{'' if made.plan.reached else ' (not reached)'}, {needed(name):g} s"]
     cells += [f"{mean.min():.3f} to {mean.max():.3f}", f"{told.min():.2f} to {told.max():.2f}"]
-    cells += [f"{rms.min():.2f} to {rms.max():.2f}", f"{np.sqrt((off**2).mean()):.3f}", f"{sum(kept)} of {seeds}"]
+    cells += [f"{off.min():.2f} to {off.max():.2f}", rms(pooled), f"{sum(kept)} of {seeds}"]
     return f"| {' | '.join(cells)} |"
 
 
@@ -101,7 +104,8 @@ def main() -> None:
     for name in arguments.scenario or PLANS:
         print(report(name, seeds), flush=True)
     low, high = np.sqrt(chi2.ppf([0.025, 0.975], seeds) / seeds)
-    print(f"\nThe rms error of one quantity over {seeds} logs scatters by chance: 95 % of the time it is within {low:.2f} to {high:.2f}.")
+    print(f"\nThe rms error of one quantity over {seeds} logs is within {low:.2f} to {high:.2f} in 95 % of all cases, by chance. ±: one")
+    print("standard error of what is pooled, as the quantities of a log are correlated.")
 
 
 if __name__ == "__main__":

@@ -29,9 +29,9 @@ from massprop_cli.result.schema import Result
 
 IMU = ("gyro", "accel", "imu", "outliers")
 """How codes of notices about the IMU begin."""
-TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval")
+TIMING = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "long-interval", "cycle-period")
 """Codes of notices that are about time."""
-NOTES = ("noise-floor", "long-interval", "unphysical-inertia", "no-docked-object", "docked-mass", "known-mismatch")
+NOTES = ("noise-floor", "long-interval", "unphysical-inertia", "no-docked-object", "docked-mass")
 """Codes of notices beside which values hold."""
 QUIET = 0.5
 """Mean squared normalised innovation below which the stated noise is too large: sigmas are too."""

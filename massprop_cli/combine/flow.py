@@ -68,6 +68,8 @@ def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready
     recorded = [*sides[0], *sides[1]]
     names = labels(recorded)
     _check_alike(recorded, bearing=False)
+    for side in sides:
+        _check_alike(side, bearing=True)
     found = []
     for name, first, stop in (("before", 0, len(sides[0])), ("after", len(sides[0]), len(recorded))):
         chosen = [

@@ -18,6 +18,7 @@ from massprop_cli.conclude.physical import nearest_consistent, physical_note
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import EstimateItem, PhaseItem, Physical, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
@@ -58,7 +59,11 @@ class Phased(NamedTuple):
 def _piece(part: Part) -> Piece:
     values = np.array([np.nan if e.value is None or e.sigma is None else e.value for e in part.phase.estimates.values()])
     covariance = np.array(part.phase.covariance, dtype=float)
-    return Piece(part.label, values, covariance, part.phase.known, part.recorded.result.vehicle.thrust_scale_sigma)
+    vehicle = part.vehicle
+    at = np.array(vehicle.bearing_position_m)
+    # gravity has no part in how the mass properties are written
+    bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
+    return Piece(part.label, values, covariance, part.phase.known, vehicle.thrust_scale_sigma, bearing)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:

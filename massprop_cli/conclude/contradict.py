@@ -82,7 +82,7 @@ def by_faults(
         return None
     touched = np.ones(10, dtype=bool)
     for found in mended:
-        if found is not None:
+        if found is not None and all(fault.cure is not None for fault in faults):
             touched &= ~_agree(conclusion, found)
     sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     for values in rivals:

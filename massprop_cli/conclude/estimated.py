@@ -15,7 +15,7 @@ from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.ready import Ready, ready
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
-from massprop_cli.inputs.telemetry import SATURATED, Log, Notice
+from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
@@ -45,7 +45,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     else:
         answer, told = _by_default(begun, check, say)
     explanations, unknown = (told.diagnosis.explanations, told.diagnosis.unknown) if told.diagnosis else ((), "")
-    saturated = (Fault(notice, None) for notice in _saturated(begun.log))
+    void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
     named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
     said = *begun.log.notices, *begun.notices, *_unexplained(unknown, answer.notices), *answer.notices
     return Analysis(
@@ -63,7 +63,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         notices=(*said, *(notice for history in answer.histories for notice in history.notices)),
         assignments=tuple(assignments),
         examination=told.examination,
-        faults=(*saturated, *named),
+        faults=(*void, *named),
         unknown=unknown,
         doubts=tuple(told.doubts),
     )

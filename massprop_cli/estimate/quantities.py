@@ -15,7 +15,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import elements
-from massprop_cli.inputs.vehicle import Quantity, Vehicle
+from massprop_cli.inputs.vehicle import Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
@@ -74,16 +74,6 @@ def condition(value: Array, covariance: Array, slope: Array, measured: float, ex
     across = covariance @ slope
     gain = across / (slope @ across + sigma**2)
     return value + gain * (measured - expected), covariance - np.outer(gain, across)
-
-
-def discrepancies(mean: Array, covariance: Array, vehicle: Vehicle) -> dict[Quantity, float]:
-    """How many sigmas each known quantity lies from what the log alone says of it; ``mean`` (10,), ``covariance`` (10, 10)."""
-    values, full = quantities(mean[None], covariance[None], vehicle.model_copy(update={"known": {}}))
-    found: dict[Quantity, float] = {}
-    for name, known in vehicle.known.items():
-        i = QUANTITIES.index(name)
-        found[name] = float((known.value - values[0, i]) / np.sqrt(full[0, i, i] + known.sigma**2))
-    return {name: z for name, z in found.items() if np.isfinite(z)}
 
 
 def _condition(values: Array, covariance: Array, index: int, value: float, sigma: float) -> tuple[Array, Array]:

@@ -250,7 +250,8 @@ class Regression(Triangle):
         centre, sigmas = self._pull(theta, run)
         pull = np.tile(np.diag(sigmas**2), (len(triangles), 1, 1))
         if self.weighed is not None:  # where the log doesn't tell the mass, the rest is judged beside the known one
-            pull[covariance[:, MU, MU] > (quantities.FAINT * self.weighed) ** 2, MU, MU] = (EXACT * self.weighed) ** 2
+            faint = covariance[:, MU, MU] > (quantities.FAINT * max(self.weighed, theta[MU])) ** 2
+            pull[faint, MU, MU] = (EXACT * self.weighed) ** 2
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 

@@ -6,19 +6,15 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.quantities import alone, discrepancies, quantities
+from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.estimate.rows import Rows
-from massprop_cli.inputs.telemetry import Notice
-from massprop_cli.inputs.vehicle import Phase, Quantity
+from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.layout import MU
 from massprop_cli.model.observability import excitation, observable
 from massprop_cli.model.parameters import natural_sizes
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
-
-MISMATCH = 4.0
-"""A known quantity further than this many sigmas from the log's own estimate is pointed out."""
 
 
 class Told:
@@ -51,7 +47,7 @@ class Told:
             raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
         _, full = quantities(mean[None], covariance[None], vehicle)
         bare = quantities(mean[None], covariance[None], alone(vehicle))
-        apart = {name: z for name, z in discrepancies(mean, covariance, vehicle).items() if abs(z) > MISMATCH}
+        against, notices = belied(mean, covariance, vehicle, phase.name)
         sizes: Array = np.full(10, np.nan)
         share: Array = np.zeros((10, 6))
         drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
@@ -77,11 +73,6 @@ class Told:
             observable=seen,
             bare=(bare[0][0], bare[1][0]),
             reference=reference,
-            belied=tuple(apart),
-            notices=tuple(_belied(phase, name, vehicle, z) for name, z in apart.items()),
+            belied=against,
+            notices=notices,
         )
-
-
-def _belied(phase: Phase, name: Quantity, vehicle: Resolved, z: float) -> Notice:
-    said = f"phase {phase.name}: known.{name} = {vehicle.known[name].value:g} lies {abs(z):.3g} sigmas from what the log alone says"
-    return Notice("known-mismatch", f"{said}; check it, the thrust, and thrust.scale_sigma")

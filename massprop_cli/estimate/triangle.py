@@ -153,14 +153,14 @@ class Triangle:
         cg = PULL["balanced cg" if self.lift.plant.pivoted else "cg"]
         pull = np.array([*[PULL["response"]] * 6, *[cg] * 3, PULL["mu"]])
         pull *= np.maximum(self.lift.sizes(theta), sizes)
-        return centre, self._weighed(pull)
+        return centre, self._weighed(theta, pull)
 
     def _scale(self, theta: Array) -> Array:
         """(10,) one sigma of each of θ before anything is known."""
-        return self._weighed(self.vehicle.estimator.prior_scale * self.lift.sizes(theta))
+        return self._weighed(theta, self.vehicle.estimator.prior_scale * self.lift.sizes(theta))
 
-    def _weighed(self, sigma: Array) -> Array:
-        """(10,) sigmas of θ, that of mu not beyond what a known mass leaves."""
+    def _weighed(self, theta: Array, sigma: Array) -> Array:
+        """(10,) sigmas of θ, that of mu not beyond what a known mass leaves; where the log tells another, it is heard."""
         if self.weighed is not None:
-            sigma[MU] = min(sigma[MU], WEIGHED * self.weighed)
+            sigma[MU] = min(sigma[MU], WEIGHED * max(self.weighed, theta[MU]))
         return sigma

@@ -104,7 +104,7 @@ def _item(text: str) -> tuple[str, Precision | None]:
     written, amount = parts.groups() if parts else (text, None)
     name = written.lower()
     if name not in (*QUANTITIES, ALL):
-        said = f"{text}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
+        said = f"{text or 'nothing'}: no such quantity; choose from {', '.join(QUANTITIES)} or {ALL}"
         # a name alone may be a slip of the command line; a precision of what doesn't exist is a demand that makes no sense
         raise MisreadError(said, syntax=amount is None or _AMOUNT.fullmatch(amount.strip()) is None)
     return name, None if amount is None else _precision(text, name, amount.strip())

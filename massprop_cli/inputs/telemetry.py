@@ -32,6 +32,12 @@ OFF_UNIT = 1e-2
 """By which the norm of a logged quaternion may differ from 1: what rounding and averaging do."""
 SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
+VOID = (*SATURATED, "cycle-period")
+"""Codes of notices beside which no value holds, and which nothing mends."""
+PACE = 0.0025
+"""Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
+FELT = 0.08
+"""Part of gravity below which an accelerometer doesn't feel it: one that counts in g feels a tenth."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     time_s = source.required("time_s")
     interval_s, notices = _intervals(source, time_s)
     records = _records_per_cycle(source, interval_s, vehicle.cycle.period_s)
+    notices += _pace(records * interval_s, vehicle.cycle.period_s)
     cycles = table.rows // records
     if cycles < 2:
         raise InputError(
@@ -129,6 +136,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     velocity = source.increments(DELTA_V, ACCEL, interval_s)
     for names, rates, increments in ((DELTA_THETA, GYRO, theta), (DELTA_V, ACCEL, velocity)):
         _check_magnitude(source, names if source.has(names[0]) else rates, increments / interval_s[:, None])
+    _check_gravity(source, vehicle, velocity / interval_s[:, None])
     kind, command = commands.commands(source, vehicle, records, n)
     attitude = _attitude(source)
     notices += saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
@@ -209,6 +217,31 @@ def _records_per_cycle(source: LogTable, interval_s: Array, period_s: float) -> 
             f"control cycle of {period_s:g} s; take the log's beginning off"
         )
     return records
+
+
+def _pace(cycle_s: Array, period_s: float) -> list[Notice]:
+    """Whether cycles last as long by the recorded times (n,) as the vehicle file says, but for chance; long ones lost a record."""
+    usual = cycle_s[cycle_s <= LONG * median(cycle_s)]
+    lasts, chance = float(usual.mean()), 4 * float(usual.std()) / len(usual) ** 0.5
+    if abs(lasts - period_s) <= PACE * period_s + chance:
+        return []
+    part = f"{100 * abs(lasts / period_s - 1):.2g} % {'longer' if lasts > period_s else 'shorter'}"
+    message = (
+        f"cycles last {lasts:.6g} s by the log's times, {part} than cycle.period_s = {period_s:g} s: inertia or mass may be off by as "
+        f"much, or twice that; if the times are right, state cycle.period_s = {lasts:.6g}, else scale them by "
+        f"{period_s / lasts:.6g} (columns.time_s.scale)"
+    )
+    return [Notice("cycle-period", message)]
+
+
+def _check_gravity(source: LogTable, vehicle: Vehicle, felt: Array) -> None:
+    kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
+    usual = median(np.linalg.norm(felt, axis=1))
+    if kind != "free" and usual < FELT * gravity:
+        raise InputError(
+            f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
+            f'{gravity:.4g} m/s^2; state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
+        )
 
 
 def _attitude(source: LogTable) -> Array | None:

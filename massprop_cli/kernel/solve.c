@@ -94,9 +94,9 @@ static void sigmas_of(const mp_posed *posed, mp_real out[10]) {
     }
 }
 
-/* Sigmas of theta, that of mu not beyond what a known mass leaves. */
-static void weighed(const mp_vehicle *vehicle, mp_real sigma[10]) {
-    if (vehicle->bearing && vehicle->known_mass > R(0)) sigma[9] = mp_min(sigma[9], WEIGHED / vehicle->known_mass);
+/* Sigmas of theta, that of mu not beyond what a known mass leaves; where the log tells another, it is heard. */
+static void weighed(const mp_vehicle *vehicle, const mp_real theta[10], mp_real sigma[10]) {
+    if (vehicle->bearing && vehicle->known_mass > R(0)) sigma[9] = mp_min(sigma[9], WEIGHED * mp_max(R(1) / vehicle->known_mass, theta[9]));
 }
 
 /* One sigma of each of theta before anything is known. */
@@ -104,7 +104,7 @@ static void scale_of(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
     int i;
     mp_sizes(vehicle, theta, out);
     for (i = 0; i < 10; i++) out[i] *= vehicle->prior_scale;
-    weighed(vehicle, out);
+    weighed(vehicle, theta, out);
 }
 
 void mp_pose(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_reference *estimate, mp_real *rows,
@@ -143,7 +143,7 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
     int i;
     mp_sizes(&pass->vehicle, theta, out);
     for (i = 0; i < 10; i++) out[i] = mp_max(out[i], pass->centre_sizes[i]) * (i < 6 ? R(0.2) : i < 9 ? cg : R(1));
-    weighed(&pass->vehicle, out);
+    weighed(&pass->vehicle, theta, out);
 }
 
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
@@ -152,7 +152,10 @@ static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real ste
     int i, j;
     pulled(pass, posed->theta, pull);
     /* where the log doesn't tell the mass, the rest is judged beside the known one */
-    if (mass > R(0) && covariance[9][9] > (MP_FAINT_MASS / mass) * (MP_FAINT_MASS / mass)) pull[9] = EXACT / mass;
+    if (mass > R(0)) {
+        mp_real faint = MP_FAINT_MASS * mp_max(R(1) / mass, posed->theta[9]);
+        if (covariance[9][9] > faint * faint) pull[9] = EXACT / mass;
+    }
     for (i = 0; i < 10; i++) {
         left[i] = (step[i] + posed->theta[i] - pass->centre.theta[i]) / pull[i];
         for (j = 0; j < 10; j++) joint[10 * i + j] = covariance[i][j] / pull[i] / pull[j] + (i == j ? R(1) : R(0));

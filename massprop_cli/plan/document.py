@@ -29,8 +29,6 @@ POINTS = 200
 TEACHES = 1.02
 """A stretch teaches a quantity whose sigma were so many times as large without it."""
 FOREVER = 1e6
-BINDING = 0.8
-"""Part of a limit from which on it is said to keep a precision from being reached."""
 _LIST = re.compile(r"\[\n((?:\s+[-+.\w]+,\n)+)\s*\]")
 
 
@@ -180,10 +178,11 @@ def _limited_by(found: Planned, quantities: dict[str, QuantityItem], rehearsal: 
         key = "thrust.scale_sigma" if rehearsal.vehicle.thrust.scale_sigma else "the information of all motions"
         return f"{best}; {key} keeps it above ± {ever[i]:.3g} {item.unit} however long it lasts: weigh the vehicle ([known]) or want less"
     impulse = found.limits.get("impulse_n_s")
-    if impulse is not None and found.used["impulse_n_s"] > BINDING * impulse:
+    if impulse is not None and impulse - found.used["impulse_n_s"] < min(one.used["impulse_n_s"] for one in found.tried):
         return f"{best} with {impulse:g} N s; about {impulse * ratio**2:.3g} N s would reach it (--max-impulse)"
-    binding = [limited.NAMES[key] for key, limit in found.limits.items() if found.used[key] > BINDING * limit]
-    by = f" with the limit on the {' and the '.join(binding)}" if binding else ""
+    share = {key: found.used[key] / limit for key, limit in found.limits.items() if key != "impulse_n_s"}
+    gentle = any(stretch.motion.level < 1 for stretch in found.stretches)
+    by = f" with the limit on the {limited.NAMES[max(share, key=lambda key: share[key])]}" if share and gentle else ""
     return f"{best}{by}; about {max_time_s * ratio**2:.3g} s would reach it (--max-time)"
 
 

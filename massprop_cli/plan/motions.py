@@ -28,6 +28,8 @@ class Motion:
     axes: tuple[Axis, ...]
     every_cycles: int = 1
     level: float = 1.0
+    held: tuple[Axis, ...] = ("roll", "pitch", "yaw")
+    """Turns that the actuators can hold while others are driven."""
 
     def __str__(self) -> str:
         every = {"alternating": f", sign changes every {self.every_cycles} cycles", "random": f", drawn every {self.every_cycles} cycles"}
@@ -39,11 +41,10 @@ class Motion:
 
     def segments(self, start: int, end: int) -> list[Segment]:
         """From cycle ``start`` to ``end``; turns that are not driven are held."""
-        if self.kind == "hold":
-            return [Segment(motion="hold", axes=TURNS, start_cycle=start, end_cycle=end)]
-        found = [segment for axes, every in self._driven() for segment in self._pulses(axes, every, start, end)]
-        held = [axis for axis in TURNS if axis not in self.axes]
-        return found + ([Segment(motion="hold", axes=tuple(held), start_cycle=start, end_cycle=end)] if held else [])
+        found = [segment for axes, every in self._driven() for segment in self._pulses(axes, every, start, end)] if self.axes else []
+        held = tuple(axis for axis in self.held if axis not in self.axes)
+        beneath = [Segment(motion="hold", axes=held, start_cycle=start, end_cycle=end)] if held else []
+        return found + beneath or [Segment(motion="coast", start_cycle=start, end_cycle=end)]
 
     def _pulses(self, axes: tuple[Axis, ...], every: int, start: int, end: int) -> list[Segment]:
         """An alternating push begins with half a pulse the other way, so that it leaves no speed behind."""
@@ -76,16 +77,12 @@ class Motion:
         )
 
 
-HOLD = Motion("hold", ())
-"""The attitude held, and nothing else."""
-
-
 def library(axes: Sequence[Axis], block: int) -> list[Motion]:
     """Every motion of these axes for a block of so many cycles, at full level."""
     turns, pushes = (tuple(axis for axis in axes if (axis in TURNS) == turning) for turning in (True, False))
     sets = list(dict.fromkeys([*((axis,) for axis in axes), turns, pushes, tuple(axes)]))
     return [
-        Motion(kind, chosen, count)
+        Motion(kind, chosen, count, held=turns)
         for chosen in sets
         if chosen
         for kind in KINDS

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.plan import limits as limited
 from massprop_cli.plan.choose import Criterion, Tried, Wanted, choose
-from massprop_cli.plan.motions import HOLD, LEVELS, Motion, library
+from massprop_cli.plan.motions import LEVELS, Motion, library
 from massprop_cli.plan.rehearsal import Rehearsal
 from massprop_cli.testbed.timeline import Segment
 
@@ -183,7 +183,7 @@ def _flown(rehearsal: Rehearsal, order: Order, tried: Sequence[Tried], chosen: S
         stretches.append(Stretch(tried[number].motion, start, start + block * list(chosen).count(number)))
     least, end = min(order.least_cycles, order.max_cycles), stretches[-1].end
     if end < least and "impulse_n_s" in order.limits:
-        stretches.append(Stretch(HOLD, end, least))
+        stretches.append(Stretch(Motion("hold", (), held=stretches[-1].motion.held), end, least))
     stretches[-1] = replace(stretches[-1], end=max(stretches[-1].end, least))
     return _rehearsed(rehearsal, order, stretches, tried, block)
 

@@ -98,6 +98,21 @@ def test_all_faults_of_the_clock_are_told_with_their_rows(clean: Path, tmp_path:
     assert len(suite.findall(".//testcase[@name='sampling']/error")) == 3
 
 
+def slow(columns: Columns) -> None:
+    columns["time_s"] *= 1.01
+
+
+def test_cycles_that_last_otherwise_than_stated_leave_nothing_converged(clean: Path, tmp_path: Path) -> None:
+    """A time column that is 1 % off makes inertia 1 % off, and nothing else in the log shows it."""
+    found = spoiled(clean, tmp_path, slow)
+    (one,) = [one for one in found.findings if one.code == "cycle-period"]
+    assert (one.subject, one.grade) == ("timing", "fault")
+    assert "last 0.0505 s by the log's times, 1 % longer than cycle.period_s = 0.05 s" in one.what
+    assert "state cycle.period_s = 0.0505, else scale them by 0.990099" in one.what
+    assert {item.verdict for item in found.expected} == {"contradicted"}
+    assert {item.verdict for item in spoiled(clean, tmp_path, slow, **{"cycle.period_s": 0.0505}).expected} != {"contradicted"}
+
+
 def test_scatter_of_the_clock_is_measured() -> None:
     rng = np.random.default_rng(1)
     steady = np.cumsum(np.full(2000, 0.05))

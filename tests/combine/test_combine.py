@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.combine.joint import Piece, joint
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.model.plant import BearingBody, plant_of
 from massprop_cli.result import schema
 from massprop_cli.testbed import bound, scenario, simulate
 from tests.campaigns import simulate as fly
@@ -19,44 +23,85 @@ from tests.commandline import massprop
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=20.0}]'
+PULSES = """{{motion="random",axes=["roll","pitch","yaw"],closed_loop=true,start_cycle={0},end_cycle={1}}},
+{{motion="random",axes=["x","y","z"],start_cycle={0},end_cycle={1}}}"""
+DOCKING = (
+    "duration_cycles=640",
+    f"plan=[{PULSES.format(0, 180)},{{motion='hold',start_cycle=180,end_cycle=240}},{PULSES.format(240, 640)}]",
+    'events=[{kind="dock",cycle=180,motion="rates_kept"},{kind="reset",cycle=240,phase="combined"}]',
+)
+HALVES = ((0, 200), (200, 400))
 BODY = scenario.load("free-flyer").scenario.truth.values
 
 
-def at_once(source: scenario.ScenarioSource, flight: simulate.Flight, starts: list[int], ends: list[int]) -> tuple[Array, Array]:
+def at_once(
+    source: scenario.ScenarioSource, flight: simulate.Flight, body: Array, pieces: Sequence[tuple[int, int]]
+) -> tuple[Array, Array]:
     """Values and covariance of the linear fit, about the truth, of all pieces: ten quantities, and the rate at each piece's start."""
     quiet = simulate.fly(bound.noise_free(source), [flight.seeds[0]], issued=flight.issued[0])
     noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
-    noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
+    vehicle = flight.vehicle
+    noise /= np.repeat([vehicle.imu.gyro_noise_rad_s or 0.0, vehicle.imu.accel_noise_m_s2 or 0.0], 3) * vehicle.cycle.period_s
     columns, left = [], []
-    for number, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        slopes = bound._sensitivities(source, flight.seeds[:1], flight.issued, flight.truth[0], start, np.zeros((0, 4)))[0, :, start:end]
-        own = np.zeros((10 + 3 * len(starts), *slopes.shape[1:]))
+    for number, (begin, end) in enumerate(pieces):
+        # each piece begins with the first cycle whose command it holds
+        start = begin + int(float(vehicle.cycle.command_delay_cycles))
+        slopes = bound._sensitivities(source, flight.seeds[:1], flight.issued[:1], body[None], start, np.zeros((0, 4)))[0, :, start:end]
+        own = np.zeros((10 + 3 * len(pieces), *slopes.shape[1:]))
         own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
         columns.append(own.reshape(len(own), -1).T)
         left.append(noise[start:end].ravel())
     rows = np.concatenate(columns)
     size = np.sqrt((rows**2).sum(0))
-    step, *_ = np.linalg.lstsq(rows / size, np.concatenate(left), rcond=None)
-    covariance = np.linalg.inv((rows / size).T @ (rows / size)) / np.outer(size, size)
-    return flight.truth[0, 0] + (step / size)[:10], covariance[:10, :10]
+    basis, triangle = np.linalg.qr(rows / size)
+    step = np.linalg.solve(triangle, basis.T @ np.concatenate(left))
+    root = np.linalg.inv(triangle) / size[:, None]
+    return body + (step / size)[:10], (root @ root.T)[:10, :10]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_pieces_of_a_log_give_what_all_their_data_give_at_once(seed: int) -> None:
-    source = scenario.load("free-flyer", ["duration_s=20.0", PLAN])
+def levelled(flight: simulate.Flight, cycle: int) -> Vehicle:
+    """The vehicle without its phases, on a bearing so tilted that its gyro leads to the true attitude where the other fit begins."""
+    stated = flight.vehicle.model_copy(update={"phases": (), "docking": None})
+    if not stated.on_air_bearing:
+        return stated
+    start = cycle + int(float(stated.cycle.command_delay_cycles))
+    tilt = Rotation.from_quat(flight.attitude_wxyz[0, start], scalar_first=True)
+    for turned in flight.delta_theta_rad[0, cycle:start][::-1] @ np.array(stated.imu.body_from_imu).T:
+        tilt = tilt * Rotation.from_rotvec(-turned)
+    attitude = tuple(tilt.as_quat(scalar_first=True).tolist())
+    return stated.model_copy(update={"environment": stated.environment.model_copy(update={"initial_attitude_wxyz": attitude})})
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "phases", "seed"),
+    [
+        ("free-flyer", ("duration_s=20.0", PLAN), (HALVES,), 1),
+        ("free-flyer", ("duration_s=20.0", PLAN), (HALVES,), 2),
+        ("testbed", ("duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]"), (HALVES,), 1),
+        ("docking", DOCKING, (((0, 90), (90, 180)), ((240, 440), (440, 640))), 1),
+    ],
+)
+def test_pieces_of_a_log_give_what_all_their_data_give_at_once(
+    name: str, keys: Sequence[str], phases: Sequence[Sequence[tuple[int, int]]], seed: int
+) -> None:
+    source = scenario.load(name, keys)
     flight = simulate.fly(source, [seed])
-    log, pieces = flight.log(0), []
-    for start, end in ((0, 200), (200, 400)):
-        found = flow.examine(log.part(start, end), VehicleSource(flight.vehicle.model_copy(update={"phases": ()}), "x", ""))
-        pieces.append(Piece(str(start), found.conclusions[0].values, found.conclusions[0].covariance, {}))
-    together = joint(pieces)
-    # each piece begins with the first cycle whose command it holds
-    values, covariance = at_once(source, flight, [2, 202], [200, 400])
-    sigma = np.sqrt(np.diag(covariance))
-    assert np.abs((together.values - values) / sigma).max() < 0.1
-    np.testing.assert_allclose(np.sqrt(np.diag(together.covariance)), sigma, rtol=0.03)
-    assert together.freedom == 10
-    assert together.chi_square < 35
+    log = flight.log(0)
+    for body, pieces in zip(flight.truth[0], phases, strict=True):
+        found = []
+        for begin, end in pieces:
+            vehicle = levelled(flight, begin)
+            alone = flow.examine(log.part(begin, end), VehicleSource(vehicle, "x", "")).conclusions[0]
+            plant = plant_of(vehicle)
+            bearing = plant if isinstance(plant, BearingBody) else None
+            found.append(Piece(str(begin), alone.values, alone.covariance, {}, bearing=bearing))
+        together = joint(found)
+        values, covariance = at_once(source, flight, body, pieces)
+        sigma = np.sqrt(np.diag(covariance))
+        assert np.abs((together.values - values) / sigma).max() < 0.1
+        np.testing.assert_allclose(np.sqrt(np.diag(together.covariance)), sigma, rtol=0.03)
+        assert together.freedom == 10
+        assert together.chi_square < 35
 
 
 def gaussians(seed: int, count: int) -> tuple[list[Array], list[Array]]:

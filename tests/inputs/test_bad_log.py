@@ -97,6 +97,20 @@ BAD_LOGS = {
         None,
         ("column time_s", "interval of 50 s", "0.05 s", "in seconds", "[columns]", "cycle.period_s"),
     ),
+    "feels no gravity on an air bearing": BadLog(
+        both(
+            without("delta_v_x_m_s", "delta_v_y_m_s", "delta_v_z_m_s"),
+            added(delta_v_x_m_s=0.0, delta_v_y_m_s=0.0, delta_v_z_m_s=0.0),
+        ),
+        None,
+        (
+            "feels 0 m/s^2 (median)",
+            "gravity, 9.807 m/s^2",
+            'environment.kind = "free" instead of "air_bearing"',
+            "without gravity taken off",
+        ),
+        "air-bearing",
+    ),
     "has a negative on-time": BadLog(cell("jet_pitch_p1_s", 42, -0.01), 42, ("column jet_pitch_p1_s", "-0.01 s", "negative", "0 or more")),
     "has an on-time longer than the cycle": BadLog(
         cell("jet_pitch_p1_s", 42, 0.06), 42, ("column jet_pitch_p1_s", "0.06 s", "longer than the control cycle of 0.05 s", "in seconds")

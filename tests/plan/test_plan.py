@@ -233,3 +233,25 @@ def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
     assert set(few.axes) == {"pitch", "yaw", "x", "y"}
     with pytest.raises(InputError, match="no jet is left"):
         rehearsal.rehearsal(source, known, jets)
+
+
+def test_a_vehicle_that_can_not_hold_its_roll_is_planned_with_what_it_can_do(folder: Path) -> None:
+    off = ("roll_p1", "roll_p2", "roll_n1", "roll_n2", "divert_zp", "divert_zn")
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", Asked(precise("mass 20 %"), max_time_s=1.0, off=off), lambda *_: None)
+    axes = {axis for segment in scenario.parse(made.scenario, "scenario.toml").scenario.plan for axis in segment.driven}
+    assert "yaw" in axes
+    assert not axes & {"roll", "z"}
+
+
+@pytest.mark.parametrize(
+    ("asked", "said", "option"),
+    [
+        (Asked(precise("mass 1 %"), 1.0, impulse_n_s=0.5), "with 0.5 N s; about ", "(--max-impulse)"),
+        (Asked(precise("mass 1 %"), 1.0, travel_m=1e-3), "with the limit on the travel; about ", "(--max-time)"),
+    ],
+)
+def test_the_limit_that_keeps_a_precision_from_being_reached_is_named(asked: Asked, said: str, option: str, folder: Path) -> None:
+    made = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None)
+    assert said in made.plan.limited_by
+    assert made.plan.limited_by.endswith(option)
+    assert all(item.allowed is None or item.used <= item.allowed for item in made.plan.limits.values())

@@ -1,0 +1,37 @@
+"""What is known from elsewhere, against the log and against matter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.known import DENSEST, belied, heaviest_body
+from tests import flight
+
+MEAN = np.append(flight.TRUTH[:9], 1 / flight.TRUTH[9])
+
+
+def of(relative: float) -> Array:
+    """A covariance in which 1/m has this relative sigma, and all else is known well."""
+    return np.diag(np.append(1e-3 * np.ones(9), relative * MEAN[9]) ** 2)
+
+
+def test_no_body_has_less_inertia_than_a_ball_of_the_densest_matter() -> None:
+    """Oracle: the ball's radius from its mass, and 2/5 m R² thrice for the trace."""
+    bound = heaviest_body(MEAN, of(0.01) * 1e-12, flight.vehicle())
+    radius = (bound / (4 / 3 * np.pi * DENSEST)) ** (1 / 3)
+    assert 3 * 2 / 5 * bound * radius**2 == pytest.approx(MEAN[0] + MEAN[3] + MEAN[5], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mass", "relative", "wrong"),
+    [(22.0, 0.01, False), (30.0, 0.01, True), (22.0, 2.0, False), (200.0, 2.0, False), (1e25, 2.0, True), (1e-3, 2.0, True)],
+)
+def test_a_known_mass_must_be_that_of_a_body_even_where_the_log_does_not_tell_it(mass: float, relative: float, wrong: bool) -> None:
+    """Where 1/m is known to 200 % alone, 22 to 200 kg are as good as each other; 1 g and 1e25 kg are not."""
+    vehicle = flight.vehicle(known={"mass": {"value": mass, "sigma": 1e-4 * mass}})
+    against, notices = belied(MEAN, of(relative), vehicle, "all")
+    assert against == (("mass",) if wrong else ())
+    assert [notice.code for notice in notices] == ["known-mismatch"] * wrong
+    assert all(f"known.mass = {mass:g}" in notice.message for notice in notices)
