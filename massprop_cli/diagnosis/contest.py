@@ -222,7 +222,10 @@ class _Rows:
         found = np.zeros(coefficients.shape)
         for told, axes in ((self.free.gyro, slice(0, 3)), (self.free.accelerometer, slice(3, 6))):
             rows = len(told.triangle)
-            found[..., :rows, axes] = (told.triangle @ coefficients[..., axes] - told.measured) / root[axes]
+            # all at once: one product of two matrices takes a fraction of the time of many small ones
+            own = np.moveaxis(coefficients[..., axes], -2, 0)
+            left = (told.triangle @ own.reshape(len(own), -1)).reshape(rows, *own.shape[1:])
+            found[..., :rows, axes] = (np.moveaxis(left, 0, -2) - told.measured) / root[axes]
         return found
 
 
