@@ -29,7 +29,7 @@ from massprop_cli.inputs.telemetry import SATURATED, Log, Notice, read
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.actuators import along_one_line, channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -140,8 +140,8 @@ def _estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say:
         say("what the numbers rest on", 1.0)
         examination = examined(log, used, used_timing, samples, settled, consider)
         # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
-        doubted = doubts(examination, channel_names(log, used)) if used.thrust.pulse_sigma == 0 else []
-    if doubted and diagnosis is None and not _saturated(log) and _diagnosable(stated):
+        doubted = doubts(examination, channel_names(log, used), along_one_line(log, used)) if used.thrust.pulse_sigma == 0 else []
+    if not all(one.faint for one in doubted) and diagnosis is None and not _saturated(log) and _diagnosable(stated):
         say("looking for the cause", 1.0)
         from massprop_cli.diagnosis.diagnose import diagnose
 

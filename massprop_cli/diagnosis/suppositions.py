@@ -15,7 +15,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
-from massprop_cli.diagnosis.channelwise import SWUNG, Free
+from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.design import SWUNG
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.plant import plant_of

@@ -117,7 +117,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
 
 
 def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Array, Array]:
-    """(K, n, 2 + p + 3) of the two unknown beginnings, the columns and the rates, and their variances (K, n); 0 and 1 of what isn't used."""
+    """(K, n, 2 + p + 3) of the two unknown beginnings, the columns and the rates, and their variances (K, n); 0 and 1 of others."""
     count, size = len(rates.rate), rates.growth.shape[1]
     states, step, white = _torque(rates.held)
     now = np.zeros((len(disturbances), states, 2 + size + 3))

@@ -9,7 +9,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis.channelwise import Design
+from massprop_cli.diagnosis.design import Design, _verticals, verticals
 from massprop_cli.estimate import whitening
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.model.lift import Lift
@@ -89,10 +89,10 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
     """Against the attitude of a gyro that has the error in it."""
     flown = flight.standard("air_bearing")
     samples = compensate(flown.aligned(), flown.used)
-    moved = dict(channelwise._verticals(samples, flown.used))
+    moved = dict(_verticals(samples, flown.used))
     bias = 1e-5
     rate = samples.rate_rad_s + bias * np.array([0.0, 1.0, 0.0])
-    (with_bias,) = channelwise.verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
+    (with_bias,) = verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
     # what is integrated is less by the bias than what is measured
     np.testing.assert_allclose(-(with_bias - samples.up_b) / bias, moved["gyro_bias 1"], atol=1e-3 * np.abs(moved["gyro_bias 1"]).max())
     assert np.abs(np.einsum("ki,ki->k", moved["east"], samples.up_b)).max() < 1e-9
