@@ -19,8 +19,6 @@ from massprop_cli.model.plant.plant import MU, J
 
 STEPS = 8
 """Most steps of a fit."""
-MOST = {2: 40, 4: 16}
-"""Steps after which only so many of many are fitted on."""
 PULL = 0.01
 """Of a body's own size, the inverse of one sigma that holds it near where plain regression puts it."""
 STILL = 1e-3
@@ -97,8 +95,7 @@ def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Suppo
 def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None) -> list[Fitted]:
     """Each supposition with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
 
-    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. After some steps only
-    :data:`MOST` that leave least are fitted on.
+    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less.
     """
     own = max(s.free.shape[1] for s in supposed)
     gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
@@ -123,12 +120,9 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
         moves[i, :, common : common + one.free.shape[1]] = one.free
     descent = _Descent(rows, moves, x.copy())
     active = np.arange(len(supposed))
-    for step in range(STEPS):
+    for _ in range(STEPS):
         gained = descent.step(active)
         active = active[gained > STILL]
-        most = MOST.get(step + 1, len(active))
-        if len(active) > most:
-            active = np.sort(active[np.argsort(descent.cost[active], kind="stable")[:most]])
         if not len(active):
             break
     spread = descent.spread()[:, common:]
