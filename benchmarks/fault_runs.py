@@ -149,7 +149,7 @@ def _examined(case: Case, name: str) -> tuple[Analysis, float]:
 
 @cache
 def overhead(options: tuple[str, ...]) -> float:
-    """CPU time of `massprop estimate` of a sample log beyond what :func:`massprop_cli.flow.analyse` takes: its start, and what it writes."""
+    """CPU time of `massprop estimate` of a sample log beyond that of :func:`massprop_cli.flow.analyse`: its start, and what it writes."""
     begin = time.process_time()
     flow.analyse(SAMPLE, None, options[1:])
     own, before = time.process_time() - begin, os.times()

@@ -160,7 +160,7 @@ def _drift(s: Subject, rng: Random) -> Drawn | None:
         seen = np.stack([np.interp(sampled, ends, column) for column in total_so_far.T], 1)
         found.append(frozen(np.diff(seen, axis=0) + (sigma or 0.0) * white * rng.standard_normal((len(log.time_s), 3))))
     # where commands answer what the gyro measures, those of the flight that was sampled
-    wrong = replace(shorter.logging(*found, fine.log.command[: log.cycles]), bodies=fine.bodies)
+    wrong = replace(shorter.logging(found[0], found[1], fine.log.command[: log.cycles]), bodies=fine.bodies)
     return Drawn(wrong, due("clock-drift"), f"IMU clock {faster * 1e6:+.0f} ppm, {abs(faster) * s.cycles:.2f} cycles in all")
 
 
