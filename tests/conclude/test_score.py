@@ -86,7 +86,7 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
 
 
 def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two that fire apart from each other and are wrong alike: together by nearly √2 times as many sigmas as either."""
+    """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
     jets = [jet.name for jet in flown.vehicle.jets]
     pair = tuple(jets.index(name) for name in ("divert_xp", "divert_xn"))
@@ -99,7 +99,7 @@ def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(mo
     told = {doubt.what: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
     alone = np.array([told[f"thrust of {jets[i]}"].sigmas for i in pair])
     together = told[f"thrust of {jets[pair[0]]}, {jets[pair[1]]}"]
-    assert together.sigmas == pytest.approx(alone.sum() / np.sqrt(2), rel=0.2)
+    assert together.sigmas**2 == pytest.approx(left(found) - left(examined(flown.log(0), flown.vehicle)), rel=0.05)
     assert together.sigmas > alone.max()
     assert together.faint
     assert not told[f"thrust of {jets[pair[0]]}"].faint
