@@ -90,7 +90,7 @@ def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(mo
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
     jets = [jet.name for jet in flown.vehicle.jets]
     pair = tuple(jets.index(name) for name in ("divert_xp", "divert_xn"))
-    keys = [f"jets.{i}.force_n={[1.03 * f for f in flown.vehicle.jets[i].force_n]}" for i in pair]
+    keys = [f"jets.{i}.force_n={[1.005 * f for f in flown.vehicle.jets[i].force_n]}" for i in pair]
     found = examined(flown.log(0), changed(flown.vehicle, keys))
     assert found.examination is not None
     groups = along_one_line(found.log, found.vehicle)
@@ -99,7 +99,7 @@ def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(mo
     told = {doubt.what: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
     alone = np.array([told[f"thrust of {jets[i]}"].sigmas for i in pair])
     together = told[f"thrust of {jets[pair[0]]}, {jets[pair[1]]}"]
-    assert together.sigmas**2 == pytest.approx(left(found) - left(examined(flown.log(0), flown.vehicle)), rel=0.05)
+    assert together.sigmas**2 == pytest.approx(left(found) - left(examined(flown.log(0), flown.vehicle)), rel=0.15)
     assert together.sigmas > alone.max()
     assert together.faint
     assert not told[f"thrust of {jets[pair[0]]}"].faint
