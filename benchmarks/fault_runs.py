@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import tempfile
 import time
 import traceback
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -35,6 +40,9 @@ TELLS = 25.0
 """Chi-square that a fault must leave in the off-line fit, at the noise that is truly there, before any log can tell it: five sigma."""
 OVERLAP = 5
 """Cycles that a phase must share with a true body to be taken as that body's."""
+SAMPLE = Path(__file__).parent.parent / "sample_logs" / "free-flyer" / "log.parquet"
+WRONG = ("--set", "cycle.command_delay_cycles=2.5")
+"""What the sample log doesn't fit, so that a cause is looked for."""
 UNKNOWN = frozenset({"contradicted", "cause-unknown"})
 Status = Literal["right", "half", "wrong", "unknown", "silent", "harmless", "hidden", "refused", "crash"]
 
@@ -92,6 +100,11 @@ class Run:
         """CPU time over the clean twin's."""
         return self.seconds / self.clean_seconds
 
+    @property
+    def command_ratio(self) -> float:
+        """The same of `massprop estimate` as a whole."""
+        return (self.seconds + overhead(WRONG)) / (self.clean_seconds + overhead(()))
+
 
 def run(fault: str, vehicle: str, seed: int) -> Run | None:
     """One run; None where the vehicle can't have the fault."""
@@ -132,6 +145,19 @@ def _examined(case: Case, name: str) -> tuple[Analysis, float]:
     with np.errstate(all="ignore"):
         found = flow.examine(case.log, VehicleSource(case.vehicle, name, ""))
     return found, time.process_time() - begin
+
+
+@cache
+def overhead(options: tuple[str, ...]) -> float:
+    """CPU time of `massprop estimate` of a sample log beyond that of :func:`massprop_cli.flow.analyse`: its start, and what it writes."""
+    begin = time.process_time()
+    flow.analyse(SAMPLE, None, options[1:])
+    own, before = time.process_time() - begin, os.times()
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, "-m", "massprop_cli", "estimate", str(SAMPLE), "-q", *options, "--out", out]
+        subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    after = os.times()
+    return after.children_user - before.children_user + after.children_system - before.children_system - own
 
 
 def warm_up() -> None:

@@ -159,7 +159,8 @@ def _drift(s: Subject, rng: Random) -> Drawn | None:
         total_so_far = np.vstack([np.zeros(3), np.cumsum(increments, 0)])
         seen = np.stack([np.interp(sampled, ends, column) for column in total_so_far.T], 1)
         found.append(frozen(np.diff(seen, axis=0) + (sigma or 0.0) * white * rng.standard_normal((len(log.time_s), 3))))
-    wrong = replace(shorter.logging(*found), bodies=fine.bodies)
+    # where commands answer what the gyro measures, those of the flight that was sampled
+    wrong = replace(shorter.logging(found[0], found[1], fine.log.command[: log.cycles]), bodies=fine.bodies)
     return Drawn(wrong, due("clock-drift"), f"IMU clock {faster * 1e6:+.0f} ppm, {abs(faster) * s.cycles:.2f} cycles in all")
 
 

@@ -19,7 +19,7 @@ from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.actuators import along_one_line, channel_names
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     say("what the numbers rest on", 1.0)
     examination = examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider)
     # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
-    doubted = doubts(examination, channel_names(begun.log, used)) if used.thrust.pulse_sigma == 0 else []
-    if doubted and diagnosis is None:
+    doubted = doubts(examination, channel_names(begun.log, used), along_one_line(begun.log, used)) if used.thrust.pulse_sigma == 0 else []
+    if not all(one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
     if detected is None and (used.environment, used.estimator) == (begun.stated.environment, begun.stated.estimator):

@@ -33,24 +33,27 @@ class Doubt:
     moves: tuple[Array | None, ...]
     """(10, a) of each phase: by how much the likeliest value of it would move the estimates' state parameters, and as much of any that is
     of its kind, along another axis."""
+    faint: bool = False
+    """Whether it shows in several channels together alone: too little for its cause to be found."""
 
 
-def doubts(found: Examined, names: Sequence[str]) -> list[Doubt]:
-    """Those that are wrong, the surest first; ``names`` of the command channels."""
+def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = ()) -> list[Doubt]:
+    """Those that are wrong, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together."""
     told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
     if not told:
         return []
     kinds = [t.code for t in found.varied] + ["accelerometer-scale"] * 3 + [f"thrust of {name}" for name in names]
-    whats = np.array([*kinds, "accelerometer-scale"])
-    # the scale of all three axes at once is a direction of its own
-    unit = np.eye(len(kinds))
-    along = np.column_stack([unit, unit[:, whats[:-1] == "accelerometer-scale"].sum(1)])
+    unit, first = np.eye(len(kinds)), len(kinds) - len(names)
+    # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
+    together = [[i for i, kind in enumerate(kinds) if kind == "accelerometer-scale"], *([first + i for i in group] for group in groups)]
+    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in together)])
+    whats = np.array([*kinds, "accelerometer-scale", *(f"thrust of {', '.join(names[i] for i in group)}" for group in groups)])
     gram = np.sum([response.gram for response, _ in told], 0)
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
     # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
     gyro, *accelerometer = np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
-    cross[whats[:-1] == "gyro-scale"] -= gyro
-    cross[whats[:-1] == "accelerometer-scale"] -= accelerometer
+    cross[[kind == "gyro-scale" for kind in kinds]] -= gyro
+    cross[[kind == "accelerometer-scale" for kind in kinds]] -= accelerometer
     cross = cross @ along
     # what is stated to be uncertain may be off by that much
     uncertain = np.concatenate([[t.sigma for t in found.varied], np.zeros(len(whats) - len(found.varied))])
@@ -58,11 +61,12 @@ def doubts(found: Examined, names: Sequence[str]) -> list[Doubt]:
         sizes = np.nan_to_num(np.abs(cross) / own)
         sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
     shifts = [None if response is None else response.shift @ along for response in found.responses]
-    return [
-        Doubt(str(whats[i]), float(sigmas[i]), tuple(None if shift is None else sizes[i] * shift[:, whats == whats[i]] for shift in shifts))
-        for i in np.argsort(-sigmas, kind="stable")
-        if sigmas[i] > SURE
-    ]
+
+    def doubt(i: int) -> Doubt:
+        kin = whats == whats[i]
+        return Doubt(str(whats[i]), float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), i > len(kinds))
+
+    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
 
 
 def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:

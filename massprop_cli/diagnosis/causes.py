@@ -9,13 +9,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
-NOWHERE = -1
-SMALL, ALIKE = 0.05, 0.999
-"""Part of the largest below which a force or torque is none, and cosine above which two are along one line."""
 EXPECTED = {
     "thrust": 0.3,
     "position": 0.03,
@@ -96,7 +94,7 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
     """Channels that push along one line, those that turn about one axis, and those that do both alike."""
     torque, force = model.wrench(model.stated)
     about = torque - np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
-    lines = [_lines(force), _lines(about)]
+    lines = [lines_of(force), lines_of(about)]
     for group in model.together:  # both dead or mounted the other way round: too far to be led there
         column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
         for begin in (0.0, -1.0):
@@ -110,23 +108,6 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
                 seen.add(group)
                 marks = np.isin(np.arange(len(names)), group).astype(float)
                 yield Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)))
-
-
-def _lines(vectors: Array) -> list[int]:
-    """A number for each line that vectors (C, 3) lie on, either way round; ``NOWHERE`` for those that are nothing beside the largest."""
-    size = np.linalg.norm(vectors, axis=1)
-    found: list[int] = []
-    units: list[Array] = []
-    for vector, length in zip(vectors, size, strict=True):
-        if length < SMALL * size.max(initial=0.0):
-            found.append(NOWHERE)
-            continue
-        unit = vector / length
-        same = [k for k, one in enumerate(units) if abs(one @ unit) > ALIKE]
-        found.append(same[0] if same else len(units))
-        if not same:
-            units.append(unit)
-    return found
 
 
 def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:

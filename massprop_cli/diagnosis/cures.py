@@ -12,6 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.diagnosis.design import Designs
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
@@ -45,6 +46,8 @@ class Case(NamedTuple):
     log: Log
     vehicle: Resolved
     timing: Timing
+    designs: Designs | None = None
+    """Made of it so far, and of what is supposed of it; None: they are made anew."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     get, model = found.value, found.model
     if any(np.any(get(name)) for name in BY_HAND):
         return None
-    log, vehicle, timing = case
+    log, vehicle, timing, _ = case
     cure = _on_columns(found)
     command = np.ones(log.command.shape[1])
     if log.command_kind == "wrench":
@@ -153,7 +156,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     lag = timing.lag + float(get("lag")[0])
     began = 1e-6 * fast * model.clock_s[0] / vehicle.cycle.period_s
     timing = Timing(max(timing.delay + float(get("delay")[0]) - began, 0.0), max(lag, 0.0))
-    return Case(log, vehicle, timing)
+    return case._replace(log=log, vehicle=vehicle, timing=timing)
 
 
 def _on_columns(found: Fitted) -> Cure:

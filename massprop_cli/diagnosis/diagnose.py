@@ -18,6 +18,7 @@ from massprop_cli.diagnosis import causes, change, delay
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of
 from massprop_cli.diagnosis.delay import Found, near
+from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.diagnosis.trial import Trial, both, helped, hopeless, refined, tried
@@ -85,7 +86,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
 
     Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.
     """
-    case = Case(log, vehicle, timing)
+    case = Case(log, vehicle, timing, Designs())
     looks = [look for piece in pieces if (look := looked(*busiest(case, piece))) is not None]
     if not looks:
         return Diagnosis()
@@ -114,7 +115,7 @@ def _alone(look: Look) -> list[Trial]:
         farthest = max((LATER if akin else FURTHER) * min((trial.excess for trial in fitting), default=np.inf), near) + CLEAR
         if len(best) >= most or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
             continue
-        trial = tried(look, found)
+        trial = tried(look, found, min((trial.score for trial in fitting), default=np.inf))
         if trial is not None:
             best.append(trial)
             near = rough if trial.fits and not fitting else near
@@ -154,7 +155,7 @@ def _by_wander(trial: Trial, look: Look) -> bool:
 
 def _much_later(look: Look) -> Diagnosis | None:
     """Another command delay, further off than a small step leads to: where free coefficients leave least."""
-    log, vehicle, timing = look.case
+    log, vehicle, timing, _ = look.case
     at = delay.search(log, vehicle, [timing.lag], pieces=[look.piece])
     if at is None:
         return None
@@ -206,7 +207,7 @@ def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explan
 
 def _changed(look: Look) -> Diagnosis | None:
     """Another body from some moment on."""
-    log, vehicle, timing = look.case
+    log, vehicle, timing, _ = look.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, look.piece, vehicle)
     at = None if reference is None else change.likeliest(samples, look.piece, reference, vehicle)

@@ -14,9 +14,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
-from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response, verticals
+from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.contest import Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case, at_once
+from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.actuators import channel_names
@@ -44,7 +45,7 @@ def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
 
     Where the attitude is integrated from the log's beginning on, the first ones.
     """
-    log, vehicle, timing = case
+    log, vehicle, timing, _ = case
     integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
     first, stop = piece.start, min(piece.start + LONGEST, piece.stop)
     if stop < piece.stop and not integrated:
@@ -60,7 +61,7 @@ def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
 def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Look | None:
     """A case reduced as :func:`free_response` does; None where it is too short."""
     try:
-        free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta)
+        free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta, case.designs)
     except (InputError, np.linalg.LinAlgError):
         return None
     return _look(case, piece, free, theta)
@@ -82,8 +83,23 @@ def about_its_body(look: Look) -> Look:
 def beside_a_torque(look: Look) -> Look:
     """The look beside the torque, wandering or white, beside which its body as stated explains most."""
     theta = look.stated.value("theta")
-    found = [_look(look.case, look.piece, free, theta) for free in beside_torques(*look.case, look.piece, theta)]
-    return min(found, key=lambda one: one.cost)
+    best: Look | None = None
+    for free in sorted(beside_torques(*look.case[:3], look.piece, theta, look.case.designs), key=free_cost):
+        if best is not None and free_cost(free) >= best.cost:
+            break  # no body leaves less than free coefficients
+        one = _look(look.case, look.piece, free, theta)
+        best = one if best is None or one.cost < best.cost else best
+    return best or look
+
+
+def free_cost(free: Free) -> float:
+    """−2 log likelihood of free noise levels and free coefficients."""
+    return float((_counts(free) * np.log(free.variance)).sum()) + free.gyro.volume + free.accelerometer.volume
+
+
+def _counts(free: Free) -> Array:
+    """(6,) measurements less coefficients."""
+    return np.repeat([free.gyro.spare, free.accelerometer.spare], 3).astype(float)
 
 
 @dataclass(frozen=True)
@@ -123,7 +139,7 @@ class Look:
     @cached_property
     def free_cost(self) -> float:
         """−2 log likelihood of free noise levels and free coefficients."""
-        return float((self._counts * np.log(self.free.variance)).sum()) + self.free.gyro.volume + self.free.accelerometer.volume
+        return free_cost(self.free)
 
     @property
     def cost(self) -> float:
@@ -150,8 +166,7 @@ class Look:
 
     @property
     def _counts(self) -> Array:
-        """(6,) measurements less coefficients."""
-        return np.repeat([self.free.gyro.spare, self.free.accelerometer.spare], 3).astype(float)
+        return _counts(self.free)
 
     @cached_property
     def ranked(self) -> list[tuple[float, Fitted]]:

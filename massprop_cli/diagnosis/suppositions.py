@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross_matrix, rotation, tensor
-from massprop_cli.diagnosis.channelwise import SWUNG, Free
+from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
+from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.design import SWUNG
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.plant import plant_of
@@ -27,6 +28,8 @@ ALIKE = 1 - 1e-9
 RAMP = 2 / 3
 """Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+_PAIRS = np.array(_SECOND).T
+_SENSORS = (slice(0, 3), slice(3, 6))
 ENTRIES = {
     "theta": 10,
     "gyro_turn": 3,
@@ -162,7 +165,7 @@ class Model:
         thrust = x[..., self.place("thrust"), None]
         force = thrust * (self.force + x[..., self.place("direction")].reshape(shape))
         position = self.position + x[..., self.place("position")].reshape(shape)
-        return np.cross(position, force) + thrust * self.couple, force
+        return cross(position, force) + thrust * self.couple, force
 
     def coefficients(self, x: Array, gyro: Array, accelerometer: Array) -> Array:
         """(..., p, 6) of x (..., nx) for IMUs turned so: growth of the rate, specific force."""
@@ -175,7 +178,7 @@ class Model:
         inertia = np.linalg.inv(inverse)
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
-        about = torque - np.cross(centre[..., None, :], force)
+        about = torque - cross(centre[..., None, :], force)
         turning = inverse @ cross_matrix(moment) * mu[..., None, None]
         response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
         by_product = -inverse @ gamma(inertia)
@@ -260,22 +263,28 @@ class Model:
 
     def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
         """In the axes, units and scales of the IMU that measured the rates that the columns are made of."""
-        turns = []
-        for name, base in (("gyro", gyro), ("accel", accelerometer)):
-            scale = np.exp(x[..., self.place(f"{name}_scale")])
-            along = self.mounting @ (scale[..., :, None] * self.mounting.T)  # the IMU's own axes
-            turns.append(along @ rotation(x[..., self.place(f"{name}_turn")]) @ base)
-        back = np.linalg.inv(turns[0])
         found = np.zeros((*x.shape[:-1], max(p.stop for p in self.places.values()), 6))
         for name, place in self.places.items():
-            for parts, turn, axes in ((spin, turns[0], slice(0, 3)), (push, turns[1], slice(3, 6))):
-                part = turn @ parts[name]
-                if name == "products":
-                    part = part @ _of_products(back)
-                elif name == "rates":
-                    part = part @ back
-                found[..., place, axes] = np.swapaxes(part, -1, -2)
+            found[..., place, :3], found[..., place, 3:] = np.swapaxes(spin[name], -1, -2), np.swapaxes(push[name], -1, -2)
+        base = [np.broadcast_to(turn, (*x.shape[:-1], 3, 3)) for turn in (gyro, accelerometer)]
+        other = (x[..., self.entries["gyro_turn"].start : self.entries["accel_scale"].stop] != 0).any(-1)
+        other = other | ((base[0] != _UNIT) | (base[1] != _UNIT)).any((-2, -1))
+        if other.any():
+            found[other] = self._turned(found[other], x[other], base[0][other], base[1][other])
         return found
+
+    def _turned(self, found: Array, x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """(N, p, 6) the coefficients of IMUs that are turned or scaled."""
+        turns = []
+        for name, base in (("gyro", gyro), ("accel", accelerometer)):
+            scale = np.exp(x[:, self.place(f"{name}_scale")])
+            along = self.mounting @ (scale[:, :, None] * self.mounting.T)  # the IMU's own axes
+            turns.append(along @ rotation(x[:, self.place(f"{name}_turn")]) @ base)
+        back = np.linalg.inv(turns[0])
+        turned = np.concatenate([found[..., axes] @ turn.swapaxes(1, 2) for turn, axes in zip(turns, _SENSORS, strict=True)], -1)
+        for name, columns in (("products", _of_products(back)), ("rates", back)):
+            turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
+        return turned
 
 
 def _together(free: Free) -> tuple[tuple[int, ...], ...]:
@@ -301,10 +310,6 @@ def _by_products(arm: Array) -> Array:
 
 def _of_products(turn: Array) -> Array:
     """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
-    found = np.zeros((*turn.shape[:-2], 6, 6))
-    for a, (i, j) in enumerate(_SECOND):
-        for b, (k, m) in enumerate(_SECOND):
-            found[..., a, b] = turn[..., i, k] * turn[..., j, m]
-            if k != m:
-                found[..., a, b] += turn[..., i, m] * turn[..., j, k]
+    (i, j), (k, m) = _PAIRS[:, :, None], _PAIRS[:, None]
+    found: Array = turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k]
     return found

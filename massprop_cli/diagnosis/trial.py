@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once
-from massprop_cli.diagnosis.look import FITS, Look, about_its_body, looked
+from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
 from massprop_cli.diagnosis.suppositions import ENTRIES, Model
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
@@ -31,12 +31,16 @@ HOPELESS, SMALL = 20.0, 0.01
 """Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit."""
 NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
+EARLIEST = 0.5
+"""Cycles below zero that a small step may lead to where a large one doesn't."""
 AGAIN = 16
 """How often one is applied anew from where it led."""
 ROUNDS = 3
 """How often beside another disturbance."""
 STILL = 0.01
 """A change of −2 log likelihood that ends that."""
+BOLD = 3.0
+"""Times what a step promises, that following it on may bring."""
 SLOWLY, FARTHER = 0.3, 0.97
 """Parts of the last step above which the next one goes further, and that it is taken for at most."""
 
@@ -60,20 +64,40 @@ class Trial:
 
 def hopeless(look: Look, found: Fitted) -> bool:
     """Whether what it leaves in the first reduction, which is as good as exact for what it is about, is far too much."""
+    if _before_its_cause(look, found):
+        return True
     turned = any((turn != np.eye(3)).any() for turn in (found.supposed.gyro, found.supposed.accelerometer))
     moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
     left = float(found.chi_square.sum() / look.freedom)
     return not turned and not moved & CURVED and left > max(HOPELESS, SMALL * look.misfit)
 
 
-def tried(look: Look, found: Fitted) -> Trial | None:
-    """A supposition with its best values in log and vehicle file; None where it makes them another testbed's."""
+def _before_its_cause(look: Look, found: Fitted) -> bool:
+    """Whether it takes a delay, a lag or a rise below zero, by more than chance."""
+    (_, vehicle, timing, _), period = look.case, look.case.vehicle.cycle.period_s
+    rise = max((jet.rise_s for jet in vehicle.jets), default=0.0) / period / 2
+    imu = vehicle.imu
+    least = {
+        "delay": timing.delay,
+        "lag": timing.lag,
+        "rise": rise,
+        "gyro_lag": imu.gyro_lag_s / period,
+        "accel_lag": imu.accel_lag_s / period,
+    }
+    return any(float(found.value(name)[0]) < -since - EARLIEST for name, since in least.items())
+
+
+def tried(look: Look, found: Fitted, best: float = np.inf) -> Trial | None:
+    """A supposition with its best values in log and vehicle file; None where it makes them another testbed's.
+
+    It is followed no further than it may come near the ``best`` score so far.
+    """
     case = applied(look.case, found, look.free.fired)
     if case is None:
         look, found = _once_more(look, found)
         excess = look.score(found.chi_square, found)
         return Trial(found, look.case, excess, look.free_cost + excess, _passes(look, found))
-    return refined(look, found, case)
+    return refined(look, found, case, best)
 
 
 def helped(look: Look, begun: Fitted) -> Trial | None:
@@ -116,18 +140,18 @@ def _passes(look: Look, found: Fitted) -> bool:
     return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * look.misfit or not look.loud)
 
 
-def refined(look: Look, found: Fitted, case: Case) -> Trial | None:
-    """What is left once the case is reduced anew, its unknowns moved on from there until they stand.
+def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Trial | None:
+    """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
     what is likeliest there, until that stays.
     """
     beside = look.free.beside
-    found, case, mended = _led(look, found, case, beside)
+    found, case, mended = _led(look, found, case, beside, best)
     for _ in range(ROUNDS):
-        if mended is None or not beside:
+        if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
             break
-        found, case, mended = _led(look, found, case, ())
+        found, case, mended = _led(look, found, case, (), best)
         beside = () if mended is None or mended.free.beside == beside else mended.free.beside
     if mended is None:
         return None
@@ -156,22 +180,26 @@ def _no_drift(found: Fitted) -> bool:
     return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * causes.EXPECTED["drift"])
 
 
-def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> tuple[Fitted, Case, Look | None]:
-    """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now."""
+def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...], best: float) -> tuple[Fitted, Case, Look | None]:
+    """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
+
+    Or until it promises too little to come near the ``best`` cost.
+    """
     mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
     if mended is None or not np.array_equal(mended.free.fired, look.free.fired):
         return found, case, None
     if not found.unknowns:
-        return found, case, about_its_body(mended)
+        return found, case, mended if likely else about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
     for _ in range(AGAIN):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
-        if mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square) < STILL:
+        promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
+        now = mended.cost + _by_units(mended, found, look.case)
+        if promised < STILL or now - BOLD * promised > best + CLEAR:
             break
         step = more.moved
         ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
-        now = mended.cost + _by_units(mended, found, look.case)
         # where steps shrink by little, what they sum up to (Aitken 1926); else one alone
         for part in (1 / (1 - ratio), 1.0) if ratio > SLOWLY else (1.0,):
             further = replace(found, x=_together(found.x, more.along(part), look.model))
@@ -211,7 +239,7 @@ def _by_units(mended: Look, found: Fitted, stated: Case) -> float:
 
 def _explained_by_engine(case: Case, piece: slice) -> bool:
     """Whether the stated noise explains an off-line fit of a piece, as exact as the estimator is."""
-    log, vehicle, timing = case
+    log, vehicle, timing, _ = case
     phase = Phase(name="piece", start_s=0.0, end_s=1.0)
     try:
         return not as_stated(Stream.of(log, vehicle, timing), [(phase, piece)], vehicle, Consider()).dubious

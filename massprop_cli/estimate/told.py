@@ -6,6 +6,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.known import belied
 from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Phase

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.kernel import kernel, pointer
 
 LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
 """Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
@@ -103,6 +105,19 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
     A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
     A torque that does not walk begins as nothing: a steady one is a column of its own.
     """
+    count = len(rates.rate)
+    rows, spread = _innovations(rates, disturbances)
+    found = []
+    for i, beside in enumerate(disturbances):
+        began = 2 if beside.walk > 0 else 1
+        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[rates.used]
+        told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
+        found.append(Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
+    return found
+
+
+def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Array, Array]:
+    """(K, n, 2 + p + 3) of the two unknown beginnings, the columns and the rates, and their variances (K, n); 0 and 1 of others."""
     count, size = len(rates.rate), rates.growth.shape[1]
     states, step, white = _torque(rates.held)
     now = np.zeros((len(disturbances), states, 2 + size + 3))
@@ -112,6 +127,11 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
     rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
     walk = np.eye(states)[1]
     added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in disturbances])
+    if (library := kernel().library) is not None:
+        sizes = (ctypes.c_long(n) for n in (len(now), count, now.shape[2], states))
+        used = np.ascontiguousarray(rates.used, np.uint8)
+        library.mp_host_white(*sizes, *map(pointer, (step, added, used, driven, measured, now, rows, spread)))
+        return rows, spread
     kept = np.zeros_like(added)
     for k in range(count):
         if k > 0:
@@ -125,13 +145,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
         gain = kept[:, :, 0] / spread[k, :, None]
         now += gain[:, :, None] * rows[k][:, None]
         kept = kept - gain[:, :, None] * kept[:, :1]
-    found = []
-    for i, beside in enumerate(disturbances):
-        began = 2 if beside.walk > 0 else 1
-        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[rates.used]
-        told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
-        found.append(Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
-    return found
+    return rows, spread
 
 
 def _torque(held: bool) -> tuple[int, Array, Array]:

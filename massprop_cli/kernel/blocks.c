@@ -22,6 +22,10 @@ SHARED int mp_host_lifted(const double *table, const double *reference, long cou
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
                         double *integral, double *moment);
 
+SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
+                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
+                         double *spread);
+
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -145,6 +149,56 @@ int mp_host_bins(long events, const double *time, const double *step, const doub
             if (!inside) break;
             value += step[next];
             rise += slope[next++];
+        }
+    }
+    return MP_OK;
+}
+
+/* (3, 3) covariance one cycle on: step kept stepT + added, (states, states) each. */
+static void spread_on(double kept[3][3], long states, const double *step, const double *added) {
+    double made[3][3] = {{0}};
+    long i, j, m;
+    for (i = 0; i < states; i++)
+        for (j = 0; j < states; j++)
+            for (m = 0; m < states; m++) made[i][j] += step[i * states + m] * kept[m][j];
+    for (i = 0; i < states; i++)
+        for (j = 0; j < states; j++) {
+            kept[i][j] = added[i * states + j];
+            for (m = 0; m < states; m++) kept[i][j] += made[i][m] * step[j * states + m];
+        }
+}
+
+/* Innovations (count, filters, columns) and their variances (count, filters) of filters on rate and torque, for all columns at once
+ * (massprop_cli/estimate/whitening.py). now: (filters, states, columns) as they begin. */
+int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
+                  const unsigned char *used, const double *driven, const double *measured, double *now, double *rows, double *spread) {
+    long f, k, c, i, j, m;
+    for (f = 0; f < filters; f++) {
+        double kept[3][3] = {{0}}, was[3], gain[3], *state = now + f * states * columns;
+        for (k = 0; k < count; k++) {
+            double *row = rows + (k * filters + f) * columns, *variance = spread + k * filters + f;
+            for (c = 0; k > 0 && c < columns; c++) {
+                for (i = 0; i < states; i++) was[i] = state[i * columns + c];
+                for (i = 0; i < states; i++) {
+                    state[i * columns + c] = i == 0 ? driven[k * columns + c] : 0.0;
+                    for (m = 0; m < states; m++) state[i * columns + c] += step[i * states + m] * was[m];
+                }
+            }
+            if (k > 0) spread_on(kept, states, step, added + f * states * states);
+            *variance = 1.0;
+            if (!used[k]) {
+                memset(row, 0, (size_t)columns * sizeof row[0]);
+                continue;
+            }
+            *variance += kept[0][0];
+            for (i = 0; i < states; i++) gain[i] = kept[i][0] / *variance;
+            for (c = 0; c < columns; c++) {
+                row[c] = measured[k * columns + c] - state[c];
+                for (i = 0; i < states; i++) state[i * columns + c] += gain[i] * row[c];
+            }
+            for (j = 0; j < states; j++) was[j] = kept[0][j];
+            for (i = 0; i < states; i++)
+                for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
         }
     }
     return MP_OK;

@@ -21,6 +21,10 @@ from massprop_cli.prepare.signal import Signal, window_integrals
 TOUCHING = 1e-3
 """Pulses closer than this part of a cycle are one: a jet held on does not fall and rise between cycles."""
 
+NOWHERE = -1
+SMALL, ALIKE = 0.05, 0.999
+"""Part of the largest below which a force or torque is none, and cosine above which two are along one line."""
+
 
 def capability(log: Log, vehicle: Vehicle) -> Array:
     """(r, 6) wrenches that this vehicle can command."""
@@ -100,3 +104,28 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
 def longest_lag_s(vehicle: Vehicle, lag_s: float) -> float:
     """Of any actuator."""
     return max([lag_s, *(lag for rotor in vehicle.rotors for lag in rotor.lags(lag_s))])
+
+
+def along_one_line(log: Log, vehicle: Vehicle) -> list[tuple[int, ...]]:
+    """Channels, two or more each, that push along one line and turn about one axis."""
+    wrench = channel_wrench(log, vehicle)
+    keys = list(zip(lines_of(wrench[:, 3:]), lines_of(wrench[:, :3]), strict=True))
+    groups = (tuple(i for i, own in enumerate(keys) if own == key) for key in dict.fromkeys(keys))
+    return [group for group in groups if 1 < len(group) < len(keys)]
+
+
+def lines_of(vectors: Array) -> list[int]:
+    """A number for each line that vectors (C, 3) lie on, either way round; ``NOWHERE`` for those that are nothing beside the largest."""
+    size = np.linalg.norm(vectors, axis=1)
+    found: list[int] = []
+    units: list[Array] = []
+    for vector, length in zip(vectors, size, strict=True):
+        if length < SMALL * size.max(initial=0.0):
+            found.append(NOWHERE)
+            continue
+        unit = vector / length
+        same = [k for k, one in enumerate(units) if abs(one @ unit) > ALIKE]
+        found.append(same[0] if same else len(units))
+        if not same:
+            units.append(unit)
+    return found

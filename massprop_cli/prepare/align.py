@@ -10,6 +10,7 @@ cycle, which belongs to the step into the next cycle) and the *falling* half (1 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -113,12 +114,23 @@ _PER_CYCLE = (
 )
 
 
-def align(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice | None = None) -> Aligned:
-    """Sum records into cycles and pair each cycle with what was executed during it; all of them, or ``cycles`` with both ends given.
+class Impulses(NamedTuple):
+    """What each command channel did, whatever that makes of the body. K cycles, B bins, C channels."""
 
-    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods; thrust follows them with the first-order
-    lag ``lag_s``. Raises :class:`InputError` if the log is shorter than the delay.
-    """
+    labelled_s: Array
+    """(K,) start of each cycle, as the IMU's clock labels it."""
+    duration_s: Array
+    integral: Array
+    """(K, B, C) s of full thrust."""
+    moment: Array
+    """(K, B, C) s², first moment about each bin's beginning."""
+    thrusting: int
+    stored: Stored | None
+    usable: BoolArray
+
+
+def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice | None = None) -> Impulses:
+    """Commands as executed in each cycle. Of the vehicle its actuators' times count, and not where they are or how strong."""
     of = slice(0, log.cycles) if cycles is None else cycles
     delay_s = delay_cycles * vehicle.cycle.period_s
     usable_s = first_usable_s(log, vehicle, delay_s, lag_s)
@@ -128,8 +140,7 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles:
     before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s, lag_s)))
     ahead = max(float(start[-1] - labelled[-1]), 0.0) / vehicle.cycle.period_s
     issued = slice(before, min(of.stop + 1 + int(np.ceil(ahead)), log.cycles))
-    wrench = channel_wrench(log, vehicle)
-    bins, count, records = vehicle.estimator.bins_per_cycle, len(start), log.records_per_cycle
+    bins, count = vehicle.estimator.bins_per_cycle, len(start)
     edges = _bin_edges(start, duration, bins)
     integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges, lag_s)
     thrusting, stored = integral.shape[1], None
@@ -137,26 +148,54 @@ def align(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles:
         torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
         integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
     integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)
-    bin_s = (duration / bins)[:, None, None]
-    rising = (moment / bin_s + np.arange(bins)[:, None] * integral).sum(1) / bins
-    channels = Channels(frozen(rising), frozen(integral.sum(1)), wrench, thrusting)
+    return Impulses(labelled, duration, integral, moment, thrusting, stored, labelled >= usable_s)
+
+
+def channels_of(made: Impulses, wrench: Array) -> Channels:
+    """Impulses of whole cycles, of channels whose ``wrench`` (C, 6) at full that is."""
+    bins = made.integral.shape[1]
+    bin_s = (made.duration_s / bins)[:, None, None]
+    rising = (made.moment / bin_s + np.arange(bins)[:, None] * made.integral).sum(1) / bins
+    return Channels(frozen(rising), frozen(made.integral.sum(1)), wrench, made.thrusting)
+
+
+def net(part: Array, wrench: Array) -> Array:
+    """(..., 6) what channels (..., C) make together; nothing where they cancel but for rounding."""
+    found: Array = part @ wrench
+    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
+    return found
+
+
+def align(
+    log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycles: slice | None = None, made: Impulses | None = None
+) -> Aligned:
+    """Sum records into cycles and pair each cycle with what was executed during it; all of them, or ``cycles`` with both ends given.
+
+    ``delay_cycles`` (0 or more, may be fractional) shifts commands by that many nominal periods; thrust follows them with the first-order
+    lag ``lag_s``. ``made`` is what :func:`impulses` gives, where that is at hand. :class:`InputError` if the log is shorter than the delay.
+    """
+    of, records = slice(0, log.cycles) if cycles is None else cycles, log.records_per_cycle
+    made = made or impulses(log, vehicle, delay_cycles, lag_s, cycles)
+    wrench, duration = channel_wrench(log, vehicle), made.duration_s
+    channels = channels_of(made, wrench)
+    bin_s = (duration / made.integral.shape[1])[:, None, None]
     each = slice(of.start * records, of.stop * records)
     return Aligned(
-        start_s=frozen(labelled),
+        start_s=frozen(made.labelled_s),
         duration_s=frozen(duration),
         rate_imu_rad_s=frozen(log.delta_theta_imu_rad[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
         specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
-        impulse_bins=frozen(_net(integral, wrench)),
-        skew_bins=frozen(_net(moment / bin_s - integral / 2, wrench)),
-        rising=frozen(_net(rising, wrench)),
-        falling=frozen(_net(channels.whole - rising, wrench)),
+        impulse_bins=frozen(net(made.integral, wrench)),
+        skew_bins=frozen(net(made.moment / bin_s - made.integral / 2, wrench)),
+        rising=frozen(net(channels.rising, wrench)),
+        falling=frozen(net(channels.whole - channels.rising, wrench)),
         channels=channels,
-        pulse_covariance=_pulse_covariance(channels.whole[:, :thrusting], wrench[:thrusting], vehicle.thrust.pulse_sigma),
+        pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
-        usable=labelled >= usable_s,
-        ignored=np.zeros((count, 2), dtype=bool) if log.ignored is None else log.ignored[of],
-        stored=stored,
+        usable=made.usable,
+        ignored=np.zeros((len(duration), 2), dtype=bool) if log.ignored is None else log.ignored[of],
+        stored=made.stored,
     )
 
 
@@ -177,13 +216,6 @@ def _memory_s(vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
     return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle, lag_s)
-
-
-def _net(part: Array, wrench: Array) -> Array:
-    """(..., 6) what channels (..., C) make together; nothing where they cancel but for rounding."""
-    found: Array = part @ wrench
-    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
-    return found
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

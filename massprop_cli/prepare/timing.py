@@ -8,7 +8,7 @@ from typing import NamedTuple
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
-from massprop_cli.prepare.align import align
+from massprop_cli.prepare.align import Impulses, align
 from massprop_cli.prepare.compensate import Samples, compensate
 
 
@@ -18,10 +18,10 @@ class Timing(NamedTuple):
     delay: float
     lag: float
 
-    def of(self, log: Log, vehicle: Vehicle) -> Samples:
-        """The log's samples under this timing."""
+    def of(self, log: Log, vehicle: Vehicle, made: Impulses | None = None) -> Samples:
+        """The log's samples under this timing; ``made`` is what commands do under it, where that is known."""
         log = lowpass.undone(log, vehicle)
-        return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle)), vehicle)
+        return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle), made=made), vehicle)
 
     def lag_s(self, vehicle: Vehicle) -> float:
         """The lag in seconds."""

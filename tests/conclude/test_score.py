@@ -12,7 +12,8 @@ from massprop_cli.conclude import score
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.prepare.actuators import along_one_line, channel_names
 from massprop_cli.testbed import scenario, simulate
 
 PLAN = [
@@ -82,3 +83,23 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
             off = abs((estimate.value or 0.0) - true) / (estimate.sigma or np.inf)
             assert off < 4.5 or estimate.verdict == "contradicted"
         assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
+
+
+def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
+    jets = [jet.name for jet in flown.vehicle.jets]
+    pair = tuple(jets.index(name) for name in ("divert_xp", "divert_xn"))
+    keys = [f"jets.{i}.force_n={[1.005 * f for f in flown.vehicle.jets[i].force_n]}" for i in pair]
+    found = examined(flown.log(0), changed(flown.vehicle, keys))
+    assert found.examination is not None
+    groups = along_one_line(found.log, found.vehicle)
+    assert pair in groups
+    monkeypatch.setattr(score, "SURE", 0.0)
+    told = {doubt.what: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
+    alone = np.array([told[f"thrust of {jets[i]}"].sigmas for i in pair])
+    together = told[f"thrust of {jets[pair[0]]}, {jets[pair[1]]}"]
+    assert together.sigmas**2 == pytest.approx(left(found) - left(examined(flown.log(0), flown.vehicle)), rel=0.15)
+    assert together.sigmas > alone.max()
+    assert together.faint
+    assert not told[f"thrust of {jets[pair[0]]}"].faint

@@ -9,9 +9,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import channelwise
-from massprop_cli.diagnosis.channelwise import Design
+from massprop_cli.diagnosis.design import Design, Designs, _verticals, verticals
 from massprop_cli.estimate import whitening
 from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import compensate
@@ -64,6 +66,31 @@ def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covarian
     np.testing.assert_allclose(found, oracle, rtol=1e-8, atol=1e-12)
 
 
+@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel")
+@pytest.mark.parametrize("held", [False, True])
+def test_the_kernel_makes_white_what_numpy_does(held: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    rates = whitening.Driven(rng.standard_normal((299, 20)), rng.standard_normal((300, 3)), rng.random(300) > 0.02, 1e-3, held)
+    tried = [Disturbance(1e-3, walk) for walk in (0.0, 1e-6, 1e-2)]
+    compiled = whitening._innovations(rates, tried)
+    monkeypatch.setattr(whitening, "kernel", lambda: Kernel(None, "none"))
+    for one, other in zip(compiled, whitening._innovations(rates, tried), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)
+
+
+def test_commands_that_are_executed_once_make_the_columns_that_they_make_anew() -> None:
+    """Of jets that are stronger, then slower too, after those as stated."""
+    flown, designs = flight.standard("free"), Designs()
+    log, piece, jets = flown.log(), slice(2, 320), flown.used.jets
+    stronger = tuple(jet.model_copy(update={"force_n": tuple(1.1 * f for f in jet.force_n)}) for jet in jets)
+    slower = tuple(jet.model_copy(update={"rise_s": jet.rise_s + 0.004}) for jet in stronger)
+    for own in (jets, stronger, slower):
+        vehicle = Vehicle.model_construct(**{**dict(flown.used), "jets": own})
+        kept, anew = designs.of(log, vehicle, DELAY, piece), Designs().of(log, vehicle, DELAY, piece)
+        np.testing.assert_array_equal(kept.growth, anew.growth)
+        np.testing.assert_array_equal(kept.mean, anew.mean)
+
+
 def test_a_logs_own_motion_leaves_nothing_but_noise() -> None:
     for kind in ("free", "air_bearing"):
         flown = flight.standard(kind)
@@ -89,10 +116,10 @@ def test_the_vertical_moves_as_the_integrated_attitude_does() -> None:
     """Against the attitude of a gyro that has the error in it."""
     flown = flight.standard("air_bearing")
     samples = compensate(flown.aligned(), flown.used)
-    moved = dict(channelwise._verticals(samples, flown.used))
+    moved = dict(_verticals(samples, flown.used))
     bias = 1e-5
     rate = samples.rate_rad_s + bias * np.array([0.0, 1.0, 0.0])
-    (with_bias,) = channelwise.verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
+    (with_bias,) = verticals(rate[None], samples.executed.duration_s, samples.up_b[0])
     # what is integrated is less by the bias than what is measured
     np.testing.assert_allclose(-(with_bias - samples.up_b) / bias, moved["gyro_bias 1"], atol=1e-3 * np.abs(moved["gyro_bias 1"]).max())
     assert np.abs(np.einsum("ki,ki->k", moved["east"], samples.up_b)).max() < 1e-9

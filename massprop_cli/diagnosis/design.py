@@ -1,0 +1,287 @@
+"""The columns that a stretch of a log gives, which decide what its rates and specific force do by coefficients that are free.
+
+What commands do is the same under every supposition about jets' places and strengths or the IMU, and so is gone through once for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import rotation
+from massprop_cli.estimate.whitening import Driven
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.gyroscopic import products
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.lifted import integrals
+from massprop_cli.model.plant import plant_of
+from massprop_cli.model.within import motion_within
+from massprop_cli.prepare import lowpass
+from massprop_cli.prepare.actuators import channel_wrench
+from massprop_cli.prepare.align import Impulses, channels_of, impulses, net
+from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.timing import Timing
+
+SHIFT = 0.25
+"""Cycles by which commands are moved to see what a delay would do."""
+SLOWER = 0.02
+"""Cycles by which half of the thrust is made to come later by a longer rise and fall, to see what that would do."""
+SWUNG = ("gyro_scale", "gyro_turn", "gyro_bias")
+"""Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical."""
+ANGLE = 1e-4
+"""Half the difference behind a derivative of the vertical."""
+COUPLING = 0.5
+"""Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
+inertia's differences over one of them, squared, as it is of a slab."""
+KEPT = 16
+"""Timings of commands that are remembered."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Columns of one stretch of a log. K cycles, p columns."""
+
+    places: Mapping[str, slice]
+    """Where each kind of column stands."""
+    fired: IntArray
+    """Indices of the channels that have a column."""
+    growth: Array
+    """(K − 1, p) what a unit acceleration by each column adds to the mean rate."""
+    mean: Array
+    """(K, p) mean over each cycle."""
+    rate: Array
+    """(K, 3) measured, rad/s."""
+    force: Array
+    """(K, 3) measured specific force, m/s²."""
+    cycle_s: float
+    """Mean length of a cycle."""
+    level: Array
+    """(3, 3) mean projector on the level plane, body axes."""
+    used: BoolArray
+    """(K, 2) whether gyro and accelerometer are."""
+    clock_s: tuple[float, float]
+    """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
+
+    @property
+    def driven(self) -> Driven:
+        """The rates, as they are made white."""
+        coupling = COUPLING * float((self.rate**2).sum(1).mean()) * self.cycle_s**2
+        return Driven(self.growth, self.rate, self.used[:, 0], coupling)
+
+
+class _Window(NamedTuple):
+    """What commands do under one timing: (K, 6) under the rising half of the window, and in all."""
+
+    rising: Array
+    impulse: Array
+
+
+class Designs:
+    """Those of cases that differ by what is supposed."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[object, ...], tuple[Array, Impulses]] = {}
+        self._last: tuple[tuple[object, ...], Design] | None = None
+
+    def of(self, log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
+        """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given.
+
+        :class:`InputError` if they are too few.
+        """
+        asked = (log, vehicle, timing, piece, None if theta is None else theta.tobytes())
+        if self._last is None or not all(a is b or (i > 1 and a == b) for i, (a, b) in enumerate(zip(self._last[0], asked, strict=True))):
+            self._last = asked, self._design(log, vehicle, timing, piece, theta)
+        return self._last[1]
+
+    def _design(self, log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None) -> Design:
+        lag_s = timing.lag_s(vehicle)
+        samples = timing.of(log, vehicle, self._impulses(log, vehicle, timing.delay, lag_s))
+        cycles = slice(max(piece.start, int(np.argmax(samples.executed.usable)) + 1), min(piece.stop, len(samples) - 1))
+        if cycles.stop - cycles.start < 2:
+            raise InputError(
+                f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands"
+            )
+        sides = [self._window(log, vehicle, timing.delay + by, lag_s) for by in (-SHIFT, SHIFT)]
+        risen = self._window(log, _slower(vehicle), timing.delay, lag_s) if log.command_kind == "jets" else None
+        parts = list(_columns(samples, sides, risen, vehicle, cycles))
+        places, at = {}, 0
+        for name, growth, _ in parts:
+            places[name] = slice(at, at + growth.shape[1])
+            at += growth.shape[1]
+        count = len(parts[0].mean)
+        if count < 2 * at:
+            raise InputError(f"{log.path}: {count} cycles are too few for {at} free columns")
+        fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
+        growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
+        rate = samples.rate_rad_s[cycles]
+        if theta is not None:
+            rate = rate - _by_body(samples.part(cycles), vehicle, theta, places, growth, mean)
+        middle_s = samples.executed.start_s[cycles] + samples.executed.duration_s[cycles] / 2
+        cycle_s, up = float(samples.executed.duration_s[cycles].mean()), samples.up_b[cycles]
+        return Design(
+            places,
+            fired,
+            growth,
+            mean,
+            rate,
+            samples.specific_force_m_s2[cycles],
+            cycle_s,
+            np.eye(3) - up.T @ up / len(up),
+            ~samples.executed.ignored[cycles],
+            (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
+        )
+
+    def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
+        wrench = channel_wrench(log, vehicle)
+        channels = channels_of(self._impulses(log, vehicle, delay, lag_s), wrench)
+        return _Window(net(channels.rising, wrench), net(channels.whole, wrench))
+
+    def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
+        """What the commands do, as before where nothing differs that they go by."""
+        times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
+        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times)
+        if key not in self._made:
+            if len(self._made) == KEPT:
+                del self._made[next(iter(self._made))]
+            self._made[key] = log.command, impulses(log, vehicle, delay, lag_s)  # the array held, no other has its id
+        return self._made[key][1]
+
+
+def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
+    """(K, 3) rate by the swing of a body's CG. Products of rates and the vertical are set to what they are in the motion that it has."""
+    lift = Lift(plant_of(vehicle))
+    within = motion_within(samples, lift.reference(theta), lift)
+    step, whole, swung = integrals(samples, lift, theta, within)
+    for name, column in (("products", lift.channels - 6), ("up", 3), ("level", 6)):
+        if name in places:
+            own = places[name]
+            here = slice(column, column + own.stop - own.start)
+            growth[:, own], mean[:, own] = step[:, here], whole[:, here]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
+
+
+def _slower(vehicle: Vehicle) -> Vehicle:
+    """With jets that rise and fall so that half of their thrust comes ``SLOWER`` cycles later."""
+    by = 2 * SLOWER * vehicle.cycle.period_s
+    jets = tuple(jet.model_copy(update={"rise_s": jet.rise_s + by, "fall_s": jet.fall_s + by}) for jet in vehicle.jets)
+    return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})
+
+
+class _Part(NamedTuple):
+    name: str
+    growth: Array
+    mean: Array
+
+
+def _columns(samples: Samples, sides: Sequence[_Window], risen: _Window | None, vehicle: Vehicle, cycles: slice) -> list[_Part]:
+    """Each kind: (K − 1, n) growth of the rate, (K, n) means. ``sides``: commands earlier, later; ``risen``: slower thrust."""
+    executed = samples.executed
+    duration = executed.duration_s[cycles, None]
+    lasting = (duration[:-1] + duration[1:]) / 2
+    rate, channels = samples.rate_rad_s[cycles], executed.channels
+    fired = (channels.whole[cycles] != 0).any(0)
+    middle, step = (rate[1:] + rate[:-1]) / 2, np.diff(rate, axis=0)
+    # of a rate that grows linearly: its mean square under the triangular window, and over a cycle
+    product = (products(middle) + products(step) / 6) * lasting
+    inner = np.gradient(rate, axis=0)
+
+    def windowed(rising: Array, whole: Array) -> Array:
+        found: Array = rising[cycles][:-1] + (whole - rising)[cycles][1:]
+        return found
+
+    wrench = windowed(executed.rising, executed.impulse), executed.impulse[cycles] / duration
+    early, late = ((windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in sides)
+    later = [(b - a) / (2 * SHIFT) for a, b in zip(early, late, strict=True)]
+    smeared = [(a - 2 * w + b) / SHIFT**2 for a, w, b in zip(early, wrench, late, strict=True)]
+    middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
+    clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
+    clocks = (clock[1:] + clock[:-1]) / 2, clock
+    parts = [
+        _Part("channels", windowed(channels.rising, channels.whole)[:, fired], channels.whole[cycles][:, fired] / duration),
+        _Part("products", product, products(rate) + products(inner) / 12),
+        _Part("constant", lasting, np.ones_like(duration)),
+        _Part("rates", middle * lasting, rate),
+        _Part("later", *later),
+        *_lagging(vehicle, *later),
+        _Part("smeared", *smeared),
+        _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
+        _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
+    ]
+    if risen is not None:
+        then = windowed(risen.rising, risen.impulse), risen.impulse[cycles] / duration
+        parts.append(_Part("rising", *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
+    if vehicle.on_air_bearing:
+        parts += _by_gravity(samples, vehicle, cycles, lasting)
+    if plant_of(vehicle).tilt_sigma > 0:
+        rate = samples.rate_rad_s
+        level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, np.eye(3)[:2])
+        parts += [_turning_with(f"slope {i}", edges, cycles, lasting) for i, edges in enumerate(level)]
+    return parts
+
+
+def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
+    """What comes later as sensors see it that lag by so much already: ``d/dL 1 / (1 + sL)``, as a low-pass of what was undone has it."""
+    imu, period = vehicle.imu, vehicle.cycle.period_s
+    if imu.gyro_lag_s == 0 and imu.accel_lag_s == 0:
+        return []
+    seen = [lowpass.applied(part, period, lag) for part, lag in ((growth, imu.gyro_lag_s), (mean, imu.accel_lag_s))]
+    return [_Part("lagging", *seen)]
+
+
+def _turning_with(name: str, vector: Array, cycles: slice, lasting: Array) -> _Part:
+    """Of a vector (K + 1, 3) at the edges of all cycles."""
+    edges = vector[cycles.start : cycles.stop + 1]
+    bent = np.zeros_like(edges)
+    bent[1:-1] = edges[2:] - 2 * edges[1:-1] + edges[:-2]
+    return _Part(name, (edges + bent / 12)[1:-1] * lasting, (edges[1:] + edges[:-1]) / 2 - (bent[1:] + bent[:-1]) / 24)
+
+
+def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Array) -> list[_Part]:
+    """The vertical, and what moves it; each (K − 1, 3) under the triangular window, (K, 3) means."""
+    executed = samples.executed
+    duration = executed.duration_s[cycles, None]
+    mean = (samples.up_b[:-1] + samples.up_b[1:]) / 2
+    # what of the force acts along the vertical, under both halves of the window
+    rising, falling = ((-mean * (mean * part).sum(1, keepdims=True))[cycles] for part in (executed.rising[:, 3:], executed.falling[:, 3:]))
+    level = _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)
+
+    parts = [_turning_with("up", samples.up_b, cycles, lasting), level]
+    if executed.attitude_wxyz is None:
+        parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
+    return parts
+
+
+def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
+    """(K + 1, 3) by how much the vertical, integrated from the gyro, moves for a unit of what it may have wrong."""
+    rate, mounting, unit = samples.rate_rad_s, np.array(vehicle.imu.body_from_imu), np.eye(3)
+    changes = {}
+    for i in range(3):
+        changes[f"gyro_scale {i}"] = -np.outer(rate @ mounting[:, i], mounting[:, i])
+        changes[f"gyro_turn {i}"] = np.cross(rate, unit[i])
+        changes[f"gyro_bias {i}"] = np.broadcast_to(-unit[i], rate.shape)
+    moved = np.stack(list(changes.values()))
+    ups = verticals(np.concatenate([rate + ANGLE * moved, rate - ANGLE * moved]), samples.executed.duration_s, samples.up_b[0])
+    slopes = (ups[: len(moved)] - ups[len(moved) :]) / (2 * ANGLE)
+    # what is level in the world, seen from the body
+    level = np.linalg.svd(samples.up_b[:1])[2][1:]
+    east, north = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, level)
+    return [("east", east), ("north", north), *zip(changes, slopes, strict=True)]
+
+
+def verticals(rate: Array, duration_s: Array, start: Array) -> Array:
+    """(n, K + 1, 3) a direction of the world in body axes that turn at n rates (n, K, 3) from ``start`` (3,) or (n, 3) on."""
+    turns = rate * duration_s[:, None]
+    vectors = turns.copy()
+    vectors[:, 1:] += np.cross(turns[:, :-1], turns[:, 1:]) / 12
+    back = np.swapaxes(rotation(vectors), -1, -2)
+    found = np.empty((len(rate), rate.shape[1] + 1, 3))
+    found[:, 0] = start
+    for k in range(rate.shape[1]):
+        found[:, k + 1] = (back[:, k] @ found[:, k, :, None])[..., 0]
+    return found
