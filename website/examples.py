@@ -184,6 +184,7 @@ WARNINGS: dict[str, Example] = {
         ("unphysical-inertia", "scenarios/refined/log.parquet", ("estimator.method=thesis",), INERTIA),
     )
 } | {
+    "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),
     "fuel-use": Example(partial(_flown, "free-flyer", "fuel.specific_impulse_s=4", "vehicle.imu.accel_noise_m_s2=0.002"), *FORCE),

@@ -120,7 +120,7 @@ def lines_of(vectors: Array) -> list[int]:
     found: list[int] = []
     units: list[Array] = []
     for vector, length in zip(vectors, size, strict=True):
-        if length < SMALL * size.max(initial=0.0):
+        if length <= SMALL * size.max(initial=0.0):
             found.append(NOWHERE)
             continue
         unit = vector / length

@@ -18,6 +18,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import parquetheader
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
+ROUNDING = 1e-9
+"""Sigmas by sigmas that what is symmetric may be apart."""
 LOGS = (".parquet", ".csv")
 """Endings of tables, which are no results."""
 
@@ -91,7 +93,10 @@ def _contradiction(part: PhaseItem | DockedObject) -> str:
         if item.value is not None and item.sigma is None:
             return f"{name} has a value and no sigma"
     covariance = np.array(part.covariance, dtype=float)
-    if not np.array_equal(covariance, covariance.T, equal_nan=True) or (np.diag(covariance) < 0).any():
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    apart = np.abs(covariance - covariance.T) > ROUNDING * np.outer(sigmas, sigmas)
+    unmatched = np.isnan(covariance) != np.isnan(covariance.T)
+    if (apart | unmatched).any() or (np.diag(covariance) < 0).any():
         return "covariance is not symmetric, or has a variance below 0"
     return ""
 
