@@ -157,7 +157,7 @@ def estimated(number: int) -> tuple[bool, flow.Analysis, Array]:
 def main() -> None:
     """The page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--vehicles", type=int, default=400)
+    parser.add_argument("--vehicles", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
     asked = parser.parse_args()
     errors: dict[bool, list[float]] = {False: [], True: []}
