@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import mend, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
@@ -31,11 +34,20 @@ def analyse(
 
 def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), progress: Progress | None = None) -> Analysis:
     """The same from a log at hand: estimate, look for what contradicts, mend it beside, judge."""
-    say = progress or (lambda *_: None)
+    try:
+        return _examined(log, source, assignments, progress or (lambda *_: None))
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{log.path}: no estimate stands on this log beside {source.source or 'this vehicle'} ({error}): their numbers are orders of "
+            "magnitude apart; check units, noise levels, [known] and estimator settings"
+        ) from None
+
+
+def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
     found = estimated(clipped.with_unstated(log), source, assignments, say)
     parts = split.at_change(found)
     if parts is not None:
-        again = examine(found.log, parts, assignments, progress)
+        again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
     answers = mend.mended(found, say)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
+import numpy as np
+
 from massprop_cli.estimate import compiled, flown
 from massprop_cli.estimate.causal import Causal
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.rows import Rows
 from massprop_cli.estimate.told import Told
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.handed import StatusError
@@ -39,7 +42,12 @@ def replay(
         if progress is not None:
             progress((causal.run.at - cycles.start) / (cycles.stop - cycles.start))
         begun = causal.run.at
-        told.add(causal.block())
+        try:
+            told.add(causal.block())
+        except np.linalg.LinAlgError:
+            # an estimate so far astray that its numbers end: nothing more can be said
+            told.add(Rows.untold(cycles.stop - cycles.start - told.count))
+            return told.history(samples, phase, None)
         if causal.run.at == begun:
             break  # a block at the log's end is what it would have been in a longer log
     return told.history(samples, phase, causal.run.estimate if causal.started else None)
