@@ -38,7 +38,6 @@ def errors(seeds: int, *settings: str) -> tuple[Array, set[str]]:
     return np.array(found), codes
 
 
-@pytest.mark.numerical
 @pytest.mark.parametrize(
     "stated",
     [
