@@ -42,7 +42,7 @@ def peak(log: Path) -> int:
     return 1024 * int(done.stdout)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_log_three_times_as_long_takes_little_more_memory(tmp_path: Path) -> None:
     short, long = (peak(flown(cycles, tmp_path / str(cycles))) for cycles in (8_000, 24_000))
     assert long - short < PER_CYCLE * 16_000
