@@ -15,7 +15,7 @@ visible: the least-squares error that a residual of size √Q, aligned with the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,6 @@ SIGNIFICANT = 5.5
 """Normal deviate that a channel must exceed: one of 50 million clean ones does by chance. benchmarks/faults.py moves if it is changed."""
 WANDER = 21
 """Cycles within which what wanders hardly moves, and pulses begin and end."""
-CORRELATED = 4.0
-"""Of :func:`correlation`."""
 SPARE = 3
 """Residuals that there must be for each probe."""
 
@@ -50,10 +48,9 @@ SPARE = 3
 def correlation(stated: Vehicle) -> float:
     """By how much the squares that motion explains of what is left may exceed those of white noise where the model holds.
 
-    A pulse's error and a cycle's torque turn the rate in two steps, half in each: twice as much of it lies in what is slow, and more where
-    pulses of several sizes follow each other.
+    A pulse's error and a cycle's torque turn the rate in two steps, half in each: (1 + z⁻¹) / 2 has twice its mean power where it is slow.
     """
-    return CORRELATED if stated.thrust.pulse_sigma > 0 or stated.environment.disturbance_torque_n_m > 0 else 1.0
+    return 2.0 if stated.thrust.pulse_sigma > 0 or stated.environment.disturbance_torque_n_m > 0 else 1.0
 
 
 def innovation_test(history: History, samples: Source, spread: float = 1.0) -> Array:
@@ -129,12 +126,12 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     if plant_of(vehicle).tilt_sigma > 0:
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
-    turning, pushing = _weights(here, reference, vehicle)
+    turning, pushing = _weights(here, system.moment_to_rate, reference, vehicle)
     ignored = here.executed.ignored
-    rates = _Rows(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1], len(growth))
-    forces = _Rows(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole), len(felt))
+    rates = _Rows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])
+    forces = _Rows.of_all(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole))
     steps, whole = _held(ignored[1:, 0] | ignored[:-1, 0]), _held(ignored[:, 1])
-    return (rates.of(steps), turning[steps]), (forces.of(whole), pushing[whole])
+    return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
 
 
 def _held(ignored: BoolArray) -> NDArray[np.intp]:
@@ -144,77 +141,81 @@ def _held(ignored: BoolArray) -> NDArray[np.intp]:
     return used[np.maximum(np.searchsorted(used, every, "right") - 1, 0)] if len(used) else every
 
 
-def _weights(here: Samples, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
-    """(K − 1,) and (K,) weights that make stated pulse errors as large in every cycle as the IMU's noise alone is."""
-    covariance, count = here.executed.pulse_covariance, len(here)
-    if covariance is None:
-        return np.ones(count - 1), np.ones(count)
-    moment = np.linalg.inv(reference.inertia) @ plant_of(vehicle).jet_moment(reference)
-    turned = np.trace(moment @ covariance @ moment.T, axis1=1, axis2=2) / 3
-    pushed = np.trace(felt_noise(here, reference, vehicle), axis1=1, axis2=2) / 3
-    gyro, accel = 2 * vehicle.imu.gyro_noise_rad_s**2, vehicle.imu.accel_noise_m_s2**2
-    return np.sqrt(gyro / (gyro + turned[:-1] + turned[1:])), np.sqrt(accel / (accel + pushed))
+def _weights(here: Samples, to_rate: Array, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
+    """(3, K − 1) and (3, K) weights that make each row as noisy as the quietest along its axis, of what is stated.
+
+    ``to_rate`` (K − 1, 3, 3) is what an impulse of moment in each step does to the rate.
+    """
+    torque = vehicle.environment.disturbance_torque_n_m * here.executed.duration_s[1:, None, None]
+    impulse = torque**2 * np.eye(3)
+    if here.executed.pulse_covariance is not None:
+        moment = plant_of(vehicle).jet_moment(reference)
+        pulses = moment @ here.executed.pulse_covariance @ moment.T
+        impulse = impulse + (pulses[:-1] + pulses[1:]) / 2
+    turned = 2 * vehicle.imu.gyro_noise_rad_s**2 + np.einsum("kij,kjl,kil->ik", to_rate, impulse, to_rate)
+    pushed = vehicle.imu.accel_noise_m_s2**2 + np.einsum("kii->ik", felt_noise(here, reference, vehicle))
+    return np.sqrt(_quietest(turned) / turned), np.sqrt(_quietest(pushed) / pushed)
+
+
+def _quietest(variance: Array) -> Array:
+    found: Array = variance.min(1, keepdims=True)
+    return found
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Regressors (N, 3, 10), residual (N, 3) and probes (N, d) of one kind of measurement; ``count`` rows, which N stand for."""
+    """Of one kind of measurement; ``count`` rows, which N stand for."""
 
-    regressors: Array
-    residual: Array
-    probes: Array
+    table: Array
+    """(3, N, 11 + d) along each axis: regressors on the ten parameters, what is left, d probes."""
     count: int
 
+    @staticmethod
+    def of_all(regressors: Array, residual: Array, probes: Array) -> _Rows:
+        """Of regressors (N, 3, 10), what is left (N, 3) and probes (N, d) that are the same along each axis."""
+        each = np.broadcast_to(probes, (3, *probes.shape))
+        return _Rows(np.concatenate([np.moveaxis(regressors, 1, 0), residual.T[..., None], each], -1), len(residual))
+
     def weighted(self, weight: Array) -> _Rows:
-        return replace(
-            self,
-            regressors=self.regressors * weight[:, None, None],
-            residual=self.residual * weight[:, None],
-            probes=self.probes * weight[:, None],
-        )
+        """By weights (3, N)."""
+        return _Rows(self.table * weight[..., None], self.count)
 
     def of(self, rows: NDArray[np.intp]) -> _Rows:
         """These rows, which stand for as many as before."""
-        return _Rows(self.regressors[rows], self.residual[rows], self.probes[rows], self.count)
+        return _Rows(self.table[:, rows], self.count)
 
     def quick(self, weight: Array) -> _Rows:
-        """Less what wanders, as rows of such weights show it."""
-        return _Rows(_quick(self.regressors, weight), _quick(self.residual, weight), _quick(self.probes, weight), self.count)
+        """Less what wanders, as rows of weights (3, N) show it."""
+        return _Rows(_quick(self.table, weight[..., None] ** 2), self.count)
 
     def part(self, rows: slice) -> _Rows:
-        found = self.regressors[rows]
-        return _Rows(found, self.residual[rows], self.probes[rows], len(found))
+        found = self.table[:, rows]
+        return _Rows(found, found.shape[1])
 
     def joined(self, other: _Rows) -> _Rows:
-        return _Rows(
-            np.concatenate([self.regressors, other.regressors]),
-            np.concatenate([self.residual, other.residual]),
-            np.concatenate([self.probes, other.probes]),
-            self.count + other.count,
-        )
+        return _Rows(np.concatenate([self.table, other.table], 1), self.count + other.count)
 
     def folded(self) -> _Rows:
-        """As the triangle of an orthogonal factorisation, with the same sums of products."""
-        upper = triangle_of(np.hstack([self.regressors.reshape(-1, 30), self.residual, self.probes]))
-        return _Rows(upper[:, :30].reshape(-1, 3, 10), upper[:, 30:33], upper[:, 33:], self.count)
+        """As the triangles of orthogonal factorisations, with the same sums of products."""
+        return _Rows(np.stack([triangle_of(own) for own in self.table]), self.count)
 
 
 def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     """(10,) δ² of one kind of measurement."""
-    regressors, residual, probes = rows.regressors, rows.residual, rows.probes
+    regressors, residual = rows.table[..., :10], rows.table[..., 10]
     size = np.sqrt((regressors**2).sum((0, 1)))
     seen = size > 0
-    flat = (regressors[:, :, seen] / size[seen]).reshape(-1, int(seen.sum()))
+    flat = (regressors[..., seen] / size[seen]).reshape(-1, int(seen.sum()))
     left, singular, right = np.linalg.svd(flat, full_matrices=False)
     kept = singular > 1e-6 * singular.max(initial=0.0)
     left, singular, right = left[:, kept], singular[kept], right[kept]
     residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
-    basis = _orthonormal(probes)
-    count, freedom = basis.shape[1], rows.count - basis.shape[1]
-    if count == 0 or rows.count < SPARE * count:
+    bases = [_orthonormal(probes) for probes in rows.table[..., 11:]]
+    count = np.array([basis.shape[1] for basis in bases])
+    if not count.all() or rows.count < SPARE * count.max():
         return np.zeros(10)
-    explained = ((basis.T @ residual) ** 2).sum(0)
-    pure = spread * np.maximum(((residual**2).sum(0) - explained) / freedom, 1e-300)
+    explained = np.array([((basis.T @ own) ** 2).sum() for basis, own in zip(bases, residual, strict=True)])
+    pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), 1e-300)
     excess = np.where(_deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
     found = np.zeros(10)
     gain = ((right / singular[:, None]) ** 2).sum(0) / size[seen] ** 2
@@ -224,18 +225,18 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
 
 
 def _quick(values: Array, weight: Array) -> Array:
-    """Less the mean of the :data:`WANDER` rows around each, by the squares of their weights."""
-    half = min(WANDER, len(values) - 1) // 2
-    first = np.maximum(np.arange(len(values)) - half, 0)
-    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
-    across = (slice(None), *[None] * (values.ndim - 1))
+    """(3, N, c) less the mean, by ``weight`` (3, N, 1), of the :data:`WANDER` rows around each."""
+    count = values.shape[1]
+    half = min(WANDER, count - 1) // 2
+    first = np.maximum(np.arange(count) - half, 0)
+    last = np.minimum(np.arange(count) + half + 1, count)
 
     def around(summed: Array) -> Array:
-        total = np.concatenate([np.zeros((1, *summed.shape[1:])), np.cumsum(summed, axis=0)])
-        found: Array = total[last] - total[first]
+        total = np.concatenate([np.zeros_like(summed[:, :1]), np.cumsum(summed, axis=1)], 1)
+        found: Array = total[:, last] - total[:, first]
         return found
 
-    quick: Array = values - around(weight[across] ** 2 * values) / around(weight**2)[across]
+    quick: Array = values - around(weight * values) / around(weight)
     return quick
 
 
@@ -276,7 +277,7 @@ def _orthonormal(columns: Array) -> Array:
     return basis
 
 
-def _deviate(mean: Array, count: int) -> Array:
+def _deviate(mean: Array, count: Array | int) -> Array:
     """Normal deviate of a mean of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
     spread = 2 / (9 * count)
     found: Array = (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)

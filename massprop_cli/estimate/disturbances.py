@@ -15,7 +15,6 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.estimate.unexplained import residual_growth
-from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
@@ -41,10 +40,11 @@ GROSS, GROSS_LEAST = 1.5, 50
 this: a variance scatters by a fifth of itself over so many."""
 
 
-def misfit(histories: Sequence[History], vehicle: Resolved) -> Array:
+def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False) -> Array:
     """(6,) variance of the normalised innovations per channel where it is in excess of 1, NaN where noise explains them.
 
-    The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white.
+    The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white. ``sized``:
+    some of the noise was found here; what is stated is believed more.
     """
     rows = [np.clip(h.normalised[np.isfinite(h.normalised).all(1)], -CLIP, CLIP) for h in histories]
     rows = [z for z in rows if len(z) >= LEAST]
@@ -54,13 +54,11 @@ def misfit(histories: Sequence[History], vehicle: Resolved) -> Array:
     lags = int(np.sqrt(count))
     white = np.sum([(z**2).sum(0) for z in rows], 0) / count
     long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
-    adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
-    least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if adapted else (EXCESS, CERTAIN)
+    least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if sized else (EXCESS, CERTAIN)
     over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
-    sized = adapted or vehicle.estimator.accel_noise_scale != UNWIDENED
     by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _by_chance(1.5 * count / lags)
     over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
-    if adapted:
+    if vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0:
         over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
     return np.where(excess > 0, excess, np.nan)

@@ -96,10 +96,11 @@ def _misfit(
     used: Resolved,
     consider: Consider,
     passes: int,
+    sized: bool = False,
 ) -> tuple[list[offline.Settled | None], Array]:
     """Off-line fits, and what they leave beyond the noise."""
     fits = _fits(samples, phases, starts, used, consider, passes)
-    return fits, disturbances.misfit([fit.history for fit in fits if fit is not None], used)
+    return fits, disturbances.misfit([fit.history for fit in fits if fit is not None], used, sized)
 
 
 def estimates(
@@ -144,14 +145,14 @@ def _sized(
         used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used)
         starts = _first(samples, phases, used)
         for _ in range(ROUNDS):
-            fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
-            sized = disturbances.with_disturbances(samples, pieces, excess, used)
-            if sized == used:
+            fits, excess = _misfit(samples, phases, starts, used, consider, SIZING, sized=True)
+            raised = disturbances.with_disturbances(samples, pieces, excess, used)
+            if raised == used:
                 break
-            used, starts = sized, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
+            used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
     if used != plain.used or not _stand(fits):
         # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, offline.SETTLINGS)
+        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, offline.SETTLINGS, used != plain.used)
     return used, fits, excess
 
 
