@@ -13,14 +13,15 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.inputs.vehicle import Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
 FAINT = 0.03
-"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m."""
+"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second
+order in m = 1/μ is this part of a sigma."""
 
 
 def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array, Array]:
@@ -34,8 +35,11 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     faint = FAINT if vehicle.on_air_bearing and "mass" in vehicle.known else UNTOLD
     with np.errstate(invalid="ignore"):
         untold = ~(mu > 0) | (sigma > faint * mu)
-    if "mass" in vehicle.known:
-        mean, covariance = _weighed(mean, covariance, untold, vehicle)
+    if "mass" in vehicle.known:  # inertia and CG are linear in its reciprocal: rows that tell nothing of it take it here
+        known = vehicle.known["mass"]
+        weighed = 1 / known.value, np.hypot(known.sigma / known.value, vehicle.thrust.scale_sigma) / known.value
+        mean, covariance = mean.copy(), covariance.copy()
+        mean[untold], covariance[untold] = _condition(mean[untold], covariance[untold], 9, *weighed)
     mu[untold] = np.nan
     values: Array = mean.copy()
     values[:, 9] = 1 / mu
@@ -52,16 +56,6 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full
-
-
-def _weighed(mean: Array, covariance: Array, untold: BoolArray, vehicle: Vehicle) -> tuple[Array, Array]:
-    """Inertia and CG conditioned on a known mass in the rows that tell nothing of it themselves: they are linear in its reciprocal."""
-    known = vehicle.known["mass"]
-    sigma = np.hypot(known.sigma / known.value, vehicle.thrust.scale_sigma) / known.value
-    across = covariance[:, :, 9]
-    gain = across / (across[:, 9:] + sigma**2)
-    moved, left = mean + gain * (1 / known.value - mean[:, 9:]), covariance - gain[:, :, None] * across[:, None, :]
-    return np.where(untold[:, None], moved, mean), np.where(untold[:, None, None], left, covariance)
 
 
 def alone(vehicle: Vehicle) -> Vehicle:

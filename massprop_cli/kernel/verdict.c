@@ -10,36 +10,25 @@
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
 
-/* Conditioned on one quantity measured elsewhere; what can't say anything of it takes it as it is. */
-static void condition(mp_values *out, int index, mp_real value, mp_real sigma) {
-    mp_real column[10], gain[10], own = out->value[index];
+/* Conditioned on one quantity measured elsewhere. */
+static void condition(mp_real value[10], mp_real covariance[10][10], int index, mp_real measured, mp_real variance) {
+    mp_real column[10], gain[10], off = measured - value[index];
     int i, j;
-    for (i = 0; i < 10; i++) column[i] = out->covariance[i][index];
-    if (!out->told[index]) {
-        for (i = 0; i < 10; i++) out->covariance[index][i] = out->covariance[i][index] = R(0);
-        out->value[index] = value;
-        out->covariance[index][index] = sigma * sigma;
-        out->told[index] = 1;
-        return;
-    }
-    for (i = 0; i < 10; i++) gain[i] = column[i] / (column[index] + sigma * sigma);
+    for (i = 0; i < 10; i++) column[i] = covariance[i][index];
+    for (i = 0; i < 10; i++) gain[i] = column[i] / (column[index] + variance);
     for (i = 0; i < 10; i++) {
-        out->value[i] += gain[i] * (value - own);
-        for (j = 0; j < 10; j++) out->covariance[i][j] -= gain[i] * column[j];
+        value[i] += gain[i] * off;
+        for (j = 0; j < 10; j++) covariance[i][j] -= gain[i] * column[j];
     }
 }
 
-/* Inertia and CG conditioned on a known mass where the row tells nothing of it: they are linear in its reciprocal. */
-static void weighed_elsewhere(mp_real mass, mp_real sigma, mp_real scale, mp_row *row) {
-    mp_real across[10], off = R(1) / mass - row->mean[9], variance = ((sigma / mass) * (sigma / mass) + scale) / (mass * mass);
-    int i, j;
-    for (i = 0; i < 10; i++) across[i] = row->covariance[i][9];
-    variance += across[9];
-    for (i = 0; i < 10; i++) {
-        mp_real gain = across[i] / variance;
-        row->mean[i] += gain * off;
-        for (j = 0; j < 10; j++) row->covariance[i][j] -= gain * across[j];
-    }
+/* Takes a quantity that the row can't say anything of as it is. */
+static void taken(mp_values *out, int index, mp_real value, mp_real variance) {
+    int i;
+    for (i = 0; i < 10; i++) out->covariance[index][i] = out->covariance[i][index] = R(0);
+    out->value[index] = value;
+    out->covariance[index][index] = variance;
+    out->told[index] = 1;
 }
 
 static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_row *from, mp_values *out) {
@@ -49,7 +38,10 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     for (i = 0; i < rule->known; i++)
         if (rule->known_index[i] == 9) known = i;
     weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (vehicle->bearing && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
-    if (!weighed && known >= 0) weighed_elsewhere(rule->known_value[known], rule->known_sigma[known], scale, &row);
+    if (!weighed && known >= 0) { /* inertia and CG are linear in its reciprocal */
+        mp_real mass = rule->known_value[known], relative = rule->known_sigma[known] / mass;
+        condition(row.mean, row.covariance, 9, R(1) / mass, (relative * relative + scale) / (mass * mass));
+    }
     for (i = 0; i < 10; i++) {
         out->told[i] = i < 6 || weighed || (i < 9 && (!vehicle->bearing || known >= 0));
         out->value[i] = i < 9 ? row.mean[i] : weighed ? R(1) / mu : R(0);
@@ -61,7 +53,14 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
             out->covariance[i][j] = row.covariance[i][j] * slope[i] * slope[j];
             out->covariance[i][j] += scale * part[i] * part[j];
         }
-    for (i = 0; i < rule->known; i++) condition(out, rule->known_index[i], rule->known_value[i], rule->known_sigma[i]);
+    for (i = 0; i < rule->known; i++) {
+        mp_real variance = rule->known_sigma[i] * rule->known_sigma[i];
+        if (out->told[rule->known_index[i]]) {
+            condition(out->value, out->covariance, rule->known_index[i], rule->known_value[i], variance);
+        } else {
+            taken(out, rule->known_index[i], rule->known_value[i], variance);
+        }
+    }
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
