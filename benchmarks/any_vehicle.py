@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -134,22 +132,11 @@ def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
     return found | {"plan": plan(draw, cycles, bearing)}, bearing
 
 
-def toml(value: Any) -> str:
-    """On one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, (list, np.ndarray)):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
-
-
 def estimated(number: int) -> tuple[bool, flow.Analysis, Array]:
     """Of one vehicle: whether it is on a bearing, what is said of its log, and the truth."""
     data, bearing = scenario_of(number)
-    with tempfile.TemporaryDirectory() as place:
-        file = Path(place) / "scenario.toml"
-        file.write_text("\n".join(f"{key} = {toml(value)}" for key, value in data.items()), encoding="utf-8")
-        source = scenario.load(str(file), ())
+    plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
+    source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
     flight = simulate.fly(source, [number])
     return bearing, flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", "")), source.scenario.truth.values
 
