@@ -41,7 +41,8 @@ MATTERS = 1e-3
 AGREES, ALIKE = 1.0, 1.5
 """Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
 LOST = 3.0
-"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data."""
+"""Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data. They use the same measurements,
+so where both hold they differ by much less than one."""
 TOLD = ("converged", "not_converged")
 PROPORTIONAL = (*INERTIA, "mass")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from massprop_cli.cli import app
+from massprop_cli.cli import app, application
 from massprop_cli.cli.help import told
 from massprop_cli.cli.report import report
 from massprop_cli.result.read import Recorded
@@ -39,6 +39,18 @@ def test_a_paragraph_is_not_broken_where_the_docstring_was(name: str) -> None:
     written = inspect.cleandoc(COMMANDS[name].__doc__ or "")
     assert len(said.text.split("\n\n")) == written.count("\n\n") + (0 if said.examples else 1)
     assert "\n" not in said.text.replace("\n\n", "")
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_a_command_is_built_alone_where_it_alone_is_asked_for(name: str) -> None:
+    (alone,) = application(name).registered_commands
+    assert alone.name == name
+    assert alone.callback is COMMANDS[name]
+
+
+def test_all_commands_are_built_where_none_of_them_is_asked_for() -> None:
+    for asked in (None, "--help", "estmate"):
+        assert {command.name for command in application(asked).registered_commands} == set(COMMANDS)
 
 
 def test_options_stand_in_groups(tmp_path: Path) -> None:
