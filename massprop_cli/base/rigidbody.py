@@ -59,6 +59,17 @@ def rotation(vector: Array) -> Array:
     return found
 
 
+def mean_rotation(vector: Array) -> Array:
+    """(..., 3, 3) mean of the rotations by s times the vectors (..., 3) in rad, 0 < s < 1: the left Jacobian of :func:`rotation`."""
+    square = (vector**2).sum(-1)[..., None, None]
+    turn = cross_matrix(vector)
+    angle = np.sqrt(square)
+    # (θ − sin θ) / θ³ where it doesn't cancel
+    cubic = np.where(square > 0.01, (1 - np.sinc(angle / np.pi)) / np.maximum(square, 0.01), (1 - square / 20 * (1 - square / 42)) / 6)
+    found: Array = np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * turn + cubic * (turn @ turn)
+    return found
+
+
 def parallel_axis(mass: float, offset: Array) -> Array:
     """``m (d·d 1 − d dᵀ)``, (3, 3) kg m²: what the inertia about a point d = ``offset`` (3,) m from the CG has beyond that about the CG."""
     added: Array = mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))

@@ -18,7 +18,7 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Column, Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import quaternion_of, quaternion_product
+from massprop_cli.prepare.attitude import quaternion_of, quaternion_product
 from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]

@@ -205,6 +205,8 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     regressors, residual = rows.table[..., :10], rows.table[..., 10]
     size = np.sqrt((regressors**2).sum((0, 1)))
     seen = size > 0
+    if not seen.any():
+        return np.zeros(10)
     flat = (regressors[..., seen] / size[seen]).reshape(-1, int(seen.sum()))
     left, singular, right = np.linalg.svd(flat, full_matrices=False)
     kept = singular > 1e-6 * singular.max(initial=0.0)

@@ -8,7 +8,8 @@
 #define TOUCHING R(1e-3)   /* pulses closer than this part of a cycle are one */
 #define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
 #define OPEN R(1e30)       /* s; the end of what is held until the next command */
-#define TERMS 16           /* of the series of sine and cosine: exact to rounding up to six radians in a cycle */
+#define FELT R(0.02)       /* part of gravity's that specific force scatters by */
+#define FARTHEST R(3)      /* sigmas of the gyro's bias beyond which it is none */
 
 int mp_front_begin(mp_front *front, const mp_commands *table, const mp_vehicle *vehicle) {
     mp_real ramps = R(0);
@@ -155,46 +156,126 @@ static void impulses(mp_front *front, mp_cycle *cycle) {
     }
 }
 
-/* World's vertical in body axes. */
-static void vertical(const mp_real q[4], mp_real out[3]) {
-    out[0] = R(2) * (q[1] * q[3] - q[0] * q[2]);
-    out[1] = R(2) * (q[2] * q[3] + q[0] * q[1]);
-    out[2] = R(1) - R(2) * (q[1] * q[1] + q[2] * q[2]);
+/* World from body. */
+static void matrix(const mp_real q[4], mp_real out[3][3]) {
+    mp_real w = q[0], x = q[1], y = q[2], z = q[3];
+    out[0][0] = R(1) - R(2) * (y * y + z * z);
+    out[0][1] = R(2) * (x * y - w * z);
+    out[0][2] = R(2) * (x * z + w * y);
+    out[1][0] = R(2) * (x * y + w * z);
+    out[1][1] = R(1) - R(2) * (x * x + z * z);
+    out[1][2] = R(2) * (y * z - w * x);
+    out[2][0] = R(2) * (x * z - w * y);
+    out[2][1] = R(2) * (y * z + w * x);
+    out[2][2] = R(1) - R(2) * (x * x + y * y);
 }
 
-/* q <- q times the rotation by a vector, of length one. */
-static void rotated(mp_real q[4], const mp_real vector[3]) {
-    mp_real half = mp_dot(vector, vector) / R(4), cosine = R(1), sine = R(1), term = R(1), v[3], out[4], cross[3], size;
+static void product(const mp_real a[4], const mp_real b[4], mp_real out[4]) {
+    mp_real cross[3];
+    int i;
+    mp_cross(a + 1, b + 1, cross);
+    out[0] = a[0] * b[0] - mp_dot(a + 1, b + 1);
+    for (i = 0; i < 3; i++) out[1 + i] = a[0] * b[1 + i] + b[0] * a[1 + i] + cross[i];
+}
+
+/* The rotation by a vector. */
+static void quaternion(const mp_real vector[3], mp_real out[4]) {
+    mp_real half = mp_dot(vector, vector) / R(4), cosine = R(1), sine = R(1), term = R(1);
     int i, k;
     for (k = 1; k <= TERMS; k++) {
         term *= -half / R((2 * k - 1) * (2 * k));
         cosine += term;
         sine += term / R(2 * k + 1);
     }
-    for (i = 0; i < 3; i++) v[i] = vector[i] * (sine / R(2));
-    mp_cross(q + 1, v, cross);
-    out[0] = q[0] * cosine - mp_dot(q + 1, v);
-    for (i = 0; i < 3; i++) out[1 + i] = q[0] * v[i] + cosine * q[1 + i] + cross[i];
+    out[0] = cosine;
+    for (i = 0; i < 3; i++) out[1 + i] = vector[i] * (sine / R(2));
+}
+
+/* q <- q times the rotation by a vector, of length one. */
+static void rotated(mp_real q[4], const mp_real vector[3]) {
+    mp_real by[4], out[4], size;
+    int i;
+    quaternion(vector, by);
+    product(q, by, out);
     size = MP_SQRT(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3]);
     for (i = 0; i < 4; i++) q[i] = out[i] / size;
 }
 
-/* The vertical at both ends of a cycle. */
-static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
-    mp_real turn[3], coning[3];
+/* World's vertical in body axes, less what the attitude is off by. */
+static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) {
+    mp_real freed[4], rotation[3][3];
     int i;
+    product(back, q, freed);
+    matrix(freed, rotation);
+    for (i = 0; i < 3; i++) out[i] = rotation[2][i];
+}
+
+/* What one more cycle tells of the gyro's bias, and by how much the attitude is off at its end (drifts and Drift.off). */
+static void drifted(mp_front *front, const mp_cycle *cycle, const mp_real mean[3][3]) {
+    mp_real seen[2][3], level[3], weighted[3][3], solve[3][3], bias[3], size, sigma = front->vehicle.gyro_bias_sigma;
+    mp_real ridge = (FELT / sigma) * (FELT / sigma);
+    int i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            mp_real before = front->window[i][j];
+            front->window[i][j] += mean[i][j] * cycle->duration_s;
+            if (i < 2) seen[i][j] = (before + front->window[i][j]) / R(2);
+        }
+    mp_times(mean, cycle->force, level);
+    for (i = 0; felt && i < 3; i++) {
+        front->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / front->vehicle.gravity;
+        for (j = 0; j < 3; j++) front->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) weighted[i][j] = front->information[i][j] + (i == j ? ridge : R(0));
+    mp_inverse((const mp_real(*)[3])weighted, solve);
+    mp_times((const mp_real(*)[3])solve, front->bias_told, bias);
+    size = MP_SQRT(mp_dot(bias, bias));
+    for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
+    mp_times((const mp_real(*)[3])front->window, bias, front->off);
+}
+
+/* Where the attitude may be at the start of a cycle. */
+static void gone(mp_front *front, const mp_real from_body[3][3]) {
+    int i, j, k;
+    for (i = 0; i < 3; i++) {
+        front->astray[i][0] = R(0);
+        for (k = 0; k < 3; k++) front->astray[i][0] += from_body[k][i] * front->off[k];
+        for (j = 0; j < 3; j++) {
+            front->astray[i][1 + j] = R(0);
+            for (k = 0; k < 3; k++) front->astray[i][1 + j] -= from_body[k][i] * front->window[k][j];
+        }
+    }
+}
+
+/* q of the rotation back by what the attitude is off. */
+static void backed(const mp_front *front, mp_real out[4]) {
+    mp_real back[3];
+    int i;
+    for (i = 0; i < 3; i++) back[i] = -front->off[i];
+    quaternion(back, out);
+}
+
+/* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
+static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
+    mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4];
+    int drifts = front->vehicle.bearing && !front->table.logged && front->vehicle.gyro_bias, i, j;
+    for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
     if (!front->vehicle.bearing) {
         memset(cycle->up, 0, sizeof cycle->up);
         return;
     }
     for (i = 0; i < 3; i++) turn[i] = cycle->rate[i] * cycle->duration_s;
     if (front->table.logged && front->cycles == 0) {
-        mp_real back[3];
-        for (i = 0; i < 3; i++) back[i] = -turn[i];
+        mp_real opposite[3];
+        for (i = 0; i < 3; i++) opposite[i] = -turn[i];
         for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
-        rotated(front->attitude, back);
+        rotated(front->attitude, opposite);
     }
-    vertical(front->attitude, cycle->up[0]);
+    backed(front, back);
+    vertical(front->attitude, back, cycle->up[0]);
+    matrix(front->attitude, first);
+    if (drifts) gone(front, (const mp_real(*)[3])first);
     if (front->table.logged) {
         for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
     } else {
@@ -203,7 +284,19 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
         for (i = 0; i < 3; i++) vector[i] = turn[i] + coning[i] / R(12);
         rotated(front->attitude, vector);
     }
-    vertical(front->attitude, cycle->up[1]);
+    if (drifts) {
+        matrix(front->attitude, mean);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) mean[i][j] = (mean[i][j] + first[i][j]) / R(2);
+        drifted(front, cycle, (const mp_real(*)[3])mean);
+        for (i = 0; i < 3; i++) back[1 + i] = -back[1 + i];
+        backed(front, then);
+        product(back, then, step);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) cycle->carried[i] += mean[j][i] * (R(2) * step[1 + j]) / cycle->duration_s;
+    }
+    backed(front, then);
+    vertical(front->attitude, then, cycle->up[1]);
     for (i = 0; i < 3; i++) front->turn[i] = turn[i];
 }
 

@@ -11,6 +11,7 @@
 
 SHARED size_t mp_host_size(void);
 SHARED int mp_host_begin(mp_pass *pass, const double *table);
+SHARED void mp_host_astray(mp_pass *pass, const double *astray);
 SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told);
 SHARED size_t mp_host_flight_size(void);
 SHARED mp_pass *mp_host_pass(mp_flight *flight);
@@ -116,6 +117,7 @@ void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
     row = mp_copied(&out->duration_s, row, 1);
     row = mp_copied(out->rate, row, 3);
     row = mp_copied(out->rate_step, row, 3);
+    row = mp_copied(out->carried, row, 3);
     row = mp_copied(out->force, row, 3);
     row = mp_copied(out->up[0], row, 3);
     row = mp_copied(out->up[1], row, 3);
@@ -139,6 +141,9 @@ static void written(const mp_row *row, double *out) {
         out[122 + i] = row->expected[i / 3] ? (double)row->normalised[i] : (double)NAN;
     }
 }
+
+/* Where the attitude may be before the first cycle, (12). */
+void mp_host_astray(mp_pass *pass, const double *astray) { (void)mp_copied(pass->astray[0], astray, 12); }
 
 int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told) {
     long k;

@@ -97,19 +97,29 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = out->to_rate[i][j] * mean_s;
     if (layout->at_tilt >= 0) {
-        mp_real up[3], by[3][3], turn[3][3];
+        mp_real by[3][3], leaving_tilt[3][3], entering_tilt[3][3], kept[3][3], by_error[3][3], turn[3], lost[3], added[3];
         int t = layout->at_tilt;
-        for (i = 0; i < 3; i++) up[i] = from->up[0][i] + into->up[1][i];
-        mp_moment_by_tilt(vehicle, about, up, by);
-        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, part);
-        mp_cross_matrix(from->rate, turn);
+        for (i = 0; i < 3; i++) turn[i] = -from->rate[i] * from->duration_s;
+        mp_rotations(turn, kept, by_error);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) by_error[i][j] *= from->duration_s;
+        mp_times((const mp_real(*)[3])by_error, from->carried, lost);
+        mp_moment_by_tilt(vehicle, about, from, 0, by);
+        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, leaving_tilt);
+        mp_moment_by_tilt(vehicle, about, into, 1, by);
+        mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, entering_tilt);
+        mp_times((const mp_real(*)[3])entering_tilt, lost, added);
+        mp_product((const mp_real(*)[3])entering_tilt, (const mp_real(*)[3])kept, part);
+        mp_product((const mp_real(*)[3])entering_tilt, (const mp_real(*)[3])by_error, by);
         for (i = 0; i < 3; i++) {
             for (j = 0; j < 3; j++) {
-                out->transition[i][t + j] = part[i][j];
-                out->transition[t + i][t + j] -= turn[i][j] * from->duration_s;
+                out->transition[i][t + j] = leaving_tilt[i][j] + part[i][j];
+                out->transition[i][j] += by[i][j];
+                out->transition[t + i][t + j] = kept[i][j];
+                out->transition[t + i][j] = by_error[i][j];
             }
-            out->transition[t + i][i] = from->duration_s;
-            out->drive[t + i] = -from->raw_rate[i] * from->duration_s;
+            out->drive[i] -= added[i];
+            out->drive[t + i] = -lost[i];
         }
     }
     if (vehicle->torque_noise > R(0)) {

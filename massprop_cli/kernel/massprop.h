@@ -87,6 +87,7 @@ typedef struct {
     mp_real duration_s;
     mp_real rate[3];      /* mean, rad/s */
     mp_real rate_step[3]; /* from the cycle before */
+    mp_real carried[3];   /* mean rate by which the attitude was carried from up[0] to up[1] */
     mp_real force[3];     /* mean specific force, m/s^2 */
     mp_real up[2][3];     /* vertical at the start and at the end; zeros in free flight */
     mp_real impulse[MP_BINS][6]; /* torque about O [N m s] and force [N s] in equal parts of the cycle */
@@ -111,12 +112,14 @@ typedef struct {
 typedef struct {
     mp_real duration_s;
     mp_real raw_rate[3];
+    mp_real carried[3];         /* mean rate by which the attitude was carried on */
     mp_real rate[3];            /* less the gyro's bias */
     mp_real rising[MP_CHANNELS]; /* what phi multiplies, under the halves of the window */
     mp_real falling[MP_CHANNELS];
     mp_real known[2][3];        /* known growth of the rate under them */
     mp_real turning[2][3];      /* rate under them */
     mp_real up[2][3];           /* vertical under them */
+    mp_real push[2][3];         /* force under them */
     mp_real measured[3];        /* specific force less what is known */
     mp_real euler[3][3];        /* specific force by angular acceleration */
     mp_real mean[MP_CHANNELS];  /* what phi multiplies, mean over the cycle */
@@ -218,6 +221,7 @@ typedef struct {
     long block_begin, block_end;
     mp_real begun_s;
     mp_real end_s;
+    mp_real astray[3][4]; /* rad, from the attitude to the true one at the start of the first cycle: known, and by the gyro's bias */
     mp_reference reference, estimate, centre;
     mp_real centre_sizes[10];
     mp_start start;

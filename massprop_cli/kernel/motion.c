@@ -283,33 +283,64 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     }
 }
 
-void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], mp_real out[3][3]) {
-    mp_real offset[3], mass, across[3][3], turn[3][3];
+/* Derivative of the specific force at the bearing, g u + mu (F - (F . u) u), by an error of attitude at the start of a cycle. `up` and `force`
+ * are means or integrals under a window, whose middle is a `part` of the cycle's turn later. */
+static void force_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], const mp_real force[3],
+                          const mp_real turn[3], mp_real part, mp_real out[3][3]) {
+    mp_real size = MP_SQRT(mp_dot(up, up)), unit[3], across[3], along, by[3][3], later[3][3];
+    int i, j;
+    for (i = 0; i < 3; i++) unit[i] = up[i] / mp_max(size, R(1e-30));
+    mp_cross(force, unit, across);
+    along = mp_dot(force, unit);
+    mp_cross_matrix(up, by);
+    mp_cross_matrix(unit, later);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) by[i][j] = vehicle->gravity * by[i][j] - about->mu * (unit[i] * across[j] + along * later[i][j]);
+    mp_cross_matrix(turn, later);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) later[i][j] = (i == j ? R(1) : R(0)) - part * later[i][j];
+    mp_product((const mp_real(*)[3])by, (const mp_real(*)[3])later, out);
+}
+
+/* What a specific force at the bearing (3, 3) does to the body, which hangs on it. */
+static void hung(const mp_vehicle *vehicle, const mp_reference *about, const mp_real force[3][3], mp_real out[3][3]) {
+    mp_real offset[3], mass, across[3][3];
     int i, j;
     mass = mp_max(R(1) / about->mu - vehicle->bearing_mass, R(0.01) / about->mu);
     for (i = 0; i < 3; i++) offset[i] = about->cg[i] - vehicle->centre[i];
     mp_cross_matrix(offset, across);
-    mp_cross_matrix(up, turn);
-    mp_product((const mp_real(*)[3])across, (const mp_real(*)[3])turn, out);
+    mp_product((const mp_real(*)[3])across, force, out);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) out[i][j] *= -mass * vehicle->gravity;
+        for (j = 0; j < 3; j++) out[i][j] *= -mass;
+}
+
+void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real out[3][3]) {
+    mp_real by[3][3], turn[3];
+    int i;
+    for (i = 0; i < 3; i++) turn[i] = here->rate[i] * here->duration_s;
+    force_by_tilt(vehicle, about, here->up[half], here->push[half], turn, R(2 - half) / R(3), by);
+    hung(vehicle, about, (const mp_real(*)[3])by, out);
 }
 
 /* What slow torques and errors of attitude do to the specific force. */
 static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
                          mp_motion *out) {
-    mp_real inverse[3][3], tilting[3][3], turn[3][3], mean[3];
+    mp_real inverse[3][3], tilting[3][3], by[3][3], mean[3], push[3], turn[3];
     int i, j;
     if (layout->at_torque < 0 && layout->at_tilt < 0) return;
     mp_tensor(about->theta, inverse);
     mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
     if (layout->at_tilt < 0) return;
-    for (i = 0; i < 3; i++) mean[i] = (out->up[0][i] + out->up[1][i]) / cycle->duration_s;
-    mp_moment_by_tilt(vehicle, about, mean, tilting);
+    for (i = 0; i < 3; i++) {
+        mean[i] = (out->up[0][i] + out->up[1][i]) / cycle->duration_s;
+        push[i] = (out->push[0][i] + out->push[1][i]) / cycle->duration_s;
+        turn[i] = out->rate[i] * cycle->duration_s;
+    }
+    force_by_tilt(vehicle, about, mean, push, turn, R(0.5), by);
+    hung(vehicle, about, (const mp_real(*)[3])by, tilting);
     mp_product((const mp_real(*)[3])out->by_torque, (const mp_real(*)[3])tilting, out->by_tilt);
-    mp_cross_matrix(mean, turn);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) out->by_tilt[i][j] += vehicle->gravity * turn[i][j];
+        for (j = 0; j < 3; j++) out->by_tilt[i][j] += by[i][j];
 }
 
 /* (3, 6) moment about the centre, and specific force at the IMU, of a wrench. */
@@ -406,6 +437,9 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     out->duration_s = cycle->duration_s;
     for (i = 0; i < 3; i++) {
         out->raw_rate[i] = cycle->rate[i];
+        out->carried[i] = cycle->carried[i];
+        out->push[0][i] = cycle->rising[3 + i];
+        out->push[1][i] = cycle->falling[3 + i];
         out->rate[i] = cycle->rate[i] - about->bias[i];
     }
     within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups);

@@ -52,7 +52,7 @@ static void taken(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_rea
     mp_run *run = &pass->run;
     mp_motion_of(&pass->vehicle, &pass->layout, cycle, &pass->reference, here);
     if (run->begun) mp_leap_of(&pass->vehicle, &pass->layout, &pass->last, here, &pass->reference, &pass->room.leap);
-    else mp_filter_begin(&pass->layout, &run->filter);
+    else mp_filter_begin(&pass->layout, (const mp_real(*)[4])pass->astray, &run->filter);
     mp_filter_step(&pass->layout, &run->filter, run->begun ? &pass->room.leap : NULL, here, pass->room.joint, pass->room.white, root);
     mp_ordered(&pass->layout, pass->room.white, ordered);
     run->begun = 1;
@@ -136,7 +136,7 @@ static void looked(mp_pass *pass, long length) {
 static int is_finite(const mp_vehicle *vehicle, const mp_cycle *cycle) {
     int fine = mp_finite(&cycle->end_s, 1) && mp_finite(&cycle->duration_s, 1);
     fine = fine && mp_finite(cycle->rate, 3) && mp_finite(cycle->rate_step, 3) && mp_finite(cycle->force, 3);
-    fine = fine && mp_finite(cycle->up[0], 3) && mp_finite(cycle->up[1], 3);
+    fine = fine && mp_finite(cycle->up[0], 3) && mp_finite(cycle->up[1], 3) && mp_finite(cycle->carried, 3);
     fine = fine && mp_finite(cycle->rising, 6) && mp_finite(cycle->falling, 6);
     fine = fine && mp_finite(cycle->impulse[0], 6 * vehicle->bins) && mp_finite(cycle->skew[0], 6 * vehicle->bins);
     return fine && (!vehicle->pulses || mp_finite(cycle->pulse_covariance[0], 36));

@@ -52,6 +52,25 @@ void mp_inverse(const mp_real a[3][3], mp_real out[3][3]) {
         for (j = 0; j < 3; j++) out[i][j] = cofactors[j][i] / determinant;
 }
 
+void mp_rotations(const mp_real vector[3], mp_real whole[3][3], mp_real mean[3][3]) {
+    mp_real square = mp_dot(vector, vector), term = R(1), sum[3] = {R(0), R(0), R(0)}, turn[3][3], twice[3][3];
+    int i, j, k;
+    /* sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 */
+    for (k = 0; k <= TERMS; k++) {
+        sum[0] += term;
+        sum[1] += term / R(2 * k + 2);
+        sum[2] += term / R((2 * k + 2) * (2 * k + 3));
+        term *= -square / R((2 * k + 2) * (2 * k + 3));
+    }
+    mp_cross_matrix(vector, turn);
+    mp_product((const mp_real(*)[3])turn, (const mp_real(*)[3])turn, twice);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            whole[i][j] = (i == j ? R(1) : R(0)) + sum[0] * turn[i][j] + sum[1] * twice[i][j];
+            mean[i][j] = (i == j ? R(1) : R(0)) + sum[1] * turn[i][j] + sum[2] * twice[i][j];
+        }
+}
+
 void mp_tensor(const mp_real six[6], mp_real out[3][3]) {
     out[0][0] = six[0];
     out[0][1] = out[1][0] = six[1];

@@ -5,6 +5,7 @@
 #include "massprop.h"
 
 #define R(x) ((mp_real)(x))
+#define TERMS 16 /* of the series of sine and cosine: exact to rounding up to six radians */
 #define AT(size, row) ((row) * (size) - (row) * ((row) - 1) / 2) /* where a row of a packed triangle begins */
 
 int mp_finite(const mp_real *v, int count);
@@ -17,6 +18,8 @@ void mp_cross_matrix(const mp_real v[3], mp_real out[3][3]);
 void mp_times(const mp_real a[3][3], const mp_real v[3], mp_real out[3]);
 void mp_product(const mp_real a[3][3], const mp_real b[3][3], mp_real out[3][3]);
 void mp_inverse(const mp_real a[3][3], mp_real out[3][3]);
+/* The rotation by a vector, and the mean of the rotations by s times it, 0 < s < 1. */
+void mp_rotations(const mp_real vector[3], mp_real whole[3][3], mp_real mean[3][3]);
 void mp_tensor(const mp_real six[6], mp_real out[3][3]);
 void mp_elements(const mp_real a[3][3], mp_real six[6]);
 /* Eigenvalues, ascending, and eigenvectors by columns of a symmetric matrix (Jacobi). */

@@ -72,7 +72,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
     executed, count = samples.executed, len(samples)
     pulses = [] if vehicle.thrust.pulse_sigma == 0 or executed.pulse_covariance is None else [executed.pulse_covariance]
     parts = (
-        *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s),
+        *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s, samples.carried_rad_s),
         *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),
         *(executed.ignored, executed.impulse_bins, executed.skew_bins, *pulses),
     )

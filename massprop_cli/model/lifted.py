@@ -81,7 +81,7 @@ def lifted(
     step, whole, known = integrals(here, lift, within.theta, within)
     coupling = _coupling(here, lift, within, reference.damping)
     damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
-    tilting = windows(plant.moment_by_tilt(reference, within.motion), _bin_s(here, within.motion)) if layout.has(layout.tilt) else None
+    tilting = _tilting(here, plant, within, reference) if layout.has(layout.tilt) else None
     about = _About(
         here, layout, lift, reference, within, coupling, damped, tilting, _scaling(here, vehicle, plant, reference, within.motion)
     )
@@ -108,6 +108,21 @@ class _Coupling(NamedTuple):
     """(K − 1, 3, 3) of a moment's impulse to the growth of the rate."""
 
 
+class _Tilting(NamedTuple):
+    """What t states that say where the weight pulls do, as they are at the start of a cycle."""
+
+    kept: Array
+    """(K − 1, t, t) to themselves in the next cycle, ..."""
+    by_error: Array
+    """(K − 1, t, 3) ... into which an error of the rate comes, rad/s."""
+    halves: tuple[Array, Array]
+    """(K − 1, 3, t) to the moment under the triangular window: in the cycle that a step leaves; in the one it enters, as they are there."""
+    whole: Array
+    """(K, 3, t) to its mean over the cycle, N m."""
+    force: Array
+    """(K, 3, t) to the mean specific force of the centre, m/s²."""
+
+
 class _About(NamedTuple):
     """Cycles, and what they are linear about."""
 
@@ -119,8 +134,8 @@ class _About(NamedTuple):
     coupling: _Coupling
     damped: Windows | None
     """(K, 3, 3) of the damping about each axis to the moment, where it is a state."""
-    tilting: Windows | None
-    """(K, 3, 3) of an error of the attitude to the moment, where it is a state."""
+    tilting: _Tilting | None
+    """Where an error of the attitude is a state."""
     scaling: Windows | None
     """(K, 3, n) of an error of each scale to the moment, where there are any."""
 
@@ -175,10 +190,12 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
         transition[:, turning, damping] = to_rate @ about.damped.step
         drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping
     if about.tilting is not None:
-        kept, by_error = lift.plant.tilt_step(rate, duration)
-        transition[:, turning, tilt] = to_rate @ about.tilting.step
+        kept, by_error, leaving, entering = about.tilting.kept, about.tilting.by_error, *(to_rate @ part for part in about.tilting.halves)
+        transition[:, turning, tilt] = leaving + entering @ kept
         transition[:, tilt, tilt], transition[:, tilt, turning] = kept, by_error
-        drive[:, tilt, 0] = -times(by_error, here.rate_rad_s[:-1])
+        drive[:, tilt, 0] = -times(by_error, here.carried_rad_s[:-1])
+        transition[:, turning, turning] += entering @ by_error
+        drive[:, turning, 0] += times(entering, drive[:, tilt, 0])
     if about.scaling is not None:
         transition[:, turning, layout.own(layout.scale)] = to_rate @ about.scaling.step
     return transition, drive
@@ -201,8 +218,7 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     if about.damped is not None:
         observation[:, 3:, layout.own(layout.damping)] = euler @ own @ (about.damped.whole / duration[:, None, None])
     if about.tilting is not None:
-        by_moment = euler @ own @ (about.tilting.whole / duration[:, None, None])
-        observation[:, 3:, layout.own(layout.tilt)] = lift.plant.force_by_tilt(within.motion).mean(1) + by_moment
+        observation[:, 3:, layout.own(layout.tilt)] = about.tilting.force + euler @ own @ about.tilting.whole
     if about.scaling is not None:
         scale = layout.own(layout.scale)
         observation[:, 3:, scale] = euler @ own @ about.scaling.whole / duration[:, None, None]
@@ -235,6 +251,18 @@ def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.Begun) -> Ar
     """All that is constant, as the kernel has it."""
     blocks = (layout.gyro_bias, layout.accel_bias, layout.torque, layout.tilt)
     return handed.vehicle_numbers(vehicle, [block.stop > block.start for block in blocks], begun)
+
+
+def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) -> _Tilting:
+    rate, duration = here.rate_rad_s - reference.gyro_bias, here.executed.duration_s
+    kept, by_error = plant.tilt_step(rate, duration)
+    early, late, mean = plant.tilt_within(rate, duration)
+    up, executed = windows(within.motion.up, _bin_s(here, within.motion)), here.executed
+    leaving = plant.moment_by_tilt(reference, up.rising, executed.rising[:, 3:]) @ early
+    entering = plant.moment_by_tilt(reference, up.falling, executed.falling[:, 3:]) @ late
+    acted = up.whole / duration[:, None], (executed.rising + executed.falling)[:, 3:] / duration[:, None]
+    whole, force = plant.moment_by_tilt(reference, *acted) @ mean, plant.force_by_tilt(reference, *acted) @ mean
+    return _Tilting(kept, by_error, (leaving[:-1], entering[1:]), whole, force)
 
 
 def _scaling(here: Samples, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows | None:

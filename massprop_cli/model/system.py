@@ -46,6 +46,8 @@ class System:
     """(K, 6, C)"""
     noise: Array
     """(K, 6, 6) root of the measurement noise."""
+    begun: Array
+    """(n, 1 + n) the states at its beginning: known, and by what is unknown of each."""
 
     def part(self, first: int, end: int) -> System:
         """Of the cycles from ``first`` to before ``end``, counted from the system's own first."""
@@ -57,6 +59,7 @@ class System:
             self.observation[cycles],
             self.measured[cycles],
             self.noise[cycles],
+            self.begun,
         )
 
 
@@ -89,7 +92,20 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         step = np.zeros((len(drive), states + 10, 10))
         step[:, states:] = np.diag(walk) * np.sqrt(here.executed.duration_s[1:])[:, None, None]
         roots.append(step)
-    return System(transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise)
+    return System(
+        transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise, _begun(here, samples, vehicle)
+    )
+
+
+def _begun(here: Samples, samples: Source, vehicle: Resolved) -> Array:
+    """(n, 1 + n) of the first of these cycles: by then a bias has carried the attitude off."""
+    layout, count = Layout.of(samples, vehicle), len(prior(samples, vehicle))
+    found = np.eye(count, 1 + count, 1)
+    if layout.has(layout.tilt) and layout.has(layout.gyro_bias):
+        tilt, bias = layout.own(layout.tilt), layout.own(layout.gyro_bias)
+        found[tilt, 0] = here.astray[0, :, 0]
+        found[tilt, 1:][:, bias] = here.astray[0, :, 1:]
+    return found
 
 
 def prior(samples: Mounted, vehicle: Vehicle) -> Array:

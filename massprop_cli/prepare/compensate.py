@@ -9,11 +9,12 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import cross, lever_arm, times
+from massprop_cli.base.rigidbody import lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
+from massprop_cli.prepare.attitude import Drift, drifts, freed, gone, integrate_attitude, quaternion_of, quaternion_product, world_up_b
 
 
 class Mounted(Protocol):
@@ -58,6 +59,10 @@ class Samples:
     """(K, 3) mean body rate."""
     rate_step_rad_s: Array
     """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
+    carried_rad_s: Array
+    """(K, 3) mean rate by which the attitude is carried through the cycle where it is not logged."""
+    astray: Array
+    """(K, 3, 4) rotation vector, rad, from the attitude as carried to the true one at the start of each cycle: known, and by the bias."""
     specific_force_m_s2: Array
     """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
     up_b: Array
@@ -92,6 +97,8 @@ class Samples:
             executed=self.executed.part(cycles),
             rate_rad_s=self.rate_rad_s[cycles],
             rate_step_rad_s=self.rate_step_rad_s[cycles],
+            carried_rad_s=self.carried_rad_s[cycles],
+            astray=self.astray[cycles],
             specific_force_m_s2=self.specific_force_m_s2[cycles],
             up_b=self.up_b[cycles.start : cycles.stop + 1],
         )
@@ -128,7 +135,9 @@ class Before:
     turn_rad: Array
     """(3,) by how much it turned."""
     attitude_wxyz: Array
-    """(4,) at its end; anything in free flight."""
+    """(4,) at its end, as logged or as integrated; anything in free flight."""
+    drift: Drift
+    """Of that, by then."""
 
 
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None) -> Samples:
@@ -141,17 +150,34 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
     up: Array = np.zeros((len(rate) + 1, 3))
+    carried, astray = rate, np.broadcast_to(0.0, (len(rate), 3, 4))
     if vehicle.on_air_bearing:
         if before is None and aligned.attitude_wxyz is not None:
             check_attitude(aligned.attitude_wxyz, rate * aligned.duration_s[:, None])
-        up = world_up_b(_attitude_at_edges(aligned, vehicle, rate, before))
+        attitude = _attitude_at_edges(aligned, vehicle, rate, before)
+        if drifting(aligned.attitude_wxyz is not None, vehicle):
+            level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
+            found = drifts(attitude, level, aligned.duration_s, Drift.none() if before is None else before.drift)
+            off = found.off(vehicle.imu.gyro_bias_sigma_rad_s)
+            astray = gone(attitude, off, found)[:-1]
+            attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
+            carried = turns / aligned.duration_s[:, None]
+        up = world_up_b(attitude)
     return Samples(
         executed=aligned,
         rate_rad_s=frozen(rate),
         rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
+        carried_rad_s=frozen(carried),
+        astray=frozen(astray),
         specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2),
         up_b=frozen(up),
     )
+
+
+def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle) -> Array:
+    """(K, 3) specific force over gravity's, body axes; zeros where the accelerometer is ignored."""
+    body = times(np.array(vehicle.imu.body_from_imu), specific_force_imu_m_s2) / vehicle.environment.gravity_m_s2
+    return np.where(ignored[:, 1:], 0.0, body)
 
 
 def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
@@ -167,10 +193,9 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
     return compensated
 
 
-def world_up_b(attitude_wxyz: Array) -> Array:
-    """World Z in body axes, (..., 3): the last row of the rotation world ← body."""
-    w, x, y, z = np.moveaxis(attitude_wxyz, -1, 0)
-    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
+def drifting(attitude_logged: bool, vehicle: Vehicle) -> bool:
+    """Whether the attitude is integrated from a gyro that has a bias."""
+    return vehicle.on_air_bearing and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
 
 
 def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> Array:
@@ -195,35 +220,3 @@ def check_attitude(attitude_wxyz: Array, turns: Array) -> None:
             f"columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
             "quaternions are wxyz, world from body. Mend them, or leave them out"
         )
-
-
-def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | None = None) -> Array:
-    """(K + 1, 4) attitude from angle increments (K, 3) in rad, with the first-order coning correction.
-
-    A rotation vector over one increment is ``Δθ[k] + Δθ[k−1] × Δθ[k] / 12`` (Savage 1998, two-interval form); Δθ[−1] is ``turn_before``.
-    """
-    vectors = turns.copy()
-    vectors[1:] += np.cross(turns[:-1], turns[1:]) / 12
-    if turn_before is not None:
-        vectors[0] += np.cross(turn_before, turns[0]) / 12
-    attitude = np.vstack([initial_wxyz, quaternion_of(vectors)])
-    # all products of first factors, of twice as many with each pass
-    reach = 1
-    while reach < len(attitude):
-        attitude[reach:] = quaternion_product(attitude[:-reach], attitude[reach:])
-        reach *= 2
-    unit: Array = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
-    return unit
-
-
-def quaternion_of(rotation_vector: Array) -> Array:
-    """(..., 4) unit quaternion of a rotation vector in rad."""
-    angle = np.linalg.norm(rotation_vector, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation_vector], -1)
-
-
-def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (..., 4)."""
-    scalar, vector = a[..., :1], a[..., 1:]
-    real = scalar * b[..., :1] - (vector * b[..., 1:]).sum(-1, keepdims=True)
-    return np.concatenate([real, scalar * b[..., 1:] + b[..., :1] * vector + cross(vector, b[..., 1:])], -1)

@@ -266,7 +266,7 @@ def test_a_logged_attitude_that_turns_against_the_gyro_is_refused(tmp_path: Path
     import pyarrow as pa
 
     from massprop_cli.base.errors import InputError
-    from massprop_cli.prepare.compensate import integrate_attitude
+    from massprop_cli.prepare.attitude import integrate_attitude
 
     log = short(tmp_path, rows=400, name="air-bearing")
     table = pq.read_table(log)

@@ -31,6 +31,7 @@ def system(torque: float | None, gyro: float = 1e-4) -> System:
         observation,
         rng.standard_normal((CYCLES, 6, COLUMNS)),
         noise,
+        np.eye(STATES, 1 + STATES, 1),
     )
 
 

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.prepare.compensate import acceleration, integrate_attitude, world_up_b
+from massprop_cli.prepare.attitude import integrate_attitude, world_up_b
+from massprop_cli.prepare.compensate import acceleration
 from tests import flight
 
 

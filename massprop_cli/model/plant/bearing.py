@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, parallel_axis, tensor, times
+from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, mean_rotation, parallel_axis, rotation, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
 from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole
@@ -57,18 +57,34 @@ class BearingBody(Whole):
         return 0 if attitude_logged else 3
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
-        """The integrated attitude turns with the measured rate, the vehicle with the true one."""
-        each = duration[:-1, None, None]
-        return np.eye(3) - cross_matrix(rate[:-1]) * each, np.eye(3) * each
+        """The attitude is carried on with the measured rate, the vehicle turns with the true one.
 
-    def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
-        """(K, B, 3, 3) by an attitude error φ, which turns the vertical u into ``u + u × φ``."""
+        ``φ[k+1] = R(−θ) φ[k] + J(θ) T δω``, θ = ω T, with J the mean of the rotations R(−θ s), 0 < s < 1, of an error's frame.
+        """
+        turn = rate[:-1] * duration[:-1, None]
+        return rotation(-turn), mean_rotation(-turn) * duration[:-1, None, None]
+
+    def tilt_within(self, rate: Array, duration: Array) -> tuple[Array, Array, Array]:
+        """The vehicle turns under the error: R(−θ s) to the first order, s = 2/3, 1/3 and 1/2."""
+        turn = cross_matrix(rate * duration[:, None])
+        rising, falling, whole = (np.eye(3) - part * turn for part in (2 / 3, 1 / 3, 1 / 2))
+        return rising, falling, whole
+
+    def force_by_tilt(self, reference: Reference, up: Array, force: Array) -> Array:
+        """(K, 3, 3) of the specific force at the bearing by an error φ, which turns the vertical u into ``u + u × φ``.
+
+        It is g u + μ (F − (F · u) u): the bearing is free to move on its table.
+        """
+        size = np.sqrt((up**2).sum(-1))[:, None]
+        unit = up / np.maximum(size, 1e-300)
+        along = (force * unit).sum(-1)
+        level: Array = unit[:, :, None] * cross(force, unit)[:, None, :] + along[:, None, None] * cross_matrix(unit)
+        return self.gravity * cross_matrix(up) - reference.mu * level
+
+    def moment_by_tilt(self, reference: Reference, up: Array, force: Array) -> Array:
+        """(K, 3, 3) of what that does to the body, which hangs on the bearing."""
         offset = cross_matrix(reference.cg - self.bearing)
-        return -self.rotating_mass(reference) * offset @ self.force_by_tilt(motion)
-
-    def force_by_tilt(self, motion: Motion) -> Array:
-        """(K, B, 3, 3) of the specific force at the bearing."""
-        return self.gravity * cross_matrix(motion.up)
+        return -self.rotating_mass(reference) * offset @ self.force_by_tilt(reference, up, force)
 
     def theta(self, reference: Reference) -> Array:
         """(10,) θ of a reference."""

@@ -56,13 +56,18 @@ class FreeBody(Whole):
         """Of none."""
         return np.zeros((len(rate) - 1, 0, 0)), np.zeros((len(rate) - 1, 0, 3))
 
-    def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
-        """By none."""
-        return np.zeros((*motion.rate.shape, 0))
+    def tilt_within(self, rate: Array, duration: Array) -> tuple[Array, Array, Array]:  # noqa: ARG002
+        """Of none."""
+        none = np.zeros((len(rate), 0, 0))
+        return none, none, none
 
-    def force_by_tilt(self, motion: Motion) -> Array:
+    def force_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
         """By none."""
-        return np.zeros((*motion.rate.shape, 0))
+        return np.zeros((*up.shape, 0))
+
+    def moment_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
+        """By none."""
+        return np.zeros((*up.shape, 0))
 
     def theta(self, reference: Reference) -> Array:
         """(10,) θ of a reference."""

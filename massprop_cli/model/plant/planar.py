@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.model.plant.free import FreeBody
-from massprop_cli.model.plant.plant import MOMENT, MU, J, Motion, Reference
+from massprop_cli.model.plant.plant import MOMENT, MU, J, Reference
 
 TOLD = np.isin(np.arange(10), [5, 6, 7, 9])
 """Of θ: J_zz, c_x, c_y, mu."""
@@ -58,13 +58,18 @@ class PlanarBody(FreeBody):
         back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         return np.moveaxis(back, -1, 0), np.zeros((len(angle), 2, 3))
 
-    def moment_by_tilt(self, _: Reference, motion: Motion) -> Array:
-        """None: the weight has no moment about the CG."""
-        return np.zeros((*motion.rate.shape, 2))
+    def tilt_within(self, rate: Array, duration: Array) -> tuple[Array, Array, Array]:  # noqa: ARG002
+        """They stand for the middle of a cycle."""
+        same = np.broadcast_to(np.eye(2), (len(rate), 2, 2))
+        return same, same, same
 
-    def force_by_tilt(self, motion: Motion) -> Array:
-        """N itself."""
-        return np.broadcast_to(np.eye(3, 2), (*motion.rate.shape, 2))
+    def force_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
+        """N itself, in the mean over a cycle."""
+        return np.broadcast_to(np.eye(3, 2), (*up.shape, 2))
+
+    def moment_by_tilt(self, _: Reference, up: Array, force: Array) -> Array:  # noqa: ARG002
+        """None: the weight has no moment about the CG."""
+        return np.zeros((*up.shape, 2))
 
     def theta(self, reference: Reference) -> Array:
         """(10,) θ of a reference."""

@@ -146,11 +146,14 @@ class Plant(Protocol):
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
         """(K − 1, t, t) these from each of K cycles, (K,) s long at mean rates (K, 3), to the next; by an error of the rates."""
 
-    def moment_by_tilt(self, reference: Reference, motion: Motion) -> Array:
-        """(K, B, 3, t) derivative of the moment with respect to them."""
+    def tilt_within(self, rate: Array, duration: Array) -> tuple[Array, Array, Array]:
+        """(K, t, t) each by which they act while a cycle goes on: under the rising and falling halves of the window, and in the mean."""
 
-    def force_by_tilt(self, motion: Motion) -> Array:
-        """(K, B, 3, t) derivative of the specific force with respect to them."""
+    def force_by_tilt(self, reference: Reference, up: Array, force: Array) -> Array:
+        """(K, 3, t) derivative of the centre's specific force by them, from means or integrals of vertical and force (K, 3)."""
+
+    def moment_by_tilt(self, reference: Reference, up: Array, force: Array) -> Array:
+        """(K, 3, t) that of the moment, in the same way."""
 
     # --- θ
 
