@@ -103,7 +103,7 @@ def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
     if draw.random() < 0.5:
         imu["body_from_imu"] = turned(draw)
     if draw.random() < 0.3:
-        imu["gyro_bias_sigma_rad_s"] = min(drawn_between(draw, 1e-5, 1e-3), 0.03 / (cycles * period) if bearing else 1.0)
+        imu["gyro_bias_sigma_rad_s"] = min(drawn_between(draw, 1e-5, 1e-3), 0.1 / (cycles * period) if bearing else 1.0)
         sensors["gyro_bias_rad_s"] = draw.normal(size=3) * imu["gyro_bias_sigma_rad_s"]
     if draw.random() < 0.3:
         imu["accel_bias_sigma_m_s2"] = drawn_between(draw, 1e-3, 2e-2)
