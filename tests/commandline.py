@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.context import ForkServerProcess
@@ -44,14 +44,20 @@ def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
     return Done(arguments, process.exitcode, stdout, stderr, int(peak))
 
 
-def begun(folder: Path, arguments: Sequence[str | Path], said: list[Path], settings: dict[str, str]) -> ForkServerProcess:
-    """The same as it begins; what it says, and its peak of memory, go into the files ``said``."""
-    process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said, settings))
+def begun(
+    folder: Path,
+    arguments: Sequence[str | Path],
+    said: list[Path],
+    settings: dict[str, str],
+    first: Callable[[], None] | None = None,
+) -> ForkServerProcess:
+    """The same as it begins; what it says, and its peak of memory, go into the files ``said``. ``first`` is done in it before all else."""
+    process = _FORKS.Process(target=_run, args=(folder, tuple(map(str, arguments)), said, settings, first))
     process.start()
     return process
 
 
-def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str]) -> None:
+def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str], first: Callable[[], None] | None) -> None:
     for key in [key for key in os.environ if key.startswith("MASSPROP_")]:
         del os.environ[key]
     os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
@@ -64,6 +70,8 @@ def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: d
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), descriptor)
     sys.stdout, sys.stderr = (open(descriptor, "w", encoding="utf-8", closefd=False) for descriptor in (1, 2))  # noqa: SIM115
     sys.argv = ["massprop", *arguments]
+    if first is not None:
+        first()
     try:
         main()
     finally:
