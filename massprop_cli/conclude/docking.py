@@ -105,12 +105,10 @@ def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclu
 
 
 def masses_apart(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[float, float] | None:
-    """How much heavier the second of two phases is, with sigma, kg; None unless there are just two with a mass, one after the other."""
+    """How much heavier the second of two phases is, with sigma, kg; None unless there are just two with a mass."""
     if len(conclusions) != 2:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
-    if first.phase.overlaps(second.phase):
-        return None
     values, joint = _joint((first, second), vehicle)
     apart = values[19] - values[9]
     variance = joint[9, 9] + joint[19, 19] - 2 * joint[9, 19]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
+from itertools import combinations
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -139,6 +140,12 @@ class Vehicle(Section):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
+        for first, second in combinations(self.phases, 2):
+            if first.overlaps(second):
+                raise ValueError(
+                    f"phases {first.name!r} ({first.start_s:g} to {first.end_s:g} s) and {second.name!r} ({second.start_s:g} to "
+                    f"{second.end_s:g} s) overlap; end one where the other starts, or estimate each in a run of its own"
+                )
         if self.environment.kind == "planar" and self.estimator.method == "thesis":
             raise ValueError('estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a table')
         if self.known and len(self.phases) > 1:
@@ -149,13 +156,10 @@ class Vehicle(Section):
         if self.docking is not None:
             if self.docking.before == self.docking.after:
                 raise ValueError(f"docking.before and docking.after are both {self.docking.after!r}; name two phases")
-            phases = {phase.name: phase for phase in self.phases}
+            phases = [phase.name for phase in self.phases]
             for name in (self.docking.before, self.docking.after):
                 if name not in phases:
                     raise ValueError(f"docking names phase {name!r}, which [[phases]] does not have")
-            before, after = phases[self.docking.before], phases[self.docking.after]
-            if before.overlaps(after):
-                raise ValueError(f"docking: phases {before.name!r} and {after.name!r} overlap; end one where the other starts")
         return self
 
     @field_validator("columns")

@@ -58,13 +58,11 @@ END = "force_n = [0.0, 0.0, -2.22411080763025]\n"
 ROLL_N1 = '[[jets]]\nname = "roll_n1"\nposition_m = [0.0, 0.1475, 0.0]\nforce_n = [0.0, 0.0, -1.112055403815125]\n'
 ROTATION = "[[0.9393727128473789, 0.34289780745545134, 0.0], [-0.34289780745545134, 0.9393727128473789, 0.0], [0.0, 0.0, 1.0]]"
 BAD_VEHICLES = {
-    "has a docking of phases that overlap": BadVehicle(
+    "has phases that overlap": BadVehicle(
         END,
-        END
-        + '[[phases]]\nname = "one"\nstart_s = 0.0\nend_s = 3.0\n[[phases]]\nname = "two"\nstart_s = 2.9\nend_s = 5.0\n'
-        + '[docking]\nbefore = "one"\nafter = "two"\n',
+        END + '[[phases]]\nname = "one"\nstart_s = 0.0\nend_s = 3.0\n[[phases]]\nname = "two"\nstart_s = 2.9\nend_s = 5.0\n',
         None,
-        ("docking", "'one'", "'two'", "overlap", "end one where the other starts"),
+        ("'one' (0 to 3 s)", "'two' (2.9 to 5 s)", "overlap", "end one where the other starts"),
     ),
     "has an air bearing without gravity": BadVehicle(
         'kind = "free"', 'kind = "air_bearing"\ngravity_m_s2 = 0.0', "[environment]", ("gravity_m_s2 = 0", 'kind = "free"')
