@@ -94,4 +94,4 @@ def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Referen
     found = np.empty(16 + 3 * channels)
     if not library.mp_host_reference(memory, pointer(found)):
         return None
-    return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], found[16:].reshape(3, -1))
+    return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], response=found[16:].reshape(3, -1))

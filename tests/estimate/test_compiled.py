@@ -15,6 +15,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.kernel import kernel
 from massprop_cli.model import handed
+from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
@@ -65,6 +66,16 @@ def apart(a: Array, b: Array, sigma: Array) -> float:
     return float(np.nanmax(np.abs(a - b) / sigma))
 
 
+def same_reference(own: Reference | None, other: Reference | None) -> None:
+    """What the equations are linearised about in the end, every part of it."""
+    assert own is not None
+    assert other is not None
+    for name in ("inertia", "cg", "mu", "gyro_bias", "scale", "damping", *(["response"] if other.response is not None else [])):
+        ours, theirs = np.asarray(getattr(own, name), dtype=float), np.asarray(getattr(other, name), dtype=float)
+        assert ours.shape == theirs.shape, name
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6 * max(1.0, np.abs(theirs).max(initial=0.0)), err_msg=name)
+
+
 def both(log: str, monkeypatch: pytest.MonkeyPatch, *assignments: str) -> list[tuple[History, History]]:
     found = _Both()
     monkeypatch.setattr(engine, "replay", found.replay)
@@ -82,6 +93,7 @@ def test_every_value_of_every_cycle_agrees(log: str, monkeypatch: pytest.MonkeyP
         assert apart(own.innovation, other.innovation, other.innovation_sigma) < AGREE
         assert apart(own.normalised, other.normalised, np.ones(1)) < AGREE
         assert np.abs(own.covariance - other.covariance).max() < AGREE * np.abs(other.covariance).max()
+        same_reference(own.reference, other.reference)
 
 
 @pytest.mark.parametrize(
