@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -110,6 +110,19 @@ def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
         with suppress(OSError):  # where the system does not remove open files, the release does
             file.unlink()
         holding.release()
+
+
+def check_own(folder: Path, names: Iterable[str], mark: str) -> None:
+    """:class:`InputError` where files would be written over that are someone's own.
+
+    Massprop's have the ``mark`` among them, or the lock of a process that is at work there or was killed.
+    """
+    own = (folder / name for name in (_LOCK, mark, _LOCK))  # the lock again: its process may just have set to work
+    foreign = [name for name in names if (folder / name).exists()]
+    if foreign and not any(path.exists() for path in own):
+        raise InputError(
+            f"{folder / foreign[0]}: is there already, and massprop did not write it; move it, or choose another folder", option="out"
+        )
 
 
 def is_left_over(path: Path) -> bool:

@@ -12,9 +12,11 @@ from typing import Protocol
 
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
+from massprop_cli.campaign import outcome
 
 RESULTS = "results"
 """Folder of all result folders."""
+_TABLES = ("campaign.parquet", "campaign.csv", "campaign.html", "campaign.json")
 _ASIDE, _LOCK = ".partial", ".lock"
 
 
@@ -48,11 +50,9 @@ class LocalPlace:
     def lock(self) -> Iterator[None]:
         """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
         try:
-            (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror}); choose another folder", option="out") from None
-        try:
-            with files.lock(self.folder / _LOCK, self.folder, 0.0):
+            with files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
+                for name in filter(lambda name: (self.folder / name).is_dir(), _TABLES):
+                    raise InputError(f"{self.folder / name}: is a folder; move it, or choose another folder", option="out")
                 try:
                     shutil.rmtree(self._aside, ignore_errors=True)
                     self._aside.mkdir()
@@ -74,6 +74,8 @@ class LocalPlace:
     def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
         """See :class:`Place`. Killed between the two renames, the folder is missing, and the next batch makes it again."""
         place = self.folder / RESULTS / name
+        if place.is_dir() and any(place.iterdir()) and not (place / outcome.FILE).exists():
+            raise InputError(f"{place}: is there already, and massprop did not write it; move it, or choose another folder", option="out")
         staged = Path(tempfile.mkdtemp(dir=self._aside))
         staged.chmod(0o755)
         for file, content in files.items():

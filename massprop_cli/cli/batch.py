@@ -14,7 +14,7 @@ import typer
 from massprop_cli.base import exits
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
+from massprop_cli.cli.guard import check_junit, fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, put, say
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def batch(
     out = location.join(out, CHECKS) if check else out
     folder = urlplace.at(out)
     folder_of_its_own(folder.folder if isinstance(folder, LocalPlace) else None)
-    _not_a_folder(junit)
+    check_junit(junit)
     assignments = options.assignments(context, {"method": method, "delay": delay}, assign)
     from massprop_cli.campaign import baseline as baselines
     from massprop_cli.campaign import discover, joining, run, summary
@@ -229,11 +229,6 @@ def _without_values(given: dict[str, object]) -> None:
     for option, value in given.items():
         if value is not None:
             raise UsageError(f"{option}: a check gives no values; leave it out, or run batch without --check")
-
-
-def _not_a_folder(junit: Path | None) -> None:
-    if junit is not None and (junit.is_dir() or not junit.parent.is_dir()):
-        raise UsageError(f"--junit {junit}: name a file in a folder that exists")
 
 
 def _check(planned: Sequence[Job]) -> None:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from massprop_cli.base.errors import InputError, UsageError
+from massprop_cli.base.errors import InputError
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import fail, guarded
+from massprop_cli.cli.guard import check_junit, fail, guarded
 from massprop_cli.cli.terminal import console, progress
 
 if TYPE_CHECKING:
@@ -58,8 +58,7 @@ def check(
     from massprop_cli.inputs.require import requirements
 
     wants = requirements(want, "--want")
-    if junit is not None and (junit.is_dir() or not junit.parent.is_dir()):
-        raise UsageError(f"--junit {junit}: name a file in a folder that exists")
+    check_junit(junit)
     assignments = options.assignments(context, {"delay": delay}, assign)
     from massprop_cli.check import finding, flow
 

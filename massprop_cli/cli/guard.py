@@ -14,6 +14,9 @@ from massprop_cli.base import exits
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli.terminal import say
 
+_BEGINS = 1000
+"""Bytes of a JUnit file in which its first element stands."""
+
 
 def guarded(command: Callable[..., None]) -> Callable[..., None]:
     """Errors become one line on stderr and the contract's exit code."""
@@ -50,10 +53,36 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
+def check_junit(file: Path | None) -> None:
+    """Refuse a ``--junit`` that can't be written, or would take the place of anything but an earlier one."""
+    if file is None:
+        return
+    check_utf8("--junit", file)
+    if file.is_dir() or not file.parent.is_dir():
+        raise UsageError(f"--junit {file}: name a file in a folder that exists")
+    if file.exists() and not (file.is_file() and _is_junit(file)):
+        raise UsageError(f"--junit {file}: is there already, and is no JUnit XML; name another file")
+
+
+def _is_junit(file: Path) -> bool:
+    with file.open("rb") as opened:
+        begins = opened.read(_BEGINS)
+    return not begins or b"<testsuite" in begins
+
+
+def check_utf8(option: str, path: Path | None) -> None:
+    """Refuse a name that no result or terminal could tell."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise UsageError(f"{option} {str(path)!r}: is not UTF-8; choose another name") from None
+
+
 def folder_of_its_own(out: Path | None) -> None:
     """Refuse an ``--out`` that names no folder, or the one we are in or one above it, however it is spelt."""
     if out is None:
         return
+    check_utf8("--out", out)
     here = Path.cwd()
     if not str(out).strip(". ") or Path(os.path.realpath(out)) in (here, *here.parents):
         raise UsageError(f"--out {str(out)!r}: is the current folder, or one above it; name a folder of its own")

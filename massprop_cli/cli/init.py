@@ -10,7 +10,7 @@ import typer
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import guarded
+from massprop_cli.cli.guard import check_utf8, guarded
 from massprop_cli.cli.terminal import put
 
 
@@ -34,6 +34,7 @@ def init(
         massprop init log.parquet
         massprop init log.parquet --out drafted.toml
     """
+    check_utf8("--out", out)
     from massprop_cli.base import files
     from massprop_cli.inputs.formats import draft, reading, recording, traits
     from massprop_cli.inputs.logfile import read_table

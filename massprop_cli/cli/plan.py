@@ -101,14 +101,16 @@ def plan(
     folder_of_its_own(out)
     import numpy as np
 
+    from massprop_cli.base import files
     from massprop_cli.plan import document, flow, page
     from massprop_cli.plan.choose import Criterion
 
+    folder = out or flow.default_folder(vehicle)
+    files.check_own(folder, ("scenario.toml",), "plan.json")
     off = tuple(name.strip() for name in without.split(",")) if without else ()
     asked = flow.Asked(wants, max_time, Criterion(criterion.value), max_impulse, max_rate, max_tilt, max_travel, off)
     with progress(quiet or as_json) as told, np.errstate(all="ignore"):
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
-    folder = out or flow.default_folder(vehicle)
     flow.write(made, folder, {"plan.html": page.text(made.plan)})
     if as_json:
         sys.stdout.write(document.to_json(made.plan))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -82,11 +83,11 @@ def report(
     from massprop_cli.result import judge, read
 
     wanted = expectations.load(expect) if expect is not None else None
-    once = {path.resolve(): path for path in results}
+    once = {realpath(path): path for path in results}
     recorded = [_held(read.read(path), wanted) for path in once.values()]
     files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
-    own = len(recorded) == 1 and folder.resolve() == recorded[0].path.parent.resolve()
+    own = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
     for path in _write(folder, files, own):
         if not quiet:
             put(str(path))

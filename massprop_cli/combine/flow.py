@@ -7,6 +7,7 @@ import platform
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
+from os.path import realpath
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +83,7 @@ def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready
 
 
 def _read(paths: Sequence[Path]) -> list[Recorded]:
-    return [read(path) for path in {path.resolve(): path for path in paths}.values()]
+    return [read(path) for path in {realpath(path): path for path in paths}.values()]
 
 
 def _check_twice(recorded: Sequence[Recorded]) -> None:

@@ -21,6 +21,7 @@ HOST = ("host.c", "host.h", "blocks.c")
 def write(resolved: Constants, folder: Path) -> list[str]:
     """Write all of it, whole; the files' names."""
     texts = contents(resolved)
+    files.check_own(folder, texts, "table.h")
     try:
         with files.held(folder), files.staged(folder) as stage:
             for name, text in texts.items():

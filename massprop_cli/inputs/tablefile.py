@@ -30,6 +30,8 @@ MAP_KEY = b"massprop.map"
 """The same of its map file."""
 _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
+_WHOLE = 2**53
+"""The largest number up to which float64 holds every whole one."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,11 @@ class Cells:
 
     def _no_number(self, data: Any) -> InputError:
         for row, cell in enumerate(value.as_py() for value in data):
+            if isinstance(cell, int) and abs(cell) > _WHOLE:
+                return InputError(
+                    f"{self.path}, {self.places.of(row)}, column {self.name}: {cell} is a whole number with more digits than float64 "
+                    "holds; take off what the log begins with, or write it as float64"
+                )
             try:
                 is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):

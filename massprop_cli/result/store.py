@@ -53,8 +53,9 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     for name in ("history.parquet", RUN, "result.json"):
         if (folder / name).is_dir():
             raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
-    file = folder / "result.json"
-    unchanged = file.exists() and file.read_bytes() == result_json.encode()
+        if _is(folder / name, analysis.log.path):
+            raise InputError(f"{folder / name}: is the log itself; nothing was written. Choose another folder", option="out")
+    unchanged = _holds(folder / "result.json", result_json.encode())
     told: dict[str, Any] = _run(analysis.log.path, analysis.source.source)
     if analysis.log.made is not None:
         told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
@@ -65,6 +66,15 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
     pages = Cleared() if unchanged else rendered.clear(folder)
     stage.place()
     return pages
+
+
+def _is(file: Path, other: Path) -> bool:
+    return file.exists() and other.exists() and file.samefile(other)
+
+
+def _holds(file: Path, content: bytes) -> bool:
+    """Whether it is a file, no pipe or device that may never end, with this content."""
+    return file.is_file() and file.stat().st_size == len(content) and file.read_bytes() == content
 
 
 def plain(log: Path) -> Path:

@@ -48,6 +48,7 @@ def simulate(
     """
     try:
         if seeds is None:
+            files.check_own(folder, (f"log.{kind}", "vehicle.toml"), "truth.json")
             flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0), running=running)
             with files.held(folder):
                 write(flight, 0, source.scenario, folder, kind)
