@@ -77,6 +77,8 @@ def report(
     if open_ and "html" not in texts:
         raise UsageError("--open: shows report.html, which is not among what is asked for; add html to --format")
     folder_of_its_own(out)
+    import numpy as np
+
     from massprop_cli import job
     from massprop_cli.inputs import expect as expectations
     from massprop_cli.report.labels import labels
@@ -85,7 +87,8 @@ def report(
     wanted = expectations.load(expect) if expect is not None else None
     once = {realpath(path): path for path in results}
     recorded = [_held(read.read(path), wanted) for path in once.values()]
-    files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
+    with np.errstate(all="ignore"):  # of numbers that are orders of magnitude apart
+        files = _texts(recorded, texts) | _figures(recorded, figure or [], kinds)
     folder = out or (recorded[0].path.parent if len(recorded) == 1 else Path("massprop-out"))
     own = len(recorded) == 1 and realpath(folder) == realpath(recorded[0].path.parent)
     for path in _write(folder, files, own):

@@ -18,6 +18,8 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import parquetheader
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
+LARGEST = 1e150
+"""In size, so that squares and what is so many sigmas are numbers still."""
 ROUNDING = 1e-9
 """Sigmas by sigmas that what is symmetric may be apart."""
 LOGS = (".parquet", ".csv")
@@ -51,7 +53,7 @@ def read(path: Path) -> Recorded:
         raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
     text = configfile.read_text(file, "result.json")
     try:
-        data = json.loads(text, parse_constant=_finite, parse_float=_finite)
+        data = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON ({error}); make it again with massprop estimate") from None
     if not isinstance(data, dict) or data.get("schema") != "massprop/result/1":
@@ -80,7 +82,14 @@ def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"{text} is no finite number")
+    if abs(number) > LARGEST:
+        raise ValueError(f"{text} is larger than {LARGEST:g} in size, which no result is")
     return number
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _contradiction(part: PhaseItem | DockedObject) -> str:
@@ -90,6 +99,8 @@ def _contradiction(part: PhaseItem | DockedObject) -> str:
             return f"the unit of {name} is {item.unit!r}, not {UNITS[name]!r}"
         if item.sigma is not None and item.sigma < 0:
             return f"the sigma of {name} is {item.sigma:g}, below 0"
+        if item.sigma is not None and 0 < item.sigma < 1 / LARGEST:
+            return f"the sigma of {name} is {item.sigma:g}, smaller than any but 0"
         if item.value is not None and item.sigma is None:
             return f"{name} has a value and no sigma"
     covariance = np.array(part.covariance, dtype=float)

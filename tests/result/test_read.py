@@ -18,6 +18,9 @@ Edit = Callable[[dict[str, Any]], object]
 EDITS: dict[str, tuple[Edit, str]] = {
     "a value that is no number": (lambda phase: phase["estimates"]["mass"].update(value=float("nan")), "NaN is no finite number"),
     "an endless sigma": (lambda phase: phase["estimates"]["mass"].update(sigma=float("inf")), "Infinity is no finite number"),
+    "a value beyond all": (lambda phase: phase["estimates"]["mass"].update(value=1e308), r"1e\+308 is larger than 1e\+150"),
+    "a whole number beyond all": (lambda phase: phase["estimates"]["mass"].update(value=10**200), r"0 is larger than 1e\+150"),
+    "a sigma that is next to nothing": (lambda phase: phase["estimates"]["mass"].update(value=1.0, sigma=1e-320), "smaller than any but 0"),
     "a sigma below 0": (lambda phase: phase["estimates"]["mass"].update(sigma=-1.0), "the sigma of mass is -1, below 0"),
     "a value without a sigma": (lambda phase: phase["estimates"]["mass"].update(value=1.0, sigma=None), "mass has a value and no sigma"),
     "another unit": (lambda phase: phase["estimates"]["mass"].update(unit="lb"), "the unit of mass is 'lb', not 'kg'"),
