@@ -131,4 +131,23 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
         raise InputError(f"{file}: cannot be read ({error}); make it again with massprop estimate") from None
     if {str(name) for name in phase} != {phase.name for phase in result.phases}:
         raise InputError(f"{file}: holds other phases than result.json beside it; make both again with massprop estimate")
-    return {item.name: {name: values[phase == item.name] for name, values in columns.items()} for item in result.phases}
+    found = {item.name: {name: values[phase == item.name] for name, values in columns.items()} for item in result.phases}
+    for item, own in found.items():
+        for name, values in own.items():
+            problem = _disorder(name, values)
+            if problem:
+                raise InputError(f"{file}: {name} in phase {item} {problem}; it was edited. Make it again with massprop estimate")
+    return found
+
+
+def _disorder(name: str, values: Array) -> str:
+    """What nobody could draw of a column of a history; empty where there is nothing."""
+    if values.ndim != 1:
+        return "holds no numbers"
+    if (np.abs(values) > LARGEST).any():
+        return f"holds numbers beyond {LARGEST:g}"
+    if "_sigma" in name and (values < 0).any():
+        return "is below 0"
+    if name == "time_s" and not (np.isfinite(values).all() and (np.diff(values) > 0).all()):
+        return "does not increase"
+    return ""

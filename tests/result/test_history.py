@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.result.historyfile import EXECUTED
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import Recorded, read
 from tests.analysed import SAMPLES, analysed
 from tests.faulty import sample
 from tests.recording import record
@@ -16,6 +24,26 @@ AXES = "xyz"
 
 def columns(recorded: Recorded, phase: str, *names: str) -> np.ndarray:
     return np.column_stack([recorded.history[phase][name] for name in names])
+
+
+EDITS: dict[str, tuple[str, Callable[[list[float]], list[object]], str]] = {
+    "a number beyond all": ("ixx", lambda values: [1e308, *values[1:]], "holds numbers beyond 1e+150"),
+    "a sigma below 0": ("ixx_sigma", lambda values: [-1.0, *values[1:]], "is below 0"),
+    "no time": ("time_s", lambda values: [*values[:-1], float("nan")], "does not increase"),
+    "time that goes back": ("time_s", lambda values: [*values[1:], values[0]], "does not increase"),
+    "lists": ("ixx", lambda values: [[value] for value in values], "holds no numbers"),
+}
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_a_history_that_nobody_could_draw_is_refused(name: str, flyer: Recorded, tmp_path: Path) -> None:
+    column, edit, words = EDITS[name]
+    shutil.copy(flyer.path, tmp_path)
+    table = pq.read_table(flyer.path.with_name("history.parquet"))
+    index = table.column_names.index(column)
+    pq.write_table(table.set_column(index, column, pa.array(edit(table.column(column).to_pylist()))), tmp_path / "history.parquet")
+    with pytest.raises(InputError, match=f"history.parquet: {column} in phase all {re.escape(words)}; it was edited"):
+        read(tmp_path)
 
 
 def test_whitened_innovations_are_those_that_the_fit_is_judged_by(docking: Recorded) -> None:
