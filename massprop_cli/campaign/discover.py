@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import campaignfile, location
+from massprop_cli.campaign import campaignfile, location, pattern
 from massprop_cli.campaign.plan import Found, Job, Settings, jobs
 from massprop_cli.inputs.formats.recording import SUFFIXES
 
@@ -76,12 +76,20 @@ def _expanded(named: str) -> list[Found]:
             raise InputError(f"{path}: no such file or folder; check the path")
         return [_found(path, path.parent)]
     fixed = Path(*_leading(path.parts))
-    matches = [Path(match) for match in glob.glob(str(path), recursive=True)]  # noqa: PTH207 as a shell does it
-    folders = [log for match in matches if match.is_dir() for log in _walk(match)]
-    both = sorted({*(match for match in matches if match.is_file() and _is_log(match)), *folders}, key=lambda log: _natural(log.parts))
+    both = sorted(_matching(path, fixed), key=lambda log: _natural(log.parts))
     if not both:
         raise InputError(f"{path}: no log fits this pattern; check it, and that it names logs ({_KINDS})")
     return [_found(log, fixed) for log in both]
+
+
+def _matching(path: Path, fixed: Path) -> set[Path]:
+    """Logs that fit a pattern, and those in folders that do; ``fixed`` is what it begins with."""
+    if pattern.ANY in path.parts:
+        below = {log.relative_to(fixed).as_posix(): log for log in _walk(fixed, links=True)}
+        return {below[fits] for fits in pattern.fitting(list(below), path.relative_to(fixed).as_posix())}
+    matches = [Path(match) for match in glob.glob(str(path))]  # noqa: PTH207 as a shell does it
+    logs = {match for match in matches if match.is_file() and _is_log(match)}
+    return logs | {log for match in matches if match.is_dir() for log in _walk(match)}
 
 
 def _expanded_url(named: str) -> list[Found]:
@@ -94,7 +102,7 @@ def _expanded_url(named: str) -> list[Found]:
     wild = bool(_MAGIC.search(place))
     root = "::".join(["/".join(_leading(place.split("/"))), *outer])
     all_below = remote.below(root)
-    files = remote.fitting(all_below, location.below(named, root)) if wild else all_below
+    files = pattern.fitting(all_below, location.below(named, root)) if wild else all_below
     there = set(all_below)
     logs = [file for file in files if not _is_hidden(file) and _may_be_log(PurePosixPath(file), lambda beside: str(beside) in there)]
     problem = (
@@ -128,10 +136,15 @@ def _leading(parts: Sequence[str]) -> Iterator[str]:
         yield part
 
 
-def _walk(folder: Path) -> Iterator[Path]:
-    """Logs in a folder and below, but for hidden ones."""
-    for place, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
+def _walk(folder: Path, links: bool = False) -> Iterator[Path]:
+    """Logs in a folder and below, but for hidden ones; through ``links`` too, each folder once however many lead to it."""
+    seen = {os.path.realpath(folder)}
+    for place, folders, files in os.walk(folder, followlinks=links):
+        folders[:] = [name for name in sorted(folders) if not name.startswith(".")]
+        if links:
+            new = {os.path.realpath(Path(place, name)): name for name in reversed(folders)}
+            folders[:] = sorted(name for where, name in new.items() if where not in seen)
+            seen |= new.keys()
         yield from (log for log in (Path(place) / name for name in files if not name.startswith(".")) if _is_log(log))
 
 

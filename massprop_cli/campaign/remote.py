@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
-from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
 from massprop_cli.base import limits
@@ -112,27 +110,6 @@ def _below(files: Any, path: str) -> list[str]:
         return []
     root = path.rstrip("/")
     return [str(file)[len(root) :].lstrip("/") for file in found if str(file).startswith(f"{root}/")]
-
-
-def fitting(files: Sequence[str], pattern: str) -> list[str]:
-    """Of these paths those that fit a pattern, and those in folders that do.
-
-    As a shell does it: "*" fits within one part of a path, "**" any number of folders, neither what begins with a dot.
-    """
-    return [file for file in files if _fits(file.split("/"), PurePosixPath(pattern).parts)]
-
-
-def _fits(parts: list[str], wanted: tuple[str, ...]) -> bool:
-    """Whether a file, or a folder that it is in, fits."""
-    if not wanted:
-        return True
-    if wanted[0] == "**":
-        # without more, it is all that lies below
-        return len(wanted) == 1 or any(_fits(parts[n:], wanted[1:]) for n in range(len(parts)))
-    if not parts:
-        return False
-    hidden = parts[0].startswith(".") and not wanted[0].startswith(".")
-    return not hidden and fnmatchcase(parts[0], wanted[0]) and _fits(parts[1:], wanted[1:])
 
 
 def _line(error: BaseException) -> str:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_cli.base.errors import InputError
 from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
@@ -30,8 +31,11 @@ class Kernel(NamedTuple):
 
 @cache
 def kernel() -> Kernel:
-    """The compiled kernel, where it was built beside this file and is not turned off."""
-    if os.environ.get(CHOICE) == "numpy":
+    """The compiled kernel, where it was built beside this file and is not turned off; :class:`InputError` where another is chosen."""
+    chosen = os.environ.get(CHOICE, "")
+    if chosen not in ("", "numpy"):
+        raise InputError(f"{CHOICE}={chosen}: no such kernel; say numpy, or unset it")
+    if chosen == "numpy":
         return Kernel(None, f"NumPy ({CHOICE}=numpy)")
     path = built(Path(__file__).parent)
     if not path.exists():

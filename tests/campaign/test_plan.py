@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import discover
+from massprop_cli.campaign.pattern import fitting
 from massprop_cli.campaign.plan import Found, Job, Settings, names
 from massprop_cli.inputs.require import Requirement
 
@@ -52,6 +54,35 @@ def test_globs_files_and_folders_name_a_log_once(tmp_path: Path) -> None:
     jobs = plan(tmp_path / "*" / "1.*", tmp_path / "a", tmp_path / "b" / ".." / "a" / "1.csv")
     assert [Path(job.log).relative_to(tmp_path) for job in jobs] == [Path("b/../a/1.csv"), Path("b/1.parquet"), Path("a/2.csv")]
     assert [job.shown for job in plan(tmp_path / "**" / "1.*")] == ["a/1.csv", "b/1.parquet"]
+
+
+def test_links_that_loop_are_gone_through_once(tmp_path: Path) -> None:
+    touch(tmp_path / "a" / "b" / "1.csv", tmp_path / "c" / "2.csv")
+    for link, to in (("a/up", ".."), ("a/b/here", "."), ("a/b/top", "../.."), ("x", "x"), ("d", "c")):
+        (tmp_path / link).symlink_to(to)
+    began = time.monotonic()
+    for stars in ("**", "/".join(40 * ["**"]), "**/*/**"):
+        assert [job.shown for job in plan(f"{tmp_path}/{stars}/*.csv")] in (["a/b/1.csv", "c/2.csv"], ["b/1.csv", "c/2.csv"])
+    assert time.monotonic() - began < 5
+
+
+@pytest.mark.parametrize(
+    ("pattern", "wanted"),
+    [
+        ("**", ["1.csv", "a/1.csv", "a/b/1.csv", "a/b/c/2.csv"]),
+        ("**/1.csv", ["1.csv", "a/1.csv", "a/b/1.csv"]),
+        ("a/**/1.csv", ["a/1.csv", "a/b/1.csv"]),
+        ("a/b", ["a/b/1.csv", "a/b/c/2.csv"]),
+        ("**/b/**", ["a/b/1.csv", "a/b/c/2.csv"]),
+        ("*/1.csv", ["a/1.csv"]),
+        ("x/**", []),
+        ("**/" * 60 + "2.csv", ["a/b/c/2.csv"]),
+        ("**/a/" * 30 + "2.csv", []),
+    ],
+)
+def test_a_pattern_fits_as_in_a_shell_in_a_time_that_grows_as_path_times_pattern(pattern: str, wanted: list[str]) -> None:
+    assert fitting(["1.csv", "a/1.csv", "a/b/1.csv", "a/b/c/2.csv"], pattern) == wanted
+    assert not fitting(["/".join(40 * "z")], "**/z/" * 30 + "y")
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,11 @@ def test_a_result_that_never_ends_is_not_read_before_it_is_replaced(there: str, 
     assert (here / "own" / "result.json").read_bytes().startswith(b"{")
 
 
+def test_a_kernel_that_is_none_is_told(here: Path) -> None:
+    done = massprop(here, *ESTIMATE, MASSPROP_KERNEL="Numpy")
+    assert (done.returncode, done.stderr) == (3, "massprop: MASSPROP_KERNEL=Numpy: no such kernel; say numpy, or unset it\n")
+
+
 @pytest.mark.parametrize(
     "line",
     [
