@@ -93,9 +93,11 @@ def override(data: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]
 def literal(text: str) -> object:
     """A TOML literal's value, or the text itself where it is none."""
     try:
-        return parse_toml(f"value = {text}", "value")["value"]
+        found = parse_toml(f"value = {text}", "value")
     except InputError:
         return text
+    # a value over several lines may bring further keys, which nobody would see again
+    return found["value"] if len(found) == 1 else text
 
 
 def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -163,6 +164,8 @@ def batch(
     from massprop_cli.inputs.require import requirements
 
     required = requirements(require)
+    if not math.isfinite(max_sigma):
+        raise UsageError(f"--max-sigma {max_sigma}: give a number of sigmas, 0 or more")
     if check:
         _without_values({"--expect": expect, "--baseline": baseline, "--report": report or None})
     from massprop_cli.campaign import location, urlplace

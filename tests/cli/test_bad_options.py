@@ -24,6 +24,7 @@ BAD_SETTINGS = [
     (["--set", "convergence.count=many"], ["setting", "convergence.count", "'many'", "integer"]),
     (["--set", "convergence.count.x=1", "--set", "convergence.count=5"], ["setting", "convergence.count"]),
     (["--set", "name.x=1"], ["setting name.x=1", "'name'", "is a value, not a table"]),
+    (["--set", "cycle.period_s=0.05\n[known]\nmass={value=1.0,sigma=1.0}"], ["setting", "cycle.period_s", "valid number"]),
     (["--set", "jets.99.rise_s=0.003"], ["setting jets.99.rise_s=0.003", "'99'", "a list of 18", "count from 0"]),
     (["--set", "cycle.period_s=nan"], ["setting", "cycle.period_s = nan", "finite"]),
     (["--delay", "soon"], ["--delay", "'soon'", "number"]),
@@ -52,6 +53,7 @@ BAD_LINES = [
     (["estimate", "log.parquet", "--require"], ["--require"]),
     (["estimate", "log.parquet", "log.parquet"], ["log.parquet"]),
     (["estimate"], ["LOG"]),
+    (["batch", "log.parquet", "--max-sigma", "inf"], ["--max-sigma inf", "a number of sigmas"]),
     (["estimat", "log.parquet"], ["estimat"]),
     (["schema", "lgo"], ["lgo", "log"]),
 ]
