@@ -36,6 +36,7 @@ def simulate(
         int | None,
         typer.Option(
             min=1,
+            max=100_000,
             help="Fly this many seeds, from --seed on: a campaign folder.",
             show_default=False,
             metavar="N",

@@ -53,6 +53,7 @@ BAD_LINES = [
     (["estimate", "log.parquet", "--require"], ["--require"]),
     (["estimate", "log.parquet", "log.parquet"], ["log.parquet"]),
     (["estimate"], ["LOG"]),
+    (["simulate", "free-flyer", "--seeds", "1000000000000"], ["--seeds", "less than or equal to 100000"]),
     (["batch", "log.parquet", "--max-sigma", "inf"], ["--max-sigma inf", "a number of sigmas"]),
     (["estimat", "log.parquet"], ["estimat"]),
     (["schema", "lgo"], ["lgo", "log"]),
