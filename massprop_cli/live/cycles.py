@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
-from massprop_cli.inputs.telemetry import GAP, LONG
+from massprop_cli.inputs.telemetry import ABSURD, GAP, LONG
 from massprop_cli.live.records import Columns, Record, RecordError
 
 
@@ -42,9 +42,15 @@ class Gatherer:
         if self._first is None and not self.records:
             self._first, self._last_s = record, record.time_s
             return []
+        absurd = self._absurd(record, interval)
+        if absurd:
+            raise RecordError(absurd)
         if self._first is not None:
             self._counted(interval)
             first, self._first = self._first, None
+            absurd = self._absurd(first, self.usual_s)
+            if absurd:
+                raise InputError(f"standard input: the first record: {absurd}; begin a new recording")
             return self._added(first, self.usual_s) + self._next(record, interval)
         self._follows(record, interval)
         return self._next(record, interval)
@@ -53,6 +59,14 @@ class Gatherer:
         made = self._added(record, interval)
         self._last_s = record.time_s
         return made
+
+    def _absurd(self, record: Record, interval: float) -> str:
+        """Which increment is more than any vehicle moves in that time; empty where none is."""
+        increments = (*(() if self.columns.rates else DELTA_THETA), *(() if self.columns.accelerations else DELTA_V))
+        for name in increments:
+            if abs(record.numbers[name]) > ABSURD * interval:
+                return f"column {name}: {record.numbers[name] / interval:.3g} per second is no motion of a vehicle"
+        return ""
 
     def _counted(self, interval: float) -> None:
         records = round(self.period_s / interval)
