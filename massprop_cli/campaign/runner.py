@@ -127,7 +127,9 @@ class Worker:
         with self._guard:
             if self._process is None and not self._closed:
                 # -I: neither the current folder nor the user's own settings of Python have a say in what is imported
-                command = [sys.executable, "-I", "-c", _START, *sys.path]
+                # which would forget that whoever starts us wants nothing compiled to be kept
+                kept = ["-B"] if sys.dont_write_bytecode else []
+                command = [sys.executable, "-I", *kept, "-c", _START, *sys.path]
                 pipe = subprocess.PIPE
                 self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, env=os.environ | onethread.SETTINGS)
             return self._process

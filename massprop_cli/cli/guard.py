@@ -14,6 +14,7 @@ from massprop_cli.base import exits
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli.terminal import say
 
+PACKAGE = Path(__file__).parents[1]
 _BEGINS = 1000
 """Bytes of a JUnit file in which its first element stands."""
 
@@ -40,6 +41,8 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         except OSError as error:
             fail(f"the output cannot be written ({error.strerror or error}); is the disk full or the pipe closed?", exits.INPUT)
         except Exception as error:
+            if isinstance(error, EOFError) and "marshal" in str(error):  # CPython 126606: a full disk may cut what it compiles
+                fail(f"Python's compiled files are cut short, as by a full disk; remove __pycache__ below {PACKAGE}", exits.INPUT)
             if os.environ.get("MASSPROP_DEBUG"):
                 raise
             fail(f"internal error (a bug in massprop): {type(error).__name__}: {error}. MASSPROP_DEBUG=1 shows where", exits.BUG)

@@ -132,6 +132,17 @@ def test_a_full_disk_leaves_the_earlier_result(small_disk: Path, log: Path) -> N
     assert contents(out) == {"result.json": b"the earlier one"}
 
 
+def test_compiled_files_that_a_full_disk_cut_are_told(tmp_path: Path) -> None:
+    line, cache = f"{TOOL} schema vehicle", str(tmp_path / "cache")
+    settings = {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
+    assert shell(tmp_path, line, **settings).returncode == 0
+    (compiled,) = (tmp_path / "cache").rglob("massprop_cli/schemas.*.pyc")
+    compiled.write_bytes(compiled.read_bytes()[:300])
+    done = shell(tmp_path, line, **settings)
+    assert done.returncode == 3, done.stderr
+    assert b"compiled files are cut short, as by a full disk; remove __pycache__ below" in done.stderr
+
+
 WRITTEN = ("out", "junit.xml", "drafted.toml")
 """What commands of :data:`COMMANDS` write."""
 
