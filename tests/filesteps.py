@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -48,3 +49,14 @@ class _Steps:
         inside = not Path(path).is_absolute() or Path(path).is_relative_to(self.folder)
         self.taken += inside
         return inside
+
+
+def vanish(folder: Path, step: int, below: str) -> None:
+    """A folder below this one is gone before the given step."""
+    steps = _Steps(folder)
+
+    def take(event: str, arguments: tuple[Any, ...]) -> None:
+        if steps.taken < step and steps.take(event, arguments) and steps.taken == step:
+            shutil.rmtree(folder / below, ignore_errors=True)
+
+    sys.addaudithook(take)

@@ -94,6 +94,13 @@ def held(folder: Path) -> Iterator[None]:
         yield
 
 
+def clear(folder: Path) -> None:
+    """Clear what a killed process left in a folder that isn't written to now; a process that is at work there is waited for."""
+    if any(map(is_left_over, folder.iterdir())):
+        with held(folder):
+            pass
+
+
 @contextmanager
 def lock(file: Path, folder: Path, patience_s: float) -> Iterator[None]:
     """Hold a lock on a file, which is removed in the end; :class:`InputError` names the ``folder`` where another holds it for too long."""

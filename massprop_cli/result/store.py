@@ -90,6 +90,7 @@ def _claimed(log: Path) -> Path:
     """
     own = [folder for folder in _candidates(log) if rendered.run(folder).get("log") == _identity(log)]
     if own:
+        files.clear(BASE)
         return own[0]
     with files.held(BASE):
         for folder in _candidates(log):

@@ -290,6 +290,13 @@ def test_what_a_killed_process_left_is_cleared_and_its_folder_is_free(log: Path)
     assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
 
 
+def test_what_a_process_left_that_was_killed_as_it_named_a_folder_is_cleared(log: Path) -> None:
+    assert shell(log.parent, f"{TOOL} estimate log.parquet -q").returncode == 0
+    (log.parent / "massprop-out" / ".massprop.lock").touch()
+    assert shell(log.parent, f"{TOOL} estimate log.parquet -q").returncode == 0
+    assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
+
+
 def test_a_folder_that_was_made_and_stays_empty_is_removed(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="full"), files.held(tmp_path / "a" / "b"):
         raise OSError("full")
