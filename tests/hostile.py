@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import struct
 from collections.abc import Callable
@@ -249,6 +250,7 @@ PATTERN = (
     )
     + '[jets.roll_p1]\npath = "a"\n'
 )
+_GOOD = (Path(__file__).parent / "corpus" / "result" / "good").read_text(encoding="utf-8")
 KEYS = ".".join(["a"] * 100_000)
 LONG = 10_000_000 * "x"
 INPUTS: dict[str, Hostile] = {
@@ -295,6 +297,12 @@ INPUTS: dict[str, Hostile] = {
     "TOML: 1,000 phases": toml("phases = [" + 1000 * '{name = "p", start_s = 0.0, end_s = 1.0},' + "]\n"),
     "JSON: lists nested 100,000 deep": _result("[" * 100_000),
     "JSON, in combine: the same": _combined,
+    "JSON: a number of 1e308": _result(re.sub(r'"duration_s": ?[\d.]+', '"duration_s": 1e308', _GOOD)),
+    "two phases that overlap": toml('phases = [{name = "a", start_s = 0.0, end_s = 2.0}, {name = "b", start_s = 1.0, end_s = 3.0}]'),
+    "a clock of whole numbers of 19 digits": table(
+        lambda: flight().set_column(0, "time_s", pa.array(4 * 10**18 + np.arange(60, dtype=np.int64)))
+    ),
+    "a trillion seeds": lambda folder: ["simulate", "free-flyer", "--seeds", "1000000000000", "--out", str(folder / "out")],
     "a clock set back": table(_shifted(3600.0, slice(30))),
     "a clock that counts from far away": table(_shifted(1e12, slice(None))),
     "CSV: decimal commas between commas": csv(lambda text: text.replace("0.0,", "0,0,", 1)),

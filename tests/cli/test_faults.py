@@ -10,11 +10,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from massprop_cli.base import files
+from tests import commandline, filesteps
 from tests.cli.test_kill import COMMANDS, PLAN, SETTINGS, THERE, contents
 from tests.commandline import STDIN, massprop
 from tests.hostile import flight, vehicle
@@ -130,6 +132,28 @@ def test_a_full_disk_leaves_the_earlier_result(small_disk: Path, log: Path) -> N
     assert done.returncode == 3, done.stderr
     assert b"No space left on device" in done.stderr
     assert contents(out) == {"result.json": b"the earlier one"}
+
+
+VANISHING = ("estimate --out", "report", "simulate", "export-flight", "combine")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", VANISHING)
+@pytest.mark.parametrize("step", [3, 8])
+def test_a_folder_that_vanishes_while_files_are_written_is_told(command: str, step: int, tmp_path: Path) -> None:
+    prepare, arguments = COMMANDS[command]
+    here = tmp_path / "here"
+    here.mkdir()
+    prepare(here)
+    before = contents(here)
+    said = [tmp_path / name for name in ("stdout", "stderr", "peak")]
+    process = commandline.begun(here, arguments, said, {}, partial(filesteps.vanish, here, step, "out"))
+    process.join(60)
+    told = said[1].read_text(encoding="utf-8")
+    assert process.exitcode == 3, told
+    assert told.startswith("massprop: out: cannot be written (No such file or directory); choose another folder")
+    assert told.count("\n") == 1
+    assert contents(here) == before
 
 
 def test_compiled_files_that_a_full_disk_cut_are_told(tmp_path: Path) -> None:
