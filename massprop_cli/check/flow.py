@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,17 +70,27 @@ def of_table(
         try:
             with extremes.refused(table.path, source):
                 log = telemetry.read(table, vehicle)
-                found += [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
+                found += seen(log, vehicle, place)
                 estimated = flow.examine(log, source, assignments, say)
                 told = build.result(estimated)
         except InputError as error:
             return _told(table, vehicle, [*found, _unusable(str(error))], [], "", exits.INPUT)
-    found += noticed(estimated, {one.code for one in found})
-    found += [] if any(one.grade == "fault" for one in found) else _too_quiet(told, vehicle)
+    found = with_estimate(found, estimated, told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)
     short = any(one.reached is False for one in expected)
     return _told(table, vehicle, found, expected, _delay(told), exits.NOT_CONVERGED if short else 0)
+
+
+def seen(log: Log, vehicle: Vehicle, place: Callable[[int], str]) -> list[Finding]:
+    """What a log's signals show by themselves, before any estimate; ``place`` names a row."""
+    return [*sensors(log, vehicle, place), *commands(log, vehicle, place), *attitude(log, vehicle), *on_table(log, vehicle)]
+
+
+def with_estimate(found: Sequence[Finding], estimated: Analysis, told: Result, vehicle: Vehicle) -> list[Finding]:
+    """The same with what the estimate of the log says, ``told`` being its result."""
+    every = [*found, *_noticed(estimated, {one.code for one in found})]
+    return every if any(one.grade == "fault" for one in every) else [*every, *_too_quiet(told, vehicle)]
 
 
 def _times(table: Table, vehicle: Vehicle) -> Array:
@@ -99,7 +109,7 @@ def _unusable(message: str) -> Finding:
     return Finding(subject="sampling", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
 
 
-def noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
+def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
     """Warnings of the estimate, but for what is told with its rows already."""
     named = {fault.notice.code for fault in estimated.faults}
     # of a log without commands there is no cause to look for but that

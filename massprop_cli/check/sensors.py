@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.check.finding import Finding, rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -78,7 +78,7 @@ def _channel(
             found.append(_finding(f"{name}-saturated", "fault", said, rows(full, place), remedy))
     else:
         found += _clipped(name, column, values, place)
-    run = _stuck(values, repeated)
+    run = standing(values, repeated)
     if noise != 0 and run.any():
         remedy = "see to the sensor; cut these records ([[phases]])"
         found.append(
@@ -93,7 +93,7 @@ def _clipped(name: str, column: str, values: Array, place: Place) -> list[Findin
         tolerance = 1e-9 * abs(extreme)
         full = np.abs(values - extreme) <= tolerance
         inside = values[~full]
-        if full.sum() < CLIPPED or not len(inside) or (np.median(values) == extreme):
+        if full.sum() < CLIPPED or not len(inside) or median(values) == extreme:
             continue
         next_to = inside[np.argmin(np.abs(inside - extreme))]
         if full.sum() > 3 * (np.abs(inside - next_to) <= tolerance).sum() + 1:
@@ -103,24 +103,26 @@ def _clipped(name: str, column: str, values: Array, place: Place) -> list[Findin
     return []
 
 
-def _stuck(values: Array, repeated: BoolArray) -> BoolArray:
+def standing(values: Array, repeated: BoolArray) -> BoolArray:
     """Records in runs of equal values longer than chance makes them of a channel that repeats itself as often as this does elsewhere."""
     same = np.concatenate([[False], _same(values)]) & ~repeated
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    long = ends - starts
+    elsewhere = (same.sum() - long + 1) / (len(values) - long + 1)
+    unlikely = (long >= STUCK - 1) & (len(values) * elsewhere**long < UNLIKELY)
     found = np.zeros(len(values), dtype=bool)
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        elsewhere = (same.sum() - (end - start) + 1) / (len(values) - (end - start) + 1)
-        if end - start >= STUCK - 1 and len(values) * elsewhere ** (end - start) < UNLIKELY:
-            found[start - 1 : end] = True
+    for start, end in zip(starts[unlikely], ends[unlikely], strict=True):
+        found[start - 1 : end] = True
     return found
 
 
 def _coarse(name: str, values: Array, noise: float | None, records: int) -> list[Finding]:
     if not noise:
         return []
-    steps = [np.diff(np.unique(axis)) for axis in values.T]
-    sizes = [float(step[step > 1e-9 * np.abs(axis).max()].min()) for step, axis in zip(steps, values.T, strict=True) if len(step) > 1]
-    coarsest = max(sizes, default=0.0)
+    # sorted, not np.unique, which imports masked arrays
+    steps = [(step := np.diff(np.sort(axis)))[step > 1e-9 * np.abs(axis).max()] for axis in values.T]
+    coarsest = max((float(step.min()) for step in steps if len(step) > 1), default=0.0)
     if coarsest <= COARSE * noise * np.sqrt(records):
         return []
     said = f"the {name} counts in steps of {coarsest:.3g} per second, {coarsest / (noise * np.sqrt(records)):.3g} times its stated noise"

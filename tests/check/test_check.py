@@ -18,6 +18,7 @@ from massprop_cli.check import flow
 from massprop_cli.check.attitude import turns
 from massprop_cli.check.finding import Check, rows
 from massprop_cli.check.sampling import sampling
+from massprop_cli.check.sensors import UNLIKELY, standing
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.require import requirements
 from massprop_cli.testbed import output, scenario
@@ -127,6 +128,25 @@ def test_rows_are_named_as_a_person_finds_them() -> None:
     assert rows(where, str) == ""
     where[[3, 4, 5, 9, 15]] = True
     assert rows(where, lambda row: f"line {row + 2}") == "line 5 to 7, and 2 more places"
+
+
+@pytest.mark.parametrize("counts", [0.7, 2.0, 20.0])
+def test_a_run_is_told_where_chance_does_not_make_it_of_a_channel_that_counts_coarsely(counts: float) -> None:
+    """Oracle: every run by itself, against how often the channel repeats itself outside it. Few counts make thousands of runs."""
+    values = np.round(counts * np.random.default_rng(3).standard_normal(20000))
+    values[400:460] = values[400]
+    values[9000:9010] = values[9000]
+    same = np.concatenate([[False], values[1:] == values[:-1]])
+    expected = np.zeros(len(values), dtype=bool)
+    for start in np.flatnonzero(same & ~np.concatenate([[False], same[:-1]])):
+        end = start + int(np.argmin(np.append(same[start:], False)))
+        elsewhere = (same.sum() - (end - start) + 1) / (len(values) - (end - start) + 1)
+        if end - start >= 5 and len(values) * elsewhere ** (end - start) < UNLIKELY:
+            expected[start - 1 : end] = True
+    found = standing(values, np.zeros(len(values), dtype=bool))
+    np.testing.assert_array_equal(found, expected)
+    assert found[400:460].all()
+    assert bool(found[9000]) is (counts > 10)
 
 
 def stuck(columns: Columns) -> None:

@@ -205,14 +205,16 @@ def test_help_stays_light() -> None:
     assert "estimate" in massprop("--help").stdout
 
 
-def test_one_estimate_needs_no_pandas(tmp_path: Path) -> None:
+@pytest.mark.parametrize("arguments", [("estimate", "--out", "o"), ("check",)])
+def test_one_log_needs_no_pandas(arguments: tuple[str, ...], tmp_path: Path) -> None:
     log = short(tmp_path, rows=60)
     code = (
-        "import sys\nsys.argv = ['massprop', 'estimate', sys.argv[1], '-q', '--out', sys.argv[2]]\nfrom massprop_cli.cli import main\n"
+        "import sys\nfrom massprop_cli.cli import main\nsys.argv[0] = 'massprop'\n"
         "try:\n main()\nexcept SystemExit as e:\n assert e.code == 0\n"
         "print([m for m in ('pandas', 'scipy', 'matplotlib', 'numpy.ma', 'numpy.random', 'pyarrow.compute') if m in sys.modules])"
     )
-    run = subprocess.run([sys.executable, "-c", code, str(log), str(tmp_path / "o")], capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", code, arguments[0], str(log), "-q", *arguments[1:]]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 
 
