@@ -243,7 +243,10 @@ def main() -> None:
         print("\n".join(fault_table(runs)), "\n", flush=True)
     if arguments.clean:
         seeds = range(arguments.seed, arguments.seed + arguments.clean)
-        found = {vehicle: clean(vehicle, seeds) for vehicle in vehicles}
+        found = {}
+        for vehicle in vehicles:
+            found[vehicle] = clean(vehicle, seeds)
+            print("\n".join(sigma_table({vehicle: found[vehicle]})), file=sys.stderr, flush=True)
         low, high = np.sqrt(chi2.ppf([0.025, 0.975], arguments.clean) / arguments.clean)
         print("\n".join([*clean_table(found), "", CLEAN.format(low=low, high=high), *sigma_table(found)]), "\n", flush=True)
     print(TIMES)
