@@ -71,7 +71,9 @@ def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
     values, covariance = with_shared(*_told(values[0], covariance[0]), pieces)
     chi_square, freedom = (sum(part) for part in zip(*found.apart, strict=True))
     untold = tuple(np.full(10, np.nan) for _ in pieces)
-    return Joint(values, covariance, float(chi_square), int(freedom) - int(np.isfinite(values).sum()), untold, found.apart, tuple(strange))
+    return Joint(
+        values, covariance, float(chi_square), int(freedom) - int(np.isfinite(values).sum()), untold, untold, found.apart, tuple(strange)
+    )
 
 
 def _member(one: Behind, vehicle: Vehicle) -> Member:

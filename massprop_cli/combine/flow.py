@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
-from os.path import realpath
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from massprop_cli import __version__
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
-from massprop_cli.combine import logs
+from massprop_cli.combine import logs, twice
 from massprop_cli.combine.docked import docked_object
 from massprop_cli.combine.phase import Part, Phased, together_phase
 from massprop_cli.diagnosis.ready import Ready
@@ -31,12 +30,12 @@ MISFIT = ("cause-unknown", "contradicted", "disturbance-torque", "accelerometer-
 
 def combine(paths: Sequence[Path]) -> Result:
     """One result of several of one vehicle, phase by phase; :class:`InputError` where they are not of one vehicle."""
-    return together(_read(paths))
+    return together([read(path) for path in paths])
 
 
 def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
     """The same of results at hand; ``ready`` has the log of each."""
-    _check_twice(recorded)
+    twice.refuse(recorded)
     _check_exact(recorded)
     names = labels(recorded)
     _check_alike(recorded, bearing=True)
@@ -56,7 +55,7 @@ def together(recorded: Sequence[Recorded], ready: Callable[[Recorded], Ready] = 
 
 def combine_docked(before: Sequence[Path], after: Sequence[Path]) -> Result:
     """The vehicle alone, with the object, and the object itself, each of any number of results."""
-    return together_docked(_read(before), _read(after))
+    return together_docked([read(path) for path in before], [read(path) for path in after])
 
 
 def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready: Callable[[Recorded], Ready] = logs.of_result) -> Result:
@@ -64,35 +63,19 @@ def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready
     # a log may hold both: its phases are told apart
     sides = before, after
     for side in sides:
-        _check_twice(side)
+        twice.refuse(side)
         _check_exact(side)
     recorded = [*sides[0], *sides[1]]
     names = labels(recorded)
     _check_alike(recorded, bearing=False)
     for side in sides:
         _check_alike(side, bearing=True)
-    found = []
-    for name, first, stop in (("before", 0, len(sides[0])), ("after", len(sides[0]), len(recorded))):
-        chosen = [
-            Part(label, one, _chosen(one, name), partial(ready, one))
-            for label, one in zip(names[first:stop], recorded[first:stop], strict=True)
-        ]
-        found.append((chosen[0].vehicle, together_phase(name, chosen)))
-    (alone, single), (joined, combined) = found
-    return _result(recorded, names, [single, combined], docked_object((alone, joined), single.item, combined.item))
-
-
-def _read(paths: Sequence[Path]) -> list[Recorded]:
-    return [read(path) for path in {realpath(path): path for path in paths}.values()]
-
-
-def _check_twice(recorded: Sequence[Recorded]) -> None:
-    seen: dict[str, Recorded] = {}
-    for one in recorded:
-        digest = one.result.provenance.input_sha256
-        if digest in seen:
-            raise InputError(f"{one.path}: is of the same log as {seen[digest].path}; its information would count twice. Name it once")
-        seen[digest] = one
+    sided = [*("before" for _ in before), *("after" for _ in after)]
+    parts = [Part(label, one, _chosen(one, side), partial(ready, one)) for label, one, side in zip(names, recorded, sided, strict=True)]
+    alone, joined = parts[: len(before)], parts[len(before) :]
+    twice.refuse_across(*([(part.recorded, part.phase) for part in side] for side in (alone, joined)))
+    single, combined = together_phase("before", alone), together_phase("after", joined)
+    return _result(recorded, names, [single, combined], docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item))
 
 
 def _check_exact(recorded: Sequence[Recorded]) -> None:
@@ -148,6 +131,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
     explained = frozenset(names) & frozenset.intersection(*(one.explained for one in found))
     first, logs = recorded[0].result, [one.result.log for one in recorded]
     digest = hashlib.sha256("".join(sorted(one.sha256 for one in recorded)).encode()).hexdigest()
+    members = sorted({log for one in recorded for log in twice.logs(one.result)})
     delays = {one.result.delay.cycles for one in recorded}
     if any(float(one.result.provenance.settings.get("cycle.command_delay_sigma_cycles", 0.0) or 0.0) > 0 for one in recorded):
         message = "the command delay's uncertainty counts as if each log had its own; if it is one and the same, sigmas are too small"
@@ -168,7 +152,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         update={
             "massprop": __version__,
             "input_sha256": digest,
-            "settings": {"estimator.method": "default", "combined": list(names)},
+            "settings": {"estimator.method": "default", "combined": list(names), twice.MEMBERS: members},
             "setting_sources": {},
             "versions": {"python": platform.python_version(), "numpy": np.__version__},
         }

@@ -55,6 +55,9 @@ class Joint:
     """Equations beyond the unknowns."""
     apart: tuple[Array, ...]
     """(10,) of each piece: its deviate from all others together; NaN where either says nothing."""
+    pulled: tuple[Array, ...]
+    """(10,) of each piece: how far what all say together lies from its own value, in sigmas of its own; NaN likewise. Below 1 in the mean
+    (var(θ − θ_i) = Λ_i⁻¹ − Λ⁻¹); where a quantity contradicts, those that are correlated with it are pulled along."""
     alone: tuple[tuple[float, int], ...] = ()
     """Of each log that was fitted with the others: how much less chi-square it has with a body of its own, and of how many directions."""
     strange: tuple[bool, ...] = ()
@@ -64,9 +67,9 @@ class Joint:
 def joint(pieces: Sequence[Piece]) -> Joint:
     """Add up; values are NaN where no piece says anything."""
     curved = all(_is_body(piece.values) for piece in pieces)
-    own = [_bare(piece) for piece in pieces]
-    bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in own) else None
-    linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in own]
+    bare = [_bare(piece) for piece in pieces]
+    bearing = pieces[0].bearing if curved and all(np.isfinite(values).all() for values, _ in bare) else None
+    linear = [_about(bearing, *piece) if bearing else _to_linear(*piece, curved) for piece in bare]
     told = [_information(values, covariance) for values, covariance in linear]
     values, covariance = _solved([information for information, _ in told], [vector for _, vector in told])
     chi_square, ranks = 0.0, 0
@@ -78,7 +81,8 @@ def joint(pieces: Sequence[Piece]) -> Joint:
     apart = tuple(_apart(number, linear, told) for number in range(len(pieces)))
     back, spread = _back(bearing, values, covariance) if bearing else _to_quantities(values, covariance, curved)
     back, spread = with_shared(back, spread, pieces)
-    return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart)
+    pulled = tuple((values - theta) / np.sqrt(np.diag(own)) for theta, own in linear)
+    return Joint(back, spread, chi_square, ranks - int(np.isfinite(values).sum()), apart, pulled)
 
 
 def _is_body(values: Array) -> bool:

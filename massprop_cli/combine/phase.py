@@ -122,11 +122,14 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
 
 def _contradictions(name: str, parts: Sequence[Part], found: Joint) -> list[WarningItem]:
     notes = []
-    for part, apart in zip(parts, found.apart, strict=True):
-        strange = [f"{quantity} by {z:+.3g} sigma" for quantity, z in zip(QUANTITIES, apart, strict=True) if abs(z) > BEYOND]
-        if strange:
-            message = f"phase {name}: {part.label} differs from the others together: {', '.join(strange)}; was the vehicle the same?"
-            notes.append(WarningItem(code="results-disagree", message=message))
+    for part, apart, pulled in zip(parts, found.apart, found.pulled, strict=True):
+        # in θ, whose signs are not those of the quantities
+        strange = [f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, apart, strict=True) if abs(z) > BEYOND]
+        along = [quantity for quantity, z, own in zip(QUANTITIES, pulled, apart, strict=True) if abs(z) > BEYOND and not abs(own) > BEYOND]
+        if strange or along:
+            said = f"{part.label} differs from the others together: {', '.join(strange) or 'in no quantity alone'}"
+            said += f", which pulls {', '.join(along)} away from it" if along else ""
+            notes.append(WarningItem(code="results-disagree", message=f"phase {name}: {said}; was the vehicle the same?"))
     for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
         if _chance(chi_square, freedom) < RARE:
             message = (
@@ -154,7 +157,8 @@ def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> Est
     own = [part.phase.estimates[quantity].verdict for part in parts]
     sigma = math.sqrt(variance) if told else None
     verdict, reason = _verdict(i, own, found, sigma)
-    bad = [part.label for part, apart in zip(parts, found.apart, strict=True) if abs(apart[i]) > BEYOND]
+    off = [max(abs(apart[i]), abs(pulled[i])) for apart, pulled in zip(found.apart, found.pulled, strict=True)]
+    bad = [part.label for part, z in zip(parts, off, strict=True) if z > BEYOND]
     bad += [part.label for part, alone in zip(parts, found.alone, strict=False) if _chance(*alone) < RARE]
     odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
     bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]

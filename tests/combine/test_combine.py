@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+from pyarrow import csv
 from scipy.spatial.transform import Rotation
 
 from massprop_cli import QUANTITIES, flow
@@ -17,7 +19,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.plant import BearingBody, plant_of
 from massprop_cli.result import schema
-from massprop_cli.testbed import bound, scenario, simulate
+from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.campaigns import simulate as fly
 from tests.commandline import massprop
 
@@ -173,6 +175,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, log in (("a", "flights/seed-0001"), ("b", "flights/seed-0002"), ("c", "other/seed-0003")):
         done = massprop(found, "estimate", f"{log}/log.parquet", "--out", name, "-q")
         assert done.returncode == 0, done.stderr
+    flight = found / "flights" / "seed-0001"
+    csv.write_csv(pq.read_table(flight / "log.parquet"), found / "log.csv")
+    done = massprop(found, "estimate", "log.csv", "--vehicle", flight / "vehicle.toml", "--out", "as-csv", "-q")
+    assert done.returncode == 0, done.stderr
     return found
 
 
@@ -204,6 +210,41 @@ def test_logs_of_two_bodies_contradict_each_other(folder: Path) -> None:
     told = json.loads((folder / "three" / "result.json").read_text())
     assert told["phases"][0]["estimates"]["ixx"]["verdict"] == "contradicted"
     assert told["warnings"][0]["code"] == "results-disagree"
+
+
+@pytest.fixture(scope="module")
+def bearings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One vehicle on a bearing of 5 kg and on one of 9 kg, whose result is there once more with 5 kg stated."""
+    found = tmp_path_factory.mktemp("bearings")
+    for name, mass in (("light", 5.0), ("heavy", 9.0)):
+        keys = ["duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]", f"vehicle.environment.bearing_mass_kg={mass}"]
+        output.simulate(scenario.load("testbed", keys), found / f"log-{name}", int(mass), None)
+        assert massprop(found, "estimate", f"log-{name}/log.parquet", "--out", name, "-q").returncode == 0
+    stated = ("--set", "environment.bearing_mass_kg=5")
+    assert massprop(found, "estimate", "log-heavy/log.parquet", *stated, "--out", "misstated", "-q").returncode == 0
+    return found
+
+
+@pytest.mark.parametrize("arguments", [("light", "heavy"), ("--before", "light", "--before", "heavy", "--after", "misstated")])
+def test_results_on_bearings_of_different_mass_are_refused(arguments: tuple[str, ...], bearings: Path) -> None:
+    done = massprop(bearings, "combine", *arguments, "--out", "joint")
+    assert done.returncode == 3
+    assert "heavy/result.json: bearing mass [kg] is 9.0, and 5.0 in light/result.json; they are not of one vehicle." in done.stderr
+    assert not (bearings / "joint").exists()
+
+
+def test_a_bearing_of_another_mass_than_stated_contradicts_all_that_it_pulls_along(bearings: Path) -> None:
+    """The first moment is hundreds of sigma off, and the mass that makes the best of it is a tenth: no value may look good."""
+    done = massprop(bearings, "combine", "light", "misstated", "--out", "both")
+    assert done.returncode == 0
+    assert "misstated differs from the others together: cg_x by " in done.stderr
+    assert "away from it; was the vehicle the same?" in done.stderr
+    told = json.loads((bearings / "both" / "result.json").read_text())["phases"][0]
+    truth = dict(zip(QUANTITIES, scenario.load("testbed").scenario.truth.values, strict=True))
+    assert abs(told["estimates"]["mass"]["value"] - truth["mass"]) > 4 * told["estimates"]["mass"]["sigma"]
+    for name, item in told["estimates"].items():
+        if item["verdict"] == "converged":
+            assert abs(item["value"] - truth[name]) < 4 * item["sigma"]
 
 
 def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_path: Path) -> None:
@@ -239,7 +280,14 @@ def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: P
         (["a"], 2, "name two results or more"),
         (["a", "--before", "b"], 2, "name results alone, or those --before and those --after"),
         (["--before", "a"], 2, "name results alone"),
-        (["a", "copy"], 3, "is of the same log as"),
+        (["a", "a"], 3, "a/result.json: is named twice; its information would count twice. Name it once"),
+        (["a", "b", "a/result.json"], 3, "a/result.json: is named twice"),
+        (["a", "copy"], 3, "copy/result.json: is of the same log as a/result.json; its information would count twice. Name it once"),
+        (["a", "joint"], 3, "joint/result.json: shares a log with a/result.json"),
+        (["joint", "other"], 3, "other/result.json: shares a log with joint/result.json"),
+        (["a", "as-csv"], 3, "as-csv/result.json: all values and sigmas are those of a/result.json: the same recording in another file"),
+        (["--before", "a", "--after", "a"], 3, "phase all of the same log stands before docking and after it"),
+        (["--before", "a", "--before", "a", "--after", "b"], 3, "is named twice"),
         (["a", "renamed"], 3, "vehicle is 'another', and 'free flyer' in"),
         (["a", "turned"], 3, "conventions.products_of_inertia"),
         (["a", "borne"], 3, "environment is 'air_bearing', and 'free' in"),
@@ -261,6 +309,8 @@ def test_what_does_not_belong_together_is_refused(arguments: list[str], code: in
         "scaled": told | {"vehicle": told["vehicle"] | {"thrust_scale_sigma": 0.01}},
         "thesis": told | {"provenance": told["provenance"] | {"settings": {"estimator.method": "thesis"}}},
     }
+    for name, members in (("joint", "ab"), ("other", "bc")):
+        assert massprop(folder, "combine", *members, "--out", name, "-q").returncode == 0
     for name, content in changed.items():
         (folder / name).mkdir(exist_ok=True)
         (folder / name / "result.json").write_text(json.dumps(content))
