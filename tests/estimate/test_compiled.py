@@ -96,6 +96,20 @@ def test_every_value_of_every_cycle_agrees(log: str, monkeypatch: pytest.MonkeyP
         same_reference(own.reference, other.reference)
 
 
+@pytest.mark.parametrize("log", ["free-flyer/log", "air-bearing/log"])
+def test_the_body_found_at_the_end_agrees(log: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Off-line fits begin about it."""
+    for own, other in both(log, monkeypatch):
+        mine, theirs = own.reference, other.reference
+        assert mine is not None
+        assert theirs is not None
+        for name in ("inertia", "cg", "mu", "gyro_bias", "scale", "damping"):
+            np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=1e-9, atol=1e-12)
+        assert mine.response is not None  # NumPy has one only where the log tells it better than the body does
+        if theirs.response is not None:
+            np.testing.assert_allclose(mine.response, theirs.response, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     "settings",
     [
