@@ -70,7 +70,7 @@ def spun(wheel: WheelLog) -> bool:
 
 def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
     wrench: Array = vehicle.jet_wrench
-    size = np.abs(wrench).max()
+    size = np.abs(wrench).max(initial=0.0)  # of wheels alone there are none
     return [
         (i, j)
         for i in range(len(wrench))

@@ -55,6 +55,13 @@ def test_nothing_is_said_of_a_clean_log(name: str) -> None:
     assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
 
 
+@pytest.mark.parametrize("name", ["planar", "wheels", "wheels-and-jets", "testbed-joined"])
+def test_nothing_is_said_of_other_clean_vehicles(name: str, tmp_path: Path) -> None:
+    output.simulate(scenario.load(name), tmp_path / "flight", 2, None)
+    found = flow.check(tmp_path / "flight" / "log.parquet", None, (), ())
+    assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
+
+
 @pytest.mark.parametrize(("name", "axes"), [("testbed", "roll"), ("testbed", "x y z"), ("free-flyer", "yaw")])
 def test_nothing_is_said_of_a_log_in_which_some_axes_alone_are_driven(name: str, axes: str, tmp_path: Path) -> None:
     """What such a log does not tell is no misfit of it."""
