@@ -90,7 +90,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     looks = [look for piece in pieces if (look := looked(*busiest(case, piece))) is not None]
     if not looks:
         return Diagnosis()
-    look = max(looks, key=lambda one: one.misfit)
+    # where nothing fires the columns are the noise that they should explain; another piece says more
+    driven = [look for look in looks if len(look.free.fired)]
+    look = max(driven or looks, key=lambda one: one.misfit)
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)

@@ -62,6 +62,16 @@ def test_nothing_is_said_of_other_clean_vehicles(name: str, tmp_path: Path) -> N
     assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
 
 
+def test_nothing_is_said_of_a_phase_in_which_nothing_is_commanded(tmp_path: Path) -> None:
+    """Its columns are the noise that they should explain; before, that was a misfit whose cause nobody knew."""
+    source = scenario.load("docked-hold", ["control.model=truth"])
+    for seed in (1, 2, 3):
+        output.simulate(source, tmp_path / str(seed), seed, None)
+        found = flow.check(tmp_path / str(seed) / "log.parquet", None, (), ())
+        assert {one.verdict for one in found.expected if one.phase == "single"} == {"not_excited"}
+        assert [one.code for one in found.findings] == []
+
+
 @pytest.mark.parametrize(("name", "axes"), [("testbed", "roll"), ("testbed", "x y z"), ("free-flyer", "yaw")])
 def test_nothing_is_said_of_a_log_in_which_some_axes_alone_are_driven(name: str, axes: str, tmp_path: Path) -> None:
     """What such a log does not tell is no misfit of it."""
