@@ -19,6 +19,7 @@ GOOD = [
     "planar-accuracy.md",
     "geometry.md",
     "faults.md",
+    "check.md",
     "causal.md",
     "thesis-tables.md",
     "thesis-tuning.md",
