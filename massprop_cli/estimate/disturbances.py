@@ -15,6 +15,7 @@ from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.sizing import torque_levels
 from massprop_cli.estimate.unexplained import residual_growth
+from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
@@ -54,11 +55,14 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     lags = int(np.sqrt(count))
     white = np.sum([(z**2).sum(0) for z in rows], 0) / count
     long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
-    least, sigmas = (EXCESS_SIZED, CERTAIN_SIZED) if sized else (EXCESS, CERTAIN)
-    over_white = np.where(white > 1 + max(least, sigmas * np.sqrt(2 / count)), white, 0.0)
+    adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
+    # what nobody sized is believed as stated: a torque, and the accelerometer's noise beside one that was
+    strict = sized & np.repeat([adapted, vehicle.estimator.accel_noise_scale != UNWIDENED], 3)
+    least, sigmas = np.where(strict, EXCESS_SIZED, EXCESS), np.where(strict, CERTAIN_SIZED, CERTAIN)
+    over_white = np.where(white > 1 + np.maximum(least, sigmas * np.sqrt(2 / count)), white, 0.0)
     by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _by_chance(1.5 * count / lags)
     over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
-    if vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0:
+    if adapted:
         over_long[:3] = 0.0  # a slow torque is in the model by then; only its size is judged
     excess = np.maximum(over_white, over_long)
     return np.where(excess > 0, excess, np.nan)

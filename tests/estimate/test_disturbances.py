@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
@@ -15,6 +17,7 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.testbed import scenario, simulate
 from tests import flight
+from tests.flight import resolved
 
 CYCLES = [slice(2, 300)]
 PHASES = [(Phase(name="all", start_s=0, end_s=99), CYCLES[0])]
@@ -44,6 +47,19 @@ def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyon
     assert long_run.var() == pytest.approx(2 / (1.5 * 200 / 14), rel=0.1)
     assert 0 < (long_run > 1 + disturbances.CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
     assert long_run.max() < disturbances._by_chance(1.5 * 200 / 14)
+
+
+def test_stated_noise_of_the_accelerometer_is_believed_beside_a_torque_that_was_sized() -> None:
+    """Five sigma of chance in each channel's variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
+    used, flown = flight.vehicle(), flight.standard("free")
+    history = sized(flown.samples(np.random.default_rng(1)), used).histories[0]
+    white = np.random.default_rng(2).standard_normal(history.normalised.shape)
+    count = len(white)
+    white *= np.sqrt((1 + 5 * np.sqrt(2 / count)) / (white**2).mean(0))
+    odd = replace(history, normalised=white)
+    torque = resolved(used.model_copy(update={"environment": used.environment.model_copy(update={"disturbance_walk_n_m": 0.001})}))
+    assert np.isnan(disturbances.misfit([odd], resolved(used))).all()
+    np.testing.assert_array_equal(np.isnan(disturbances.misfit([odd], torque, sized=True)), [False] * 3 + [True] * 3)
 
 
 @pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.slow)])
