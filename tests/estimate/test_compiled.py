@@ -84,6 +84,15 @@ def both(log: str, monkeypatch: pytest.MonkeyPatch, *assignments: str) -> list[t
     return found.pairs
 
 
+def test_the_last_estimate_agrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    for own, other in both("free-flyer/log", monkeypatch):
+        assert own.reference is not None
+        assert other.reference is not None
+        assert np.allclose(own.reference.inertia, other.reference.inertia, rtol=1e-6)
+        for name in ("gyro_bias", "scale", "damping"):
+            assert np.array_equal(getattr(own.reference, name), getattr(other.reference, name))
+
+
 @pytest.mark.parametrize("log", LOGS)
 def test_every_value_of_every_cycle_agrees(log: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for own, other in both(log, monkeypatch):
