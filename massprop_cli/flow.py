@@ -51,7 +51,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
     answers = mend.mended(found, say)
-    told = judged(found, answers, mend.rivals(found, answers))
+    told = judged(found, answers)
     return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
 
 

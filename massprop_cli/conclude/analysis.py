@@ -27,6 +27,8 @@ class MendedAnswer:
     settings: tuple[str, ...]
     """KEY=VALUE of the vehicle file that mend it."""
     conclusions: tuple[Conclusion, ...]
+    rivals: tuple[list[Array], ...] = ()
+    """(10,) values of each phase, for each cause that can't be ruled out beside it."""
 
 
 @dataclass(frozen=True)

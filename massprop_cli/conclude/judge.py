@@ -19,24 +19,24 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 
 
-def judged(found: Analysis, mended: Sequence[MendedAnswer], rivals: Sequence[Sequence[Array]] = ()) -> Analysis:
-    """With what is contradicted, the docked object, and every notice.
-
-    ``rivals``: (10,) values of each phase if a cause is mended instead that can't be ruled out.
-    """
-    each = [_one(found, i, mended, rivals) for i in range(len(found.conclusions))]
+def judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
+    """With what is contradicted, the docked object, and every notice."""
+    each = [_one(found, i, mended) for i in range(len(found.conclusions))]
     conclusions, factors = tuple(conclusion for conclusion, _ in each), tuple(factor for _, factor in each)
     docked = docked_object(conclusions, found.vehicle)
     notices = tuple(_notices(found, conclusions, docked))
     return replace(found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended))
 
 
-def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], rivals: Sequence[Sequence[Array]]) -> tuple[Conclusion, Array]:
+def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Conclusion, Array]:
     """One phase's conclusion; and (6,) by how much too small its sigmas are, channel by channel."""
     conclusion, settled = found.conclusions[i], found.settled[i]
     own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
     answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
-    against = [by_faults(conclusion, own, answers, [values[i] for values in rivals]), by_known(found.histories[i])]
+    against = [
+        by_faults(conclusion, own, answers, [values[i] for answer in mended for values in answer.rivals]),
+        by_known(found.histories[i]),
+    ]
     factor: Array = np.ones(6)
     if isinstance(found.vehicle, Resolved):
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)

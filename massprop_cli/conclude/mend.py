@@ -17,10 +17,12 @@ from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis.resolve import stated_timing
+from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of
-from massprop_cli.estimate.phases import Progress, as_stated
+from massprop_cli.estimate.noiselevels import with_noise_levels
+from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.model.sensitivity import Consider
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
@@ -30,11 +32,6 @@ if TYPE_CHECKING:
 def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:
     """One answer for each named fault that has a cure."""
     return [answer for fault in _distinct(found.faults) if (answer := _mended(found, fault, say)) is not None]
-
-
-def rivals(found: Analysis, answers: Sequence[MendedAnswer]) -> list[list[Array]]:
-    """(10,) values of each phase, for each cause that can't be ruled out beside those that are named."""
-    return [_offline(found, cure) for answer in answers for cure in answer.fault.rivals]
 
 
 def _distinct(faults: Sequence[Fault]) -> list[Fault]:
@@ -55,19 +52,26 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         else:
             source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
         again = estimated(log, source, (), say, check=False)
-        again = judged(_widened(again, [_offline(found, near) for near in fault.around]), [])
+        around = [_beside(found.log, again, near) for near in fault.around]
+        rivals = tuple(_beside(found.log, again, rival, offline.SETTLINGS) for rival in fault.rivals)
+        again = judged(_widened(again, around), [])
     except InputError:
         return None
-    return MendedAnswer(fault, (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns)), again.conclusions)
+    settings = (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns))
+    return MendedAnswer(fault, settings, again.conclusions, rivals)
 
 
-def _offline(found: Analysis, cure: Cure) -> list[Array]:
-    """(10,) what off-line fits of each phase give with a fault mended so; NaN where there is none."""
-    log, vehicle = cure.log(found.log), vehiclefile.changed(found.source.vehicle, cure.settings)
-    timing = stated_timing(vehicle, found.timing)
-    samples = Stream.of(log, vehicle, timing)
-    fits = as_stated(samples, phases_of(log, vehicle, samples), vehicle, Consider()).fits
-    return [np.full(10, np.nan) if fit is None else fit.history.values[-1] for fit in fits]
+def _beside(log: Log, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
+    """(10,) what so many passes on from the mended fit of each phase give with another cure; NaN where there is none."""
+    vehicle = vehiclefile.changed(mended.vehicle, cure.settings)
+    samples = Stream.of(cure.log(log), vehicle, stated_timing(vehicle, mended.timing))
+    phases = phases_of(samples.log, vehicle, samples)
+    used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
+    references = [settled.reference for settled in mended.settled]
+    return [
+        np.full(10, np.nan) if reference is None else offline.value(samples, cycles, reference, used.in_phase(phase), passes)
+        for (phase, cycles), reference in zip(phases, references, strict=True)
+    ]
 
 
 def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:

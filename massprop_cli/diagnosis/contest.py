@@ -17,12 +17,13 @@ from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.whitening import Told
 from massprop_cli.model.plant.plant import MU, J
 
+TINY = 1e-300
 STEPS = 8
 """Most steps of a fit."""
 PULL = 0.01
 """Of a body's own size, the inverse of one sigma that holds it near where plain regression puts it."""
-STILL = 1e-3
-"""A change of chi-square, over its expected scatter, that ends it."""
+STILL, ROUGHLY = 1e-3, 0.1
+"""A change of −2 log likelihood that ends it; where suppositions are but to be ranked."""
 HALF_STEP = 1e-6
 """Of each unknown's expected size, the step of a derivative."""
 LEAST, FARTHEST = 0.03, 0.3
@@ -86,31 +87,36 @@ class Fitted:
 
 def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> Array:
     """(H, 6) chi-square of each supposition before anything is fitted but a body by plain regression."""
-    x, _ = _Beginnings(model, free).of(supposed)
-    gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
-    found: Array = (_Rows(model, free, variance, gyro, accelerometer).left(x) ** 2).sum(1)
+    rows = _Rows.of_all(model, free, variance, supposed)
+    x, _ = _Beginnings(rows).of(supposed)
+    found: Array = (rows.left(x) ** 2).sum(1) + rows.rest
     return found
 
 
-def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None) -> list[Fitted]:
+def fitted(
+    model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None, still: float = STILL
+) -> list[Fitted]:
     """Each supposition with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
 
-    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less.
+    A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. Those that need the same columns
+    are fitted side by side.
     """
+    columns = [_columns(model, one) for one in supposed]
+    found: dict[int, Fitted] = {}
+    for count in dict.fromkeys(columns):
+        which = [i for i, own in enumerate(columns) if own == count]
+        found |= zip(which, _beside(model, free, variance, [supposed[i] for i in which], theta, still), strict=True)
+    return [found[i] for i in range(len(supposed))]
+
+
+def _columns(model: Model, supposed: Supposition) -> int:
+    return model.columns(np.asarray(supposed.free.any(1)))
+
+
+def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None, still: float) -> list[Fitted]:
     own = max(s.free.shape[1] for s in supposed)
-    gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
-    rows, begun = _Rows(model, free, variance, gyro, accelerometer), _Beginnings(model, free)
-    x, sizes = begun.of(supposed)
-    suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
-    if len(suspecting):  # from all channels, or from those that nobody suspects: what leaves less
-        others, own_rows = begun.of([replace(supposed[i], suspects=()) for i in suspecting])[0], rows.of(suspecting)
-        better = (own_rows.left(others) ** 2).sum((1, 2)) < (own_rows.left(x[suspecting]) ** 2).sum((1, 2))
-        x[suspecting[better]] = others[better]
-    if theta is not None:
-        others = x.copy()
-        others[:, :10] = theta
-        better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
-        x[better] = others[better]
+    rows = _Rows.of_all(model, free, variance, supposed)
+    x, sizes = _begun(rows, supposed, theta)
     uncertain = model.uncertain
     common = 10 + uncertain.shape[1]
     moves = np.zeros((len(supposed), x.shape[1], common + own))
@@ -122,14 +128,32 @@ def fitted(model: Model, free: Free, variance: Array, supposed: Sequence[Supposi
     active = np.arange(len(supposed))
     for _ in range(STEPS):
         gained = descent.step(active)
-        active = active[gained > STILL]
+        # as much as it changes the likelihood of free noise levels
+        active = active[gained > still * (1 + descent.cost[active] / rows.spare)]
         if not len(active):
             break
     spread = descent.spread()[:, common:]
-    per_channel = (descent.left**2).sum(1)
+    per_channel = (descent.left**2).sum(1) + rows.rest
     # what is uncertain anyway is no part of what is supposed
     found = np.where(uncertain.any(1), x, descent.x)
     return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
+
+
+def _begun(rows: _Rows, supposed: Sequence[Supposition], theta: Array | None) -> tuple[Array, Array]:
+    """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
+    begun = _Beginnings(rows)
+    x, sizes = begun.of(supposed)
+    suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
+    if len(suspecting):  # from all channels, or from those that nobody suspects: what leaves less
+        others, own_rows = begun.of([replace(supposed[i], suspects=()) for i in suspecting])[0], rows.of(suspecting)
+        better = (own_rows.left(others) ** 2).sum((1, 2)) < (own_rows.left(x[suspecting]) ** 2).sum((1, 2))
+        x[suspecting[better]] = others[better]
+    if theta is not None:
+        others = x.copy()
+        others[:, :10] = theta
+        better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
+        x[better] = others[better]
+    return x, sizes
 
 
 class _Descent:
@@ -196,17 +220,43 @@ def is_body(theta: Array) -> BoolArray:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Residuals of the triangles, over the noise."""
+    """Residuals of the triangles, over the noise, as far as the model's columns go."""
 
     model: Model
-    free: Free
+    told: tuple[Told, Told]
+    """Of gyro and accelerometer."""
     variance: Array
     gyro: Array
     accelerometer: Array
+    rest: Array
+    """(6,) chi-square that these columns explain nothing of."""
+    spare: int
+    """Measurements less coefficients."""
+    freed: tuple[Array, Array] | None = None
+    """(p, H) of each, the unit vector along which a channel that is free takes whatever is left; None where there is none."""
+
+    @staticmethod
+    def of_all(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> _Rows:
+        """Of all the columns that they need."""
+        count = max(_columns(model, one) for one in supposed)
+        model = replace(model, places={name: place for name, place in model.places.items() if place.stop <= count})
+        each = (free.gyro, free.accelerometer)
+        # of a triangle, what is left of its first columns stands in its first rows
+        told = [one._replace(triangle=one.triangle[:count, :count], measured=one.measured[:count]) for one in each]
+        rest = np.concatenate([(one.measured[count:] ** 2).sum(0) for one in each]) / variance
+        gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
+        spare = 3 * sum(one.spare for one in each)
+        rows = _Rows(model, (told[0], told[1]), variance, gyro, accelerometer, rest, spare)
+        if all(one.freed is None for one in supposed):
+            return rows
+        which = [model.places["channels"].start + (one.freed or 0) for one in supposed]
+        along = [one.triangle[:, which] * [one.freed is not None for one in supposed] for one in told]
+        return replace(rows, freed=tuple(part / np.maximum(np.linalg.norm(part, axis=0), TINY) for part in along))
 
     def of(self, which: IntArray) -> _Rows:
         """Of some fits."""
-        return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which])
+        freed = self.freed and (self.freed[0][:, which], self.freed[1][:, which])
+        return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], freed=freed)
 
     def left(self, x: Array) -> Array:
         """(H, p, 6) for x (H, nx)."""
@@ -221,20 +271,23 @@ class _Rows:
     def _against(self, coefficients: Array) -> Array:
         root = np.sqrt(self.variance)
         found = np.zeros(coefficients.shape)
-        for told, axes in ((self.free.gyro, slice(0, 3)), (self.free.accelerometer, slice(3, 6))):
+        for told, axes, freed in zip(self.told, (slice(0, 3), slice(3, 6)), self.freed or (None, None), strict=True):
             rows = len(told.triangle)
             # all at once: one product of two matrices takes a fraction of the time of many small ones
             own = np.moveaxis(coefficients[..., axes], -2, 0)
-            left = (told.triangle @ own.reshape(len(own), -1)).reshape(rows, *own.shape[1:])
-            found[..., :rows, axes] = (np.moveaxis(left, 0, -2) - told.measured) / root[axes]
+            left = np.moveaxis((told.triangle @ own.reshape(len(own), -1)).reshape(rows, *own.shape[1:]), 0, -2) - told.measured
+            if freed is not None:
+                along = freed.T.reshape(-1, *[1] * (left.ndim - 3), rows, 1)
+                left -= along * (along * left).sum(-2, keepdims=True)
+            found[..., :rows, axes] = left / root[axes]
         return found
 
 
 class _Beginnings:
     """Where fits begin: with the body that plain regression of motion on commands gives."""
 
-    def __init__(self, model: Model, free: Free) -> None:
-        self.model, self.free = model, free
+    def __init__(self, rows: _Rows) -> None:
+        self.model, (self.turned, self.pushed) = rows.model, rows.told
         self._regressed: dict[tuple[object, ...], tuple[Array, Array]] = {}
 
     def of(self, supposed: Sequence[Supposition]) -> tuple[Array, Array]:
@@ -273,20 +326,20 @@ class _Beginnings:
         """
         key = (tuple(supposed.start.items()), supposed.suspects)
         if key not in self._regressed:
-            model, free = self.model, self.free
+            model = self.model
             torque, force = model.wrench(x)
             reliable = np.ones((len(force), 1))
             reliable[list(supposed.suspects)] = 0.0
             centre = np.zeros(3) if model.bearing is None else model.bearing
-            unit = np.eye(free.size)
+            unit = np.eye(self.turned.triangle.shape[1])
             channels, products = unit[model.places["channels"]], unit[model.places["products"]]
             turning, pushing = ((reliable * part).T @ channels for part in (torque - np.cross(centre, force), force))
             own = channels[list(supposed.suspects)]
-            gravity = unit[model.places["up"]] if model.bearing is not None else np.zeros((0, free.size))
+            gravity = unit[model.places["up"]] if model.bearing is not None else unit[:0]
             by = gravity if model.bearing is not None else pushing
             self._regressed[key] = (
-                _regressed(free.gyro, turning, by, own, products)[:6],
-                _regressed(free.accelerometer, pushing, turning, own, products, gravity)[:3],
+                _regressed(self.turned, turning, by, own, products)[:6],
+                _regressed(self.pushed, pushing, turning, own, products, gravity)[:3],
             )
         return self._regressed[key]
 

@@ -202,10 +202,18 @@ def _columns(samples: Samples, sides: Sequence[_Window], risen: _Window | None, 
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
+    # what a body does by itself comes first, so that what is supposed of that alone takes but the first columns
     parts = [
         _Part("channels", windowed(channels.rising, channels.whole)[:, fired], channels.whole[cycles][:, fired] / duration),
         _Part("products", product, products(rate) + products(inner) / 12),
         _Part("constant", lasting, np.ones_like(duration)),
+        *(_by_gravity(samples, cycles, lasting) if vehicle.on_air_bearing else []),
+    ]
+    if plant_of(vehicle).tilt_sigma > 0:
+        turning = np.broadcast_to(samples.rate_rad_s, (2, *samples.rate_rad_s.shape))
+        level = verticals(turning, samples.executed.duration_s, np.eye(3)[:2])
+        parts += [_turning_with(f"slope {i}", edges, cycles, lasting) for i, edges in enumerate(level)]
+    parts += [
         _Part("rates", middle * lasting, rate),
         _Part("later", *later),
         *_lagging(vehicle, *later),
@@ -216,12 +224,8 @@ def _columns(samples: Samples, sides: Sequence[_Window], risen: _Window | None, 
     if risen is not None:
         then = windowed(risen.rising, risen.impulse), risen.impulse[cycles] / duration
         parts.append(_Part("rising", *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
-    if vehicle.on_air_bearing:
-        parts += _by_gravity(samples, vehicle, cycles, lasting)
-    if plant_of(vehicle).tilt_sigma > 0:
-        rate = samples.rate_rad_s
-        level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, np.eye(3)[:2])
-        parts += [_turning_with(f"slope {i}", edges, cycles, lasting) for i, edges in enumerate(level)]
+    if vehicle.on_air_bearing and executed.attitude_wxyz is None:
+        parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
     return parts
 
 
@@ -242,19 +246,14 @@ def _turning_with(name: str, vector: Array, cycles: slice, lasting: Array) -> _P
     return _Part(name, (edges + bent / 12)[1:-1] * lasting, (edges[1:] + edges[:-1]) / 2 - (bent[1:] + bent[:-1]) / 24)
 
 
-def _by_gravity(samples: Samples, vehicle: Vehicle, cycles: slice, lasting: Array) -> list[_Part]:
-    """The vertical, and what moves it; each (K − 1, 3) under the triangular window, (K, 3) means."""
+def _by_gravity(samples: Samples, cycles: slice, lasting: Array) -> list[_Part]:
+    """The vertical, and what of the force is level; each (K − 1, 3) under the triangular window, (K, 3) means."""
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
     mean = (samples.up_b[:-1] + samples.up_b[1:]) / 2
     # what of the force acts along the vertical, under both halves of the window
     rising, falling = ((-mean * (mean * part).sum(1, keepdims=True))[cycles] for part in (executed.rising[:, 3:], executed.falling[:, 3:]))
-    level = _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)
-
-    parts = [_turning_with("up", samples.up_b, cycles, lasting), level]
-    if executed.attitude_wxyz is None:
-        parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
-    return parts
+    return [_turning_with("up", samples.up_b, cycles, lasting), _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)]
 
 
 def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, both, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -111,11 +112,14 @@ def _alone(look: Look) -> list[Trial]:
     best = _turned(look) if look.upset else []
     most = len(best) + FINALISTS[look.model.bearing is not None]
     near = -np.inf
-    for rough, found in look.ranked:
+    for rough, found in look.ranked.within(beyond(look)):
         fitting = [trial for trial in best if trial.fits]
-        akin = fitting and all(one.supposed.code in LATE for one in (found, *(trial.fitted for trial in fitting)))
-        farthest = max((LATER if akin else FURTHER) * min((trial.excess for trial in fitting), default=np.inf), near) + CLEAR
-        if len(best) >= most or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
+        late = fitting and all(trial.fitted.supposed.code in LATE for trial in fitting)
+        least = min((trial.excess for trial in fitting), default=np.inf)
+        farthest = max((LATER if late and found.supposed.code in LATE else FURTHER) * least, near) + CLEAR
+        if len(best) >= most or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
+            break
+        if (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
             continue
         trial = tried(look, found, min((trial.score for trial in fitting), default=np.inf))
         if trial is not None:
@@ -126,8 +130,12 @@ def _alone(look: Look) -> list[Trial]:
 
 def _simpler(found: Fitted, fitting: Sequence[Trial]) -> bool:
     """Whether it says of a channel that it is dead or reversed, of which what fits so far says what hardly happens."""
-    strange = [trial for trial in fitting if trial.fitted.unlikely > STRANGE]
-    return at_once(found) and any(set(found.supposed.subject) & set(trial.fitted.supposed.subject) for trial in strange)
+    return at_once(found) and any(set(found.supposed.subject) & set(trial.fitted.supposed.subject) for trial in _strange(fitting))
+
+
+def _strange(fitting: Sequence[Trial]) -> list[Trial]:
+    """Those that say what hardly happens."""
+    return [trial for trial in fitting if trial.fitted.unlikely > STRANGE]
 
 
 def _turned(look: Look) -> list[Trial]:
@@ -231,11 +239,13 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     fitting: list[Trial] = []
     upright = [found.supposed for found in look.upright]
     likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
-    for first in [*(trial.fitted for trial in likeliest), *(found for _, found in look.ranked)][:FIRST]:
+    for first in islice(chain((trial.fitted for trial in likeliest), (found for _, found in look.ranked)), FIRST):
         trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
         if trial is None or trial.look is None:
             continue
         for i, (_, second) in enumerate(trial.look.ranked):
+            if i >= SECOND and not _strange(fitting):
+                break
             if i < SECOND or _simpler(second, fitting):
                 together = None if hopeless(trial.look, second) else both(look, trial, second)
                 fitting += [together] if together is not None and together.fits else []
@@ -272,7 +282,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
 def _in_vain(look: Look) -> str:
     """What was tried, and what came nearest."""
     nearest = []
-    for _, found in look.ranked[:2]:
+    for _, found in islice(look.ranked, 2):
         code, _ = words_of(found, look.names, look.case, look.case)
         nearest.append(f"{code} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
     near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""

@@ -18,6 +18,7 @@ from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_respon
 from massprop_cli.diagnosis.contest import Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
+from massprop_cli.diagnosis.ranking import Ranking
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.actuators import channel_names
@@ -169,15 +170,11 @@ class Look:
         return _counts(self.free)
 
     @cached_property
-    def ranked(self) -> list[tuple[float, Fitted]]:
+    def ranked(self) -> Ranking:
         """Every supposition that leaves less than what is stated, the likeliest first."""
         supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
-        kinds = [one.code for one in supposed]
-        found = fitted(self.model, self.free, self.free.variance, supposed)
-        scores = [self.score(one.chi_square, one, kinds.count(one.supposed.code)) for one in found]
-        least = self.score(self.stated.chi_square, self.stated) - CLEAR
-        order = sorted(range(len(found)), key=lambda i: (scores[i], i))
-        return [(scores[i], found[i]) for i in order if scores[i] < least]
+        most = self.score(self.stated.chi_square, self.stated) - CLEAR
+        return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
 
     def _likely_turns(self) -> list[Supposition]:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.design import SWUNG
@@ -23,6 +23,7 @@ from massprop_cli.model.plant import plant_of
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 _UNIT = np.eye(3)
+_STRAIGHT = np.eye(3)
 ALIKE = 1 - 1e-9
 """Cosine beyond which two columns are one."""
 RAMP = 2 / 3
@@ -54,6 +55,20 @@ ENTRIES = {
     "slope": 2,
 }
 """Of x, before the channels' own: thrust, place and direction."""
+_LATE = ("delay", "lag", "gyro_lag", "accel_lag")
+BY = {
+    "rates": ("drag", "gyro_bias"),
+    "later": _LATE,
+    "lagging": _LATE,
+    "smeared": (*_LATE, "rise"),
+    "drifting": ("drift",),
+    "aging": ("mass_rate", "inertia_rate"),
+    "rising": ("rise",),
+    "east": ("tilt",),
+    "north": ("tilt",),
+    **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
+}
+"""Columns without which the motion is explained while these entries are as stated; they come last."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +82,15 @@ class Supposition:
     """(nx, d) directions in which x may move, each scaled to one sigma of what is to be expected."""
     start: Mapping[int, float] = field(default_factory=dict)
     """Entries that begin elsewhere."""
-    gyro: Array = field(default_factory=lambda: np.eye(3))
+    gyro: Array = field(default_factory=lambda: _STRAIGHT)
     """(3, 3) turn or mirror that the gyro's axes are supposed to have beyond the stated."""
-    accelerometer: Array = field(default_factory=lambda: np.eye(3))
+    accelerometer: Array = field(default_factory=lambda: _STRAIGHT)
     suspects: tuple[int, ...] = ()
     """Channels whose commands are not to be relied on to find a body first."""
     parts: tuple[Supposition, ...] = ()
     """Of two at once, each."""
+    freed: int | None = None
+    """A channel of which nothing at all is supposed: what it does is free."""
 
     def beside(self, other: Supposition) -> Supposition:
         """Both at once; what begins elsewhere or is turned must be in place already."""
@@ -159,6 +176,27 @@ class Model:
         unit = np.eye(len(self.stated))
         return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
 
+    def columns(self, moved: BoolArray) -> int:
+        """How many of the first columns explain the motion where these entries alone (nx,) differ: without what swings, or comes late."""
+        away = {name for name, place in self.entries.items() if moved[place].any()} | self.biases.keys()
+        most = max(place.stop for name, place in self.places.items() if name not in BY or away & set(BY[name]))
+        late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
+        return int(late if self.places["rates"].start < most < late else most)
+
+    def channel(self, supposed: Supposition) -> int | None:
+        """The one channel that a supposition is about, if it is about one and nothing else."""
+        rows = np.flatnonzero(supposed.free.any(1))
+        first, count = self.place("thrust").start, len(self.force)
+        if not rows.size or rows[0] < first or supposed.gyro is not _STRAIGHT or supposed.accelerometer is not _STRAIGHT:
+            return None
+        at = rows - first
+        own = set(np.where(at < count, at, (at - count) // 3 % max(count, 1)).tolist())
+        return own.pop() if len(own) == 1 else None
+
+    def without(self, channel: int) -> Supposition:
+        """Nothing, but that nothing is supposed of one channel."""
+        return Supposition("", (), np.zeros((len(self.stated), 0)), suspects=(channel,), freed=channel)
+
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel."""
         shape = (*x.shape[:-1], -1, 3)
@@ -179,32 +217,35 @@ class Model:
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)
-        turning = inverse @ cross_matrix(moment) * mu[..., None, None]
-        response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
         by_product = -inverse @ gamma(inertia)
         arm = self.imu + get("imu") - centre
         spin: dict[str, Array] = {
             "channels": np.einsum("...ij,...cj->...ic", inverse, about),
             "products": by_product,
             "constant": inverse @ get("torque")[..., None],
-            "rates": inverse * get("drag")[..., None, :],
         }
+        if "rates" in self.places:
+            spin["rates"] = inverse * get("drag")[..., None, :]
         push: dict[str, Array] = {name: self._felt(part, arm, moment, mu) for name, part in spin.items()}
         push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
         push["products"] = push["products"] + self._centripetal(arm, moment, mu)
         push["constant"] = push["constant"] + get("accel_bias")[..., None]
-        bias = get("gyro_bias")
-        for parts in (spin, push):  # products of the rates less their bias
-            parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
-            parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
-        through = self._felt(response, arm, moment, mu)
-        thrust = through.copy()
-        thrust[..., 3:] += mu[..., None, None] * _UNIT
-        self._add_times(spin, push, x, response, thrust)
-        age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
-        spin["aging"] = -age * response
-        push["aging"] = -age * through - lighter * (thrust - through)
+        if "rates" in self.places:
+            bias = get("gyro_bias")
+            for parts in (spin, push):  # products of the rates less their bias
+                parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
+                parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
+        if "later" in self.places:
+            response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
+            through = self._felt(response, arm, moment, mu)
+            thrust = through.copy()
+            thrust[..., 3:] += mu[..., None, None] * _UNIT
+            self._add_times(spin, push, x, response, thrust)
+            age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
+            spin["aging"] = -age * response
+            push["aging"] = -age * through - lighter * (thrust - through)
         if self.bearing is not None:
+            turning = inverse @ cross_matrix(moment) * mu[..., None, None]
             fall = -self.gravity * inverse @ cross_matrix(moment)
             spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
             spin |= {"up": fall, "level": -turning}
@@ -283,7 +324,8 @@ class Model:
         back = np.linalg.inv(turns[0])
         turned = np.concatenate([found[..., axes] @ turn.swapaxes(1, 2) for turn, axes in zip(turns, _SENSORS, strict=True)], -1)
         for name, columns in (("products", _of_products(back)), ("rates", back)):
-            turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
+            if name in self.places:
+                turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
         return turned
 
 

@@ -68,8 +68,12 @@ def hopeless(look: Look, found: Fitted) -> bool:
         return True
     turned = any((turn != np.eye(3)).any() for turn in (found.supposed.gyro, found.supposed.accelerometer))
     moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
-    left = float(found.chi_square.sum() / look.freedom)
-    return not turned and not moved & CURVED and left > max(HOPELESS, SMALL * look.misfit)
+    return not turned and not moved & CURVED and float(found.chi_square.sum()) > beyond(look)
+
+
+def beyond(look: Look) -> float:
+    """Chi-square that is far too much."""
+    return max(HOPELESS, SMALL * look.misfit) * look.freedom
 
 
 def _before_its_cause(look: Look, found: Fitted) -> bool:

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.nuisance import Taken
+from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.residual import Residual, residual
 from massprop_cli.estimate.rows import Response
@@ -62,6 +64,14 @@ def settle(
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
         left.append(residual(regression, before, taken, last.run))
     return Settled(replace(told.history(samples, phase, last.run.estimate), residual=Residual.joined(left)), last.stands)
+
+
+def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:
+    """(10,) what so many passes from ``reference`` on give, and no more of it."""
+    regression = Regression(samples, cycles, vehicle, Consider())
+    mean, covariance = regression.row(_last_pass(regression, reference, passes, bound=False).run)
+    found: Array = quantities(mean[None], covariance[None], vehicle)[0][0]
+    return found
 
 
 class Led(NamedTuple):

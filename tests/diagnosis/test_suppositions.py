@@ -45,7 +45,7 @@ def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     x[:10] = theta(kind)
     for name, value in entries.items():
         x[model.place(name)] = value
-    rows = _Rows(model, free, VARIANCE, np.eye(3)[None], np.eye(3)[None])
+    rows = _Rows.of_all(model, free, VARIANCE, [Supposition("", (), np.eye(len(x)))])
     return float((rows.left(x[None]) ** 2).sum())
 
 

@@ -1,0 +1,80 @@
+"""Suppositions in the order of how likely they make a log, each fitted when its turn comes.
+
+What a channel's own suppositions (its thrust, place and direction) leave is no less than what is left where nothing is supposed of what
+that channel does. So one fit for each channel says when its turn comes at the earliest, and most of its own are never fitted.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
+from massprop_cli.diagnosis.suppositions import Model, Supposition
+
+Score = Callable[[Array, Fitted, int], float]
+"""−2 log of how likely a supposition is that leaves chi-square (6,), one of so many of its kind."""
+
+
+class Ranking:
+    """Those whose score is below ``most``, the likeliest first; ``likelihood`` is what is left, in a score without prices."""
+
+    def __init__(
+        self, model: Model, free: Free, supposed: Sequence[Supposition], score: Score, likelihood: Callable[[Array], float], most: float
+    ) -> None:
+        self._model, self._free, self._supposed = model, free, supposed
+        self._score, self._likelihood, self._most = score, likelihood, most
+        kinds = [one.code for one in supposed]
+        self._alternatives = [kinds.count(kind) for kind in kinds]
+        self._found: dict[int, tuple[float, Fitted]] = {}
+        self._of: dict[int, list[int]] = {}
+        others = []
+        for i, one in enumerate(supposed):
+            channel = model.channel(one)
+            if channel is None:
+                others.append(i)
+            else:
+                self._of.setdefault(channel, []).append(i)
+        freed = [model.without(channel) for channel in self._of]
+        bounds = self._fitted(freed)
+        self._left = {channel: one.chi_square for channel, one in zip(self._of, bounds, strict=True)}
+        self._fit(others)
+
+    def __iter__(self) -> Iterator[tuple[float, Fitted]]:
+        """Score and fit of each."""
+        return self.within(np.inf)
+
+    def within(self, most: float) -> Iterator[tuple[float, Fitted]]:
+        """Without those of channels that leave more than so much of chi-square whatever is supposed of them."""
+        waiting = [(score, 1, i) for i, (score, _) in self._found.items()]
+        known = self._found.keys()
+        for channel, own in self._of.items():
+            left = self._left[channel]
+            if not known >= set(own) and left.sum() <= most:
+                waiting.append((self._earliest(left, own), 0, channel))
+        heapq.heapify(waiting)
+        while waiting:
+            score, fit, which = heapq.heappop(waiting)
+            if score >= self._most:
+                return
+            if fit:
+                yield self._found[which]
+                continue
+            self._fit(self._of[which])
+            for i in self._of[which]:
+                heapq.heappush(waiting, (self._found[i][0], 1, i))
+
+    def _earliest(self, left: Array, own: Sequence[int]) -> float:
+        """The least score of those that leave no less than that: with the price of one that is dead or the other way round."""
+        return self._likelihood(left) + 2 * float(np.log(min(self._alternatives[i] for i in own)))
+
+    def _fit(self, which: Sequence[int]) -> None:
+        for i, one in zip(which, self._fitted([self._supposed[i] for i in which]), strict=True):
+            self._found[i] = self._score(one.chi_square, one, self._alternatives[i]), one
+
+    def _fitted(self, supposed: Sequence[Supposition]) -> list[Fitted]:
+        return fitted(self._model, self._free, self._free.variance, supposed, still=ROUGHLY)
