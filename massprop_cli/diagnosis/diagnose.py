@@ -16,7 +16,7 @@ from itertools import chain, islice
 import numpy as np
 
 from massprop_cli.diagnosis import causes, change, delay
-from massprop_cli.diagnosis.contest import Fitted, fitted
+from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of
 from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
@@ -263,7 +263,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
     supposed = causes.two_channels(look.model, look.names)
     if not supposed:
         return None
-    found = fitted(look.model, look.free, look.free.variance, supposed)
+    found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
     best = min(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))
     trial = None if hopeless(look, best) else tried(look, best)
     if trial is None or not trial.fits:

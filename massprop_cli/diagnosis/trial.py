@@ -33,6 +33,8 @@ NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
 EARLIEST = 0.5
 """Cycles below zero that a small step may lead to where a large one doesn't."""
+ASTRAY, STRAIGHT = 1e5, 4
+"""Times pure error that is more than the motion within the cycles may leave, and how often one is applied anew that leaves more."""
 AGAIN = 16
 """How often one is applied anew from where it led."""
 ROUNDS = 3
@@ -155,7 +157,10 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
     for _ in range(ROUNDS):
         if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
             break
+        before = case
         found, case, mended = _led(look, found, case, (), best)
+        if case is before:
+            break
         beside = () if mended is None or mended.free.beside == beside else mended.free.beside
     if mended is None:
         return None
@@ -170,7 +175,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
     much = mended.misfit < PART * look.misfit
     close = mended.misfit < CLOSE + FITS[1] * np.sqrt(2 / mended.freedom)
     fits = (close and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
-    fits = fits or (mended.misfit < BETTER * look.misfit and _explained_by_engine(case, look.piece))
+    fits = fits or (mended.misfit < min(BETTER * look.misfit, ASTRAY) and _explained_by_engine(case, look.piece))
     fits = fits and not _no_drift(found)
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found, look.case)
@@ -193,9 +198,11 @@ def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...],
     if mended is None or not np.array_equal(mended.free.fired, look.free.fired):
         return found, case, None
     if not found.unknowns:
-        return found, case, mended if likely else about_its_body(mended)
+        return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
-    for _ in range(AGAIN):
+    for i in range(AGAIN):
+        if i >= STRAIGHT and mended.misfit > ASTRAY:
+            break
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)

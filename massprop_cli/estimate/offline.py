@@ -37,6 +37,8 @@ class Settled(NamedTuple):
     history: History
     stands: bool
     """Whether another pass would change nothing."""
+    bound: bool = False
+    """Whether each axis turned out to be told without the gyroscopic coupling."""
 
 
 def settle(
@@ -63,7 +65,7 @@ def settle(
         rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
         left.append(residual(regression, before, taken, last.run))
-    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=Residual.joined(left)), last.stands)
+    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=Residual.joined(left)), last.stands, last.run.bound)
 
 
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:

@@ -44,6 +44,8 @@ class AsStated(NamedTuple):
     gross: Array
     """(6,) of :func:`massprop_cli.estimate.disturbances.gross_misfit`."""
     notices: list[Notice]
+    settled: bool
+    """Whether they have had all the passes that they may have."""
 
     @property
     def misfit(self) -> bool:
@@ -74,14 +76,29 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     starts = _first(samples, phases, used)
     fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
-    gross = disturbances.gross_misfit(samples, pieces, used)
+    gross, settled = disturbances.gross_misfit(samples, pieces, used), _stand(fits)
     if not (np.isnan(excess).all() and np.isnan(gross).all()):
         # a fit that is still on its way leaves what isn't in the log, as that first look does
-        if not _stand(fits):
-            fits, excess = _misfit(samples, phases, starts, used, consider, offline.SETTLINGS)
+        if not settled:
+            (fits, excess), settled = _further(samples, phases, fits, used, consider), True
         if _stand(fits) and np.isnan(excess).all():
             gross = np.full_like(gross, np.nan)
-    return AsStated(used, fits, excess, gross, notices)
+    return AsStated(used, fits, excess, gross, notices, settled)
+
+
+def _further(
+    samples: Source, phases: Sequence[tuple[Phase, slice]], fits: Sequence[offline.Settled | None], used: Resolved, consider: Consider
+) -> tuple[list[offline.Settled | None], Array]:
+    """Fits of few passes led on until they stand, and what they leave beyond the noise: the very same as if all were done in a row."""
+    found = [
+        fit
+        if fit is None or fit.stands or fit.history.reference is None
+        else offline.settle(
+            samples, cycles, phase, fit.history.reference, used.in_phase(phase), consider, offline.SETTLINGS - SIZING, fit.bound
+        )
+        for (phase, cycles), fit in zip(phases, fits, strict=True)
+    ]
+    return found, disturbances.misfit([fit.history for fit in found if fit is not None], used)
 
 
 def _stand(fits: Sequence[offline.Settled | None]) -> bool:
@@ -150,7 +167,9 @@ def _sized(
             if raised == used:
                 break
             used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]
-    if used != plain.used or not _stand(fits):
+    if fits is plain.fits and not plain.settled:
+        fits, excess = _further(samples, phases, fits, used, consider)
+    elif fits is not plain.fits and (used != plain.used or not _stand(fits)):
         # from the beginning again, so that the settings that were found give the very same when they are given back
         fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, offline.SETTLINGS, used != plain.used)
     return used, fits, excess
