@@ -231,10 +231,8 @@ class Model:
         push["products"] = push["products"] + self._centripetal(arm, moment, mu)
         push["constant"] = push["constant"] + get("accel_bias")[..., None]
         if "rates" in self.places:
-            bias = get("gyro_bias")
-            for parts in (spin, push):  # products of the rates less their bias
-                parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
-                parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
+            for parts in (spin, push):
+                _less_bias(parts, get("gyro_bias"))
         if "later" in self.places:
             response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
             through = self._felt(response, arm, moment, mu)
@@ -327,6 +325,12 @@ class Model:
             if name in self.places:
                 turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
         return turned
+
+
+def _less_bias(parts: dict[str, Array], bias: Array) -> None:
+    """Products of the rates less their bias."""
+    parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
+    parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
 
 
 def _together(free: Free) -> tuple[tuple[int, ...], ...]:
