@@ -22,6 +22,8 @@ SHARED int mp_host_lifted(const double *table, const double *reference, long cou
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
                         double *integral, double *moment);
 
+SHARED int mp_host_lagged(long bins, long signals, const double *decay, double *y);
+
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
                          double *spread);
@@ -151,6 +153,14 @@ int mp_host_bins(long events, const double *time, const double *step, const doub
             rise += slope[next++];
         }
     }
+    return MP_OK;
+}
+
+/* y (1 + bins, signals) on the way in what a lag lets through of each bin, on the way out what it has come to by each edge. */
+int mp_host_lagged(long bins, long signals, const double *decay, double *y) {
+    long b, s;
+    for (b = 0; b < bins; b++)
+        for (s = 0; s < signals; s++) y[(b + 1) * signals + s] += decay[b] * y[b * signals + s];
     return MP_OK;
 }
 

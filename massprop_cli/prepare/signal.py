@@ -11,9 +11,6 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.kernel import kernel, pointer
 
-FADED = 50.0
-"""Natural logarithm of the largest factor that a sum is held with: what it loses is as many times the last digit."""
-
 
 @dataclass(frozen=True)
 class Signal:
@@ -86,13 +83,11 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
 
 def _lagged_at_edges(forced: Array, decay: Array) -> Array:
     """(1 + bins, signals) y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i+1]``, y[0] = forced[0]."""
-    y = forced.copy()
-    faded = np.concatenate([[0.0], np.cumsum(np.log(np.maximum(decay, np.finfo(float).tiny)))])
-    first, last = 0, len(decay)
-    while first < last:
-        # y[i] over all that has faded is a sum, as far as that can be written down
-        end = max(int(np.searchsorted(-faded, FADED - faded[first], "right")), first + 2)
-        kept = np.exp(faded[first:end] - faded[first])[:, None]
-        y[first:end] = kept * np.cumsum(y[first:end] / kept, axis=0)
-        first = end - 1
+    y = np.array(forced, dtype=np.float64, order="C")
+    if (library := kernel().library) is not None:
+        bins, signals = (ctypes.c_long(n) for n in (len(decay), y.shape[1]))
+        library.mp_host_lagged(bins, signals, pointer(np.ascontiguousarray(decay)), pointer(y))
+        return y
+    for i, kept in enumerate(decay):
+        y[i + 1] += kept * y[i]
     return y

@@ -11,14 +11,15 @@ from massprop_cli.prepare.signal import Signal, window_integrals
 
 
 @pytest.mark.skipif(kernel().library is None, reason=f"integrals run on {kernel().name}")
+@pytest.mark.parametrize("lag_s", [0.0, 0.3, 7.0])
 @pytest.mark.parametrize("events", [0, 1, 300])
-def test_integrals_and_moments_agree(events: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_integrals_and_moments_agree(events: int, lag_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Events before, within and after the bins, at their edges, and several at once."""
     rng = np.random.default_rng(events)
     edges = 100 + np.concatenate([[0.0], np.cumsum(rng.uniform(0.5, 1.5, 200))])
     time = np.concatenate([rng.uniform(90, 320, events), edges[: min(events, 20)], edges[: min(events, 20)]])
     driven = Signal(time, rng.standard_normal(len(time)), 0.1 * rng.standard_normal(len(time)))
-    own = window_integrals([driven], edges)
+    own = window_integrals([driven, driven], edges, lag_s)
     monkeypatch.setattr(signal, "kernel", lambda: Kernel(None, "none"))
-    for mine, other in zip(own, window_integrals([driven], edges), strict=True):
+    for mine, other in zip(own, window_integrals([driven, driven], edges, lag_s), strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-11, atol=1e-11 * max(float(np.abs(other).max()), 1.0))
