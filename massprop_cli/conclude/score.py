@@ -18,8 +18,8 @@ from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.verdict import Conclusion
 
-SURE = 5.5
-"""Sigmas beyond which an assumption is wrong: by chance in one of a million logs, of thirty assumptions each."""
+SURE = 5.0
+"""Sigmas beyond which an assumption is wrong: by chance in one of 40,000 logs, of fifty assumptions each. docs/faults.md moves."""
 MOVES = 1.0
 """Of its sigma, the least change of a value that touches it."""
 

@@ -37,6 +37,8 @@ FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
 LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
 """Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
+LEFT = 0.5
+"""Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
@@ -97,7 +99,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)
-    further = (_much_later, _lowpassed, _changed, partial(_pair, alone=alone))
+    further = (_much_later, _lowpassed, partial(_changed, whole=wandering), partial(_pair, alone=alone))
     for search in () if wandering.fits else further:
         if found is not None and found.score < wandering.cost - CLEAR:
             break
@@ -215,8 +217,8 @@ def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explan
     )
 
 
-def _changed(look: Look) -> Diagnosis | None:
-    """Another body from some moment on."""
+def _changed(look: Look, whole: Look) -> Diagnosis | None:
+    """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque."""
     log, vehicle, timing, _ = look.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, look.piece, vehicle)
@@ -226,6 +228,8 @@ def _changed(look: Look) -> Diagnosis | None:
     sides = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
     if not all(side is not None and side.fits for side in sides):
         return None
+    if sum(side.excess for side in sides if side is not None) > LEFT * whole.excess:
+        return None  # each side fits for being shorter alone
     time = round(float(samples.executed.start_s[at]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "

@@ -133,6 +133,11 @@ class Look:
         return max(3 * sum(ranks) - 10, 1)
 
     @property
+    def excess(self) -> float:
+        """Chi-square beyond what is to be expected."""
+        return max(self.misfit - 1.0, 0.0) * self.freedom
+
+    @property
     def fits(self) -> bool:
         """Whether what is left is chance."""
         return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
