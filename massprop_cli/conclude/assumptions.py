@@ -82,7 +82,7 @@ class Examined:
     count: int
     """How many innovations there are in all."""
     noise: tuple[Array, ...]
-    """(4,) of each phase: sum of squared innovations, normalised, of the gyro and along each of the accelerometer's axes."""
+    """(6,) of each phase: sum of squared innovations, normalised, along each axis of the gyro and of the accelerometer."""
 
     @property
     def scatter(self) -> float:
@@ -97,8 +97,9 @@ class Examined:
     def step(self, taken: Taken, columns: int) -> Array:
         """(e,) units of each column that make one step."""
         found, first = np.zeros(columns), len(self.varied)
-        at = next((i for i, t in enumerate(self.varied) if t is taken), None)
-        found[slice(first, first + 3) if at is None else at] = taken.size
+        own = [i for i, t in enumerate(self.varied) if t is taken]
+        parts = [i for i, t in enumerate(self.varied) if not t.shown and t.code.startswith(taken.code)]
+        found[own or parts or [first, first + 1, first + 2]] = taken.size
         return found
 
     def delay(self) -> Later | None:
@@ -129,8 +130,8 @@ def examined(
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
     ]
     innovations = [history.normalised[np.isfinite(history.normalised).all(1)] for history in settled]
-    along = [part[:, 3:] @ np.array(vehicle.imu.body_from_imu) for part in innovations]
-    noise = [np.array([(part[:, :3] ** 2).sum(), *(own**2).sum(0)]) for part, own in zip(innovations, along, strict=True)]
+    mounting = np.array(vehicle.imu.body_from_imu)
+    noise = [(np.hstack([part[:, :3] @ mounting, part[:, 3:] @ mounting]) ** 2).sum(0) for part in innovations]
     return Examined(taken, tuple(responses), sum(part.size for part in innovations), tuple(noise))
 
 
@@ -150,7 +151,7 @@ def assumptions(
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
         listed += _beside(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
-    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e))
+    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and t.shown))
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:

@@ -19,6 +19,7 @@ from massprop_cli.prepare.timing import Timing
 
 DEGREE = float(np.pi / 180)
 AXES = "XYZ"
+GYRO = "gyro-scale"
 Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
@@ -31,10 +32,12 @@ class Taken:
     step: str
     stated: bool
     variant: Variant | None
-    """None: one of the columns that follow all variants."""
+    """None: of its parts, or of the columns that follow all variants."""
     size: float
     sigma: float = 0.0
     """One sigma, units, by which it is stated to be uncertain."""
+    shown: bool = True
+    """Whether what it does is told; else it is but tested, as a part of what is."""
 
 
 def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[Taken]:
@@ -58,8 +61,10 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iter
         sigma = vehicle.cycle.command_delay_sigma_cycles
         words = "its uncertainty is in every sigma" if sigma > 0 else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
         yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1, sigma)
-    scaled = Variant(here, Side(samples.changed(gyro=1.01)), 0.01)
-    yield Taken("gyro-scale", "the gyro's scale is taken as exact", "1 %", False, scaled, 0.01)
+    for i, axis in enumerate(AXES):
+        scaled = Variant(here, Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[i])), 0.01)
+        yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, shown=False)
+    yield Taken(GYRO, "the gyro's scale is taken as exact", "1 %", False, None, 0.01)
     yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
     if vehicle.spinning:
         yield _wheel_inertia(log, vehicle, timing, here)

@@ -16,10 +16,13 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
+from massprop_cli.conclude.granted import GYRO
 from massprop_cli.conclude.verdict import Conclusion
 
-SURE = 5.0
-"""Sigmas beyond which an assumption is wrong: by chance in one of 40,000 logs, of fifty assumptions each. docs/faults.md moves."""
+SURE = 4.8
+"""Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""
+SCALES = (GYRO, "accelerometer-scale")
+"""Of a sensor's three axes, each of which is tested by itself too."""
 MOVES = 1.0
 """Of its sigma, the least change of a value that touches it."""
 
@@ -45,15 +48,14 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     kinds = [t.code for t in found.varied] + ["accelerometer-scale"] * 3 + [f"thrust of {name}" for name in names]
     unit, first = np.eye(len(kinds)), len(kinds) - len(names)
     # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
-    together = [[i for i, kind in enumerate(kinds) if kind == "accelerometer-scale"], *([first + i for i in group] for group in groups)]
-    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in together)])
-    whats = np.array([*kinds, "accelerometer-scale", *(f"thrust of {', '.join(names[i] for i in group)}" for group in groups)])
+    scales = [[i for i, kind in enumerate(kinds) if kind.startswith(name)] for name in SCALES]
+    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in groups)))])
+    whats = np.array([*kinds, *SCALES, *(f"thrust of {', '.join(names[i] for i in group)}" for group in groups)])
+    kind = np.array([GYRO if what.startswith(GYRO) else what for what in whats])
     gram = np.sum([response.gram for response, _ in told], 0)
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
     # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
-    gyro, *accelerometer = np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
-    cross[[kind == "gyro-scale" for kind in kinds]] -= gyro
-    cross[[kind == "accelerometer-scale" for kind in kinds]] -= accelerometer
+    cross[[*scales[0], *scales[1]]] -= np.sum([noise * response.gram[0, 0] / noise.sum() for response, noise in told], 0)
     cross = cross @ along
     # what is stated to be uncertain may be off by that much
     uncertain = np.concatenate([[t.sigma for t in found.varied], np.zeros(len(whats) - len(found.varied))])
@@ -63,8 +65,8 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     shifts = [None if response is None else response.shift @ along for response in found.responses]
 
     def doubt(i: int) -> Doubt:
-        kin = whats == whats[i]
-        return Doubt(str(whats[i]), float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), i > len(kinds))
+        kin, faint = kind == kind[i], i >= len(kinds) + len(SCALES)
+        return Doubt(str(whats[i]), float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
 

@@ -46,8 +46,11 @@ class Alignment:
 class Stream:
     """The cycles of a log as the estimators take them (:class:`massprop_cli.prepare.compensate.Source`)."""
 
-    def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float = 1.0) -> None:
-        """``gyro`` is a factor on what it measured. :class:`InputError` where a logged attitude is none."""
+    def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float | Array = 1.0) -> None:
+        """``gyro`` is a factor on what it measured, or (3,) one along each of its axes.
+
+        :class:`InputError` where a logged attitude is none.
+        """
         self.alignment, self.vehicle, self.gyro = alignment, vehicle, gyro
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
@@ -66,7 +69,7 @@ class Stream:
         alignment = Alignment(log, vehicle, timing)
         return Stream(alignment, alignment.vehicle)
 
-    def changed(self, vehicle: Vehicle | None = None, gyro: float = 1.0) -> Stream:
+    def changed(self, vehicle: Vehicle | None = None, gyro: float | Array = 1.0) -> Stream:
         """The same commands with another IMU or another attitude at the beginning."""
         return Stream(self.alignment, vehicle or self.vehicle, gyro)
 
