@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined
 from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import delay
@@ -81,13 +82,19 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     say("what the numbers rest on", 1.0)
     examination = examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider)
     # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
-    doubted = doubts(examination, channel_names(begun.log, used), along_one_line(begun.log, used)) if used.thrust.pulse_sigma == 0 else []
+    doubted = _doubted(examination, begun, answer) if used.thrust.pulse_sigma == 0 else []
     if not all(one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
     if detected is None and (used.environment, used.estimator) == (begun.stated.environment, begun.stated.estimator):
         detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
     return answer, Checked(diagnosis, examination, doubted, detected)
+
+
+def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
+    names = channel_names(begun.log, answer.used)
+    found = doubts(examination, names, along_one_line(begun.log, answer.used))
+    return found + followed(answer.settled, begun.samples, names, examination.scatter)
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
