@@ -73,7 +73,9 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
     """By the default method; with ``check`` the causes of a misfit are looked for, and what the values rest on is examined."""
     plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
-    diagnosis = _diagnosis(begun, plain.used, say) if check and plain.dubious else None
+    diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
+    if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
+        diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     answer = estimates(begun.samples, begun.phases, plain, size, begun.consider, say)
     used = answer.used

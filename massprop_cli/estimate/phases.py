@@ -20,6 +20,8 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
+QUIET = 1 / 50
+"""Of the stated variance of the rates' noise, what is that of none that was stated with care: a seventh of its sigma."""
 ROUNDS = 8
 """How often disturbances may be raised until the innovations are explained."""
 SIZING = 2
@@ -56,6 +58,12 @@ class AsStated(NamedTuple):
     def dubious(self) -> bool:
         """Whether it doesn't, or a phase tells of no body at all."""
         return self.misfit or any(fit is None for fit in self.fits)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether rates vary about an axis so much less than is stated that they may be in another unit, and what doesn't fit drown in stated noise."""
+        left = [fit.history.normalised[:, :3] for fit in self.fits if fit is not None]
+        return bool(left) and bool((np.nanmean(np.concatenate(left) ** 2, axis=0) < QUIET).any())
 
 
 class Estimates(NamedTuple, Generic[Used]):
