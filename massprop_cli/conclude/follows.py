@@ -34,7 +34,9 @@ def followed(settled: Sequence[History], samples: Source, names: Sequence[str], 
 
     def doubt(i: int) -> Doubt:
         size = np.sqrt(explained[i])
-        return Doubt(f"response to {names[i]}", float(sigmas[i]), tuple(None if one is None else size * one for one in moves))
+        return Doubt(
+            f"response to {names[i]} or what moves like it", float(sigmas[i]), tuple(None if one is None else size * one for one in moves)
+        )
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
 

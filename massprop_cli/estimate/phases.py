@@ -61,7 +61,7 @@ class AsStated(NamedTuple):
 
     @property
     def quiet(self) -> bool:
-        """Whether rates vary about an axis so much less than is stated that they may be in another unit, and what doesn't fit drown in stated noise."""
+        """Whether rates vary about an axis so much less than is stated that they may be in another unit, and a misfit drown in it."""
         left = [fit.history.normalised[:, :3] for fit in self.fits if fit is not None]
         return bool(left) and bool((np.nanmean(np.concatenate(left) ** 2, axis=0) < QUIET).any())
 

@@ -1,0 +1,65 @@
+"""One channel that does something else than stated shows in what is left, and chance does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.follows import AXES, _explained, followed
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.compensate import Source
+from massprop_cli.testbed import scenario, simulate
+
+PLAN = [
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+]
+pytestmark = pytest.mark.numerical
+
+
+def told(found: Analysis) -> Array:
+    source: Source = found.samples
+    return _explained(found.settled[0], source)
+
+
+def turned(used: Vehicle, jet: int, angle: float) -> Vehicle:
+    """With a jet that is stated to point elsewhere by so many rad."""
+    force = np.array(used.jets[jet].force_n)
+    across = np.cross(force, [0.6, 0.0, 0.8])
+    stated = np.cos(angle) * force + np.sin(angle) * np.linalg.norm(force) * across / np.linalg.norm(across)
+    return changed(used, [f"jets.{jet}.force_n={[float(x) for x in stated]}"])
+
+
+def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
+    """Of twenty seeds and eighteen channels: on average six, within a quarter or a half, and none beyond one chance in a million."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), list(range(1, 21)))
+    found = [flow.examine(flown.log(i), VehicleSource(flown.vehicle, "t", "")) for i in range(20)]
+    explained = np.array([told(one) for one in found])
+    assert 0.5 * AXES < explained.mean() < 1.25 * AXES
+    assert explained.max() < 38.3
+    names = channel_names(flown.log(0), flown.vehicle)
+    assert not any(followed(one.settled, one.samples, names, 1.0) for one in found)
+
+
+@pytest.mark.parametrize("jet", [0, 7, 13])
+def test_a_jet_that_points_elsewhere_is_followed(jet: int) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [5])
+    found = flow.examine(flown.log(0), VehicleSource(turned(flown.vehicle, jet, 0.05), "t", ""))
+    names = channel_names(flown.log(0), flown.vehicle)
+    doubts = followed(found.settled, found.samples, names, 1.0)
+    assert doubts
+    assert doubts[0].sigmas > 5.0
+    assert any(doubt.what.startswith(f"response to {names[jet]} ") for doubt in doubts)
+
+
+def test_a_log_taken_part_by_part_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [5])
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    whole = told(found)
+    monkeypatch.setattr("massprop_cli.conclude.follows.BLOCK", 37)
+    np.testing.assert_allclose(told(found), whole, rtol=1e-9)

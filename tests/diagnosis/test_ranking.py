@@ -1,0 +1,59 @@
+"""Suppositions that are fitted when their turn comes stand in the order that they stand in when all are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis.contest import ROUGHLY, fitted
+from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.look import Look, looked
+from massprop_cli.diagnosis.trial import beyond
+from massprop_cli.inputs.vehiclefile import changed
+from massprop_cli.prepare.timing import Timing
+from tests import flight
+from tests.flight import resolved
+
+pytestmark = pytest.mark.numerical
+
+
+def weak(jet: int) -> Look:
+    """A log of which a jet gave but 80 % of what is stated."""
+    flown = flight.standard()
+    log = flown.log(np.random.default_rng(1))
+    used = changed(flown.used, [f"jets.{jet}.force_n={[1.25 * x for x in flown.used.jets[jet].force_n]}"])
+    found = looked(Case(log, resolved(used), Timing(2.0, 0.0)), slice(4, log.cycles))
+    assert found is not None
+    return found
+
+
+def test_the_order_is_that_of_all_fitted_at_once() -> None:
+    look = weak(3)
+    supposed = [*causes.listed(look.model, look.names, True), *look._likely_turns()]
+    kinds = [one.code for one in supposed]
+    every = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
+    scores = sorted((look.score(one.chi_square, one, kinds.count(one.supposed.code)), i) for i, one in enumerate(every))
+    lazy = list(islice(replace(look).ranked, 12))
+    assert [(found.supposed.code, found.supposed.subject) for _, found in lazy] == [(kinds[i], supposed[i].subject) for _, i in scores[:12]]
+    np.testing.assert_allclose([score for score, _ in lazy], [score for score, _ in scores[:12]], atol=0.5)
+
+
+def test_a_channel_left_free_leaves_no_more_than_any_of_its_own_suppositions() -> None:
+    look = weak(3)
+    for channel in range(len(look.names)):
+        own = [one for one in causes.listed(look.model, look.names, True) if look.model.channel(one) == channel]
+        assert {one.code for one in own} == {"thrust-scale", "jet-position", "jet-direction"}
+        bound, *each = fitted(look.model, look.free, look.free.variance, [look.model.without(channel), *own])
+        assert all(one.chi_square.sum() > bound.chi_square.sum() - 1.0 for one in each)
+
+
+def test_those_of_channels_beyond_hope_are_left_out() -> None:
+    look = weak(3)
+    within = list(look.ranked.within(beyond(look)))
+    about = {found.supposed.subject for _, found in within if look.model.channel(found.supposed) is not None}
+    assert (look.names[3],) in about
+    assert len(about) < len(look.names)
