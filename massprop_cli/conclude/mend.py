@@ -16,17 +16,26 @@ from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.verdict import conclude
+from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import vehiclefile
-from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
     from massprop_cli.diagnosis.cures import Cure
+
+
+FOUND = {
+    "imu": ("gyro_noise_rad_s", "accel_noise_m_s2", "gyro_outliers_s", "accel_outliers_s"),
+    "environment": ("disturbance_torque_n_m", "disturbance_walk_n_m"),
+    "estimator": ("accel_noise_scale",),
+}
+"""What an estimate finds of noise."""
 
 
 def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:
@@ -52,8 +61,8 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         else:
             source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
         again = estimated(log, source, (), say, check=False)
-        around = [_beside(found.log, again, near) for near in fault.around]
-        rivals = tuple(_beside(found.log, again, rival, offline.SETTLINGS) for rival in fault.rivals)
+        around = [_beside(found, again, near) for near in fault.around]
+        rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
         again = judged(_widened(again, around), [])
     except InputError:
         return None
@@ -61,10 +70,10 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     return MendedAnswer(fault, settings, again.conclusions, rivals)
 
 
-def _beside(log: Log, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
-    """(10,) what so many passes on from the mended fit of each phase give with another cure; NaN where there is none."""
-    vehicle = vehiclefile.changed(mended.vehicle, cure.settings)
-    samples = Stream.of(cure.log(log), vehicle, stated_timing(vehicle, mended.timing))
+def _beside(found: Analysis, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
+    """(10,) what so many passes on from the mended fit of each phase give with another cure instead; NaN where there is none."""
+    vehicle = _as_noisy(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle)
+    samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))
     phases = phases_of(samples.log, vehicle, samples)
     used, _ = with_noise_levels(samples, [cycles for _, cycles in phases], vehicle)
     references = [settled.reference for settled in mended.settled]
@@ -72,6 +81,12 @@ def _beside(log: Log, mended: Analysis, cure: Cure, passes: int = 1) -> list[Arr
         np.full(10, np.nan) if reference is None else offline.value(samples, cycles, reference, used.in_phase(phase), passes)
         for (phase, cycles), reference in zip(phases, references, strict=True)
     ]
+
+
+def _as_noisy(vehicle: Vehicle, used: Vehicle) -> Vehicle:
+    """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its cure alone."""
+    parts = {name: {key: getattr(getattr(used, name), key) for key in keys} for name, keys in FOUND.items()}
+    return vehicle.model_copy(update={name: getattr(vehicle, name).model_copy(update=keys) for name, keys in parts.items()})
 
 
 def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:
