@@ -162,7 +162,8 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
 def _by_wander(trial: Trial, look: Look) -> bool:
     """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
     beside = (trial.look or look).free.beside
-    return trial.fitted.supposed.code in ("accel-bias", "steady-torque", "rate-torque") and any(one.walk > 0 for one in beside)
+    codes = {part.supposed.code for part in trial.fitted.parts}
+    return bool(codes & {"accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:
@@ -252,7 +253,7 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
                 break
             if i < SECOND or _simpler(second, fitting):
                 together = None if hopeless(trial.look, second) else both(look, trial, second)
-                fitting += [together] if together is not None and together.fits else []
+                fitting += [together] if together is not None and together.fits and not _by_wander(together, look) else []
     if not fitting:
         return _two_channels(look)
     best = min(fitting, key=lambda trial: trial.score)
