@@ -74,8 +74,8 @@ class Clocks:
         return frozenset(path for path, values in held if values is not None and (np.diff(values) > 0).all())
 
     def of(self, one: Stream) -> list[str]:
-        """The one that the file names; else increasing ones as long, those called so before others."""
-        if one.clock:
+        """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
+        if one.clock in self.streams:
             return [one.clock]
         like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like

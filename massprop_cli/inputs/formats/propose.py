@@ -223,7 +223,7 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
         return [f'clock = {{ path = "?", unit = "?" }}   # {shown}']
     unit, why = clocks.unit(some[0])
     if unit and why == "as recorded":
-        return [] if stream.clock else [f"clock = {{ path = {json.dumps(some[0])} }}"]
+        return [] if stream.clock == some[0] else [f"clock = {{ path = {json.dumps(some[0])} }}"]
     if unit:
         return [f'clock = {{ path = {json.dumps(some[0])}, unit = "{unit}" }}   # {why}']
     step = clocks.step(some[0])
