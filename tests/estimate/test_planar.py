@@ -64,3 +64,18 @@ def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over() -> None
     error, sigma = estimated(1.0, 0.0)
     assert (sigma[:, 3] > 5 * estimated(1.0)[1][:, 3]).all()
     assert (np.abs(error[:, 3]) < 4 * sigma[:, 3]).all()
+
+
+def test_a_stated_gyro_bias_makes_no_difference() -> None:
+    """0.06 degrees a second about the vertical: in a minute the slope turns by 3 degrees too far, no value by a tenth of a sigma."""
+
+    def values(bias: float) -> tuple[Array, Array]:
+        stated = f"vehicle.imu.gyro_bias_sigma_rad_s={bias}", f"sensors.gyro_bias_rad_s=[0, 0, {bias}]"
+        flight = simulate.fly(scenario.load("planar", stated), [1])
+        analysis = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "planar", ""))
+        assert analysis.notices == ()
+        conclusion = analysis.conclusions[0]
+        return conclusion.values[TOLD], np.sqrt(np.diag(conclusion.covariance)[TOLD])
+
+    (plain, sigma), (biased, _) = values(1e-9), values(1e-3)
+    assert (np.abs(biased - plain) < 0.1 * sigma).all()

@@ -75,7 +75,7 @@ class Clocks:
 
     def of(self, one: Stream) -> list[str]:
         """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
-        if one.clock in self.streams:
+        if one.clock and one.clock in self.streams:
             return [one.clock]
         like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
