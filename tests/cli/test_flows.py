@@ -222,10 +222,10 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
     """On a pseudo-terminal the bar names the stage; on a pipe stderr stays empty."""
     import pty
 
-    log = short(tmp_path)
+    log = short(tmp_path, 1200)
     leader, follower = pty.openpty()
     command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "--out", str(tmp_path / "o")]
-    # the compiled kernel is through before the bar is drawn again
+    # the compiled kernel is through before the bar is drawn again, and so is a short log
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=follower, env=os.environ | {"MASSPROP_KERNEL": "numpy"})
     os.close(follower)
     shown = b""
