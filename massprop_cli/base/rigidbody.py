@@ -60,7 +60,7 @@ def rotation(vector: Array) -> Array:
 
 
 def mean_rotation(vector: Array) -> Array:
-    """(..., 3, 3) mean of the rotations by s times the vectors (..., 3) in rad, 0 < s < 1: the left Jacobian of :func:`rotation`."""
+    """(..., 3, 3) mean over 0 < s < 1 of :func:`rotation` by s times the vectors (..., 3) in rad: Rodrigues' formula, integrated."""
     square = (vector**2).sum(-1)[..., None, None]
     turn = cross_matrix(vector)
     angle = np.sqrt(square)

@@ -12,6 +12,7 @@ from typing import Protocol
 
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.files import check_own
 from massprop_cli.campaign import outcome
 
 RESULTS = "results"
@@ -51,8 +52,9 @@ class LocalPlace:
         """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
         try:
             with files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
-                for name in filter(lambda name: (self.folder / name).is_dir(), _TABLES):
-                    raise InputError(f"{self.folder / name}: is a folder; move it, or choose another folder", option="out")
+                taken = [name for name in _TABLES if (self.folder / name).is_dir()]
+                if taken:
+                    raise InputError(f"{self.folder / taken[0]}: is a folder; move it, or choose another folder", option="out")
                 try:
                     shutil.rmtree(self._aside, ignore_errors=True)
                     self._aside.mkdir()
@@ -74,8 +76,8 @@ class LocalPlace:
     def put_folder(self, name: str, files: Mapping[str, bytes]) -> None:
         """See :class:`Place`. Killed between the two renames, the folder is missing, and the next batch makes it again."""
         place = self.folder / RESULTS / name
-        if place.is_dir() and any(place.iterdir()) and not (place / outcome.FILE).exists():
-            raise InputError(f"{place}: is there already, and massprop did not write it; move it, or choose another folder", option="out")
+        if place.is_dir():
+            check_own(place, [path.name for path in place.iterdir()], outcome.FILE)
         staged = Path(tempfile.mkdtemp(dir=self._aside))
         staged.chmod(0o755)
         for file, content in files.items():

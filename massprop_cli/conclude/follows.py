@@ -13,8 +13,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.score import SURE, Doubt
+from massprop_cli.diagnosis.lackoffit import deviate
 from massprop_cli.estimate.history import History
-from massprop_cli.model.plant.plant import MU
+from massprop_cli.model.layout import MU
 from massprop_cli.prepare.compensate import BLOCK, Samples, Source
 
 AXES = 6
@@ -29,7 +30,8 @@ def followed(settled: Sequence[History], samples: Source, names: Sequence[str], 
             explained += _explained(history, samples)
     explained /= max(scatter, 1.0)
     told = sum(history.reference is not None for history in settled)
-    sigmas = _deviate(explained, AXES * max(told, 1))
+    freedom = AXES * max(told, 1)
+    sigmas = deviate(explained / freedom, freedom)
     moves = [_moves(history) for history in settled]
 
     def doubt(i: int) -> Doubt:
@@ -80,11 +82,4 @@ def _moves(history: History) -> Array | None:
         return None
     found: Array = np.sqrt(np.diag(history.bare[1]))[:, None]
     found[MU] /= history.bare[0][MU] ** 2
-    return found
-
-
-def _deviate(total: Array, count: int) -> Array:
-    """Normal deviate of a sum of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
-    spread = 2 / (9 * count)
-    found: Array = (np.cbrt(total / count) - (1 - spread)) / np.sqrt(spread)
     return found

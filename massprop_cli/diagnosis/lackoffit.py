@@ -74,7 +74,7 @@ def innovation_test(history: History, samples: Source, spread: float = 1.0) -> A
     if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
         return np.ones(6)
     mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
-    return np.where(_deviate(mean / spread, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
+    return np.where(deviate(mean / spread, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
 
 
 def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: float = 1.0) -> Array:
@@ -218,7 +218,7 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
         return np.zeros(10)
     explained = np.array([((basis.T @ own) ** 2).sum() for basis, own in zip(bases, residual, strict=True)])
     pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), 1e-300)
-    excess = np.where(_deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
+    excess = np.where(deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
     found = np.zeros(10)
     gain = ((right / singular[:, None]) ** 2).sum(0) / size[seen] ** 2
     told = np.maximum(share[seen].sum(1), 1e-300)
@@ -279,8 +279,8 @@ def _orthonormal(columns: Array) -> Array:
     return basis
 
 
-def _deviate(mean: Array, count: Array | int) -> Array:
-    """Normal deviate of a mean of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
+def deviate(mean: Array, count: Array | int) -> Array:
+    """(...) normal deviate of a mean (...) of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
     spread = 2 / (9 * count)
     found: Array = (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)
     return found

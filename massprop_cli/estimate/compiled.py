@@ -49,8 +49,8 @@ class Pass:
         self._room = np.empty(library.mp_host_size(), np.uint8)
         self.memory = pointer(self._room)
         handed.checked(library.mp_host_begin(self.memory, pointer(table(samples, vehicle))))
-        astray = np.ascontiguousarray(samples.part(slice(cycles.start, cycles.start + 1)).astray, dtype=float)
-        library.mp_host_astray(self.memory, pointer(astray))
+        attitude_error = np.ascontiguousarray(samples.part(slice(cycles.start, cycles.start + 1)).attitude_error_rad, dtype=float)
+        library.mp_host_attitude_error(self.memory, pointer(attitude_error))
 
     def rows(self, progress: Callable[[float], None] | None) -> Iterator[Rows]:
         """Estimates after each cycle, part by part."""

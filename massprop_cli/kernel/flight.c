@@ -15,7 +15,7 @@ static int taken_in(mp_flight *flight, int usable, mp_values *out, int *made) {
     int status;
     *made = 0;
     if (!usable) return MP_OK;
-    if (!flight->pass.run.begun) memcpy(flight->pass.astray, flight->front.astray, sizeof flight->pass.astray);
+    if (!flight->pass.run.begun) memcpy(flight->pass.attitude_error, flight->front.attitude_error, sizeof flight->pass.attitude_error);
     status = mp_step(&flight->pass, &flight->cycle, &flight->row);
     if (status != MP_OK) return status;
     mp_report(&flight->rule, &flight->pass, &flight->row, &flight->steady, out);

@@ -210,8 +210,8 @@ static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) 
     for (i = 0; i < 3; i++) out[i] = rotation[2][i];
 }
 
-/* What one more cycle tells of the gyro's bias, and by how much the attitude is off at its end (drifts and Drift.off). */
-static void drifted(mp_front *front, const mp_cycle *cycle, const mp_real mean[3][3]) {
+/* What one more cycle tells of the gyro's bias, and by how much the attitude is off at its end (bias_seen and BiasSeen.off). */
+static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean[3][3]) {
     mp_real seen[2][3], level[3], weighted[3][3], solve[3][3], bias[3], size, sigma = front->vehicle.gyro_bias_sigma;
     mp_real ridge = (FELT / sigma) * (FELT / sigma);
     int i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
@@ -236,14 +236,14 @@ static void drifted(mp_front *front, const mp_cycle *cycle, const mp_real mean[3
 }
 
 /* Where the attitude may be at the start of a cycle. */
-static void gone(mp_front *front, const mp_real from_body[3][3]) {
+static void attitude_error(mp_front *front, const mp_real from_body[3][3]) {
     int i, j, k;
     for (i = 0; i < 3; i++) {
-        front->astray[i][0] = R(0);
-        for (k = 0; k < 3; k++) front->astray[i][0] += from_body[k][i] * front->off[k];
+        front->attitude_error[i][0] = R(0);
+        for (k = 0; k < 3; k++) front->attitude_error[i][0] += from_body[k][i] * front->off[k];
         for (j = 0; j < 3; j++) {
-            front->astray[i][1 + j] = R(0);
-            for (k = 0; k < 3; k++) front->astray[i][1 + j] -= from_body[k][i] * front->window[k][j];
+            front->attitude_error[i][1 + j] = R(0);
+            for (k = 0; k < 3; k++) front->attitude_error[i][1 + j] -= from_body[k][i] * front->window[k][j];
         }
     }
 }
@@ -259,7 +259,7 @@ static void backed(const mp_front *front, mp_real out[4]) {
 /* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
 static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
     mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4];
-    int drifts = front->vehicle.bearing && !front->table.logged && front->vehicle.gyro_bias, i, j;
+    int biased = front->vehicle.bearing && !front->table.logged && front->vehicle.gyro_bias, i, j;
     for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
     if (!front->vehicle.bearing) {
         memset(cycle->up, 0, sizeof cycle->up);
@@ -275,7 +275,7 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
     backed(front, back);
     vertical(front->attitude, back, cycle->up[0]);
     matrix(front->attitude, first);
-    if (drifts) gone(front, (const mp_real(*)[3])first);
+    if (biased) attitude_error(front, (const mp_real(*)[3])first);
     if (front->table.logged) {
         for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
     } else {
@@ -284,11 +284,11 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
         for (i = 0; i < 3; i++) vector[i] = turn[i] + coning[i] / R(12);
         rotated(front->attitude, vector);
     }
-    if (drifts) {
+    if (biased) {
         matrix(front->attitude, mean);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) mean[i][j] = (mean[i][j] + first[i][j]) / R(2);
-        drifted(front, cycle, (const mp_real(*)[3])mean);
+        bias_seen(front, cycle, (const mp_real(*)[3])mean);
         for (i = 0; i < 3; i++) back[1 + i] = -back[1 + i];
         backed(front, then);
         product(back, then, step);

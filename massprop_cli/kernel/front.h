@@ -59,7 +59,7 @@ typedef struct {
     mp_real information[3][3]; /* see massprop_cli/prepare/attitude.py */
     mp_real bias_told[3];
     mp_real off[3];
-    mp_real astray[3][4];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
+    mp_real attitude_error[3][4];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
     int pulses[MP_COMMANDS];
     mp_pulse pulse[MP_COMMANDS][MP_PENDING];
     mp_flown waiting;

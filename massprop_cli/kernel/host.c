@@ -11,7 +11,7 @@
 
 SHARED size_t mp_host_size(void);
 SHARED int mp_host_begin(mp_pass *pass, const double *table);
-SHARED void mp_host_astray(mp_pass *pass, const double *astray);
+SHARED void mp_host_attitude_error(mp_pass *pass, const double *attitude_error);
 SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told);
 SHARED size_t mp_host_flight_size(void);
 SHARED mp_pass *mp_host_pass(mp_flight *flight);
@@ -143,7 +143,7 @@ static void written(const mp_row *row, double *out) {
 }
 
 /* Where the attitude may be before the first cycle, (12). */
-void mp_host_astray(mp_pass *pass, const double *astray) { (void)mp_copied(pass->astray[0], astray, 12); }
+void mp_host_attitude_error(mp_pass *pass, const double *attitude_error) { (void)mp_copied(pass->attitude_error[0], attitude_error, 12); }
 
 int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told) {
     long k;

@@ -221,7 +221,7 @@ typedef struct {
     long block_begin, block_end;
     mp_real begun_s;
     mp_real end_s;
-    mp_real astray[3][4]; /* rad, from the attitude to the true one at the start of the first cycle: known, and by the gyro's bias */
+    mp_real attitude_error[3][4]; /* rad, from the attitude to the true one at the start of the first cycle: known, and by the gyro's bias */
     mp_reference reference, estimate, centre;
     mp_real centre_sizes[10];
     mp_start start;

@@ -20,7 +20,7 @@ from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, fed
-from massprop_cli.prepare.compensate import Mounted, Samples, Source, drifting
+from massprop_cli.prepare.compensate import Mounted, Samples, Source, biased_attitude
 
 STEADY = 1e3
 """A slowly varying torque may begin at this many of its changes per cycle, or at what the jets can do."""
@@ -101,10 +101,10 @@ def _begun(here: Samples, samples: Source, vehicle: Resolved) -> Array:
     """(n, 1 + n) of the first of these cycles: by then a bias has carried the attitude off."""
     layout, count = Layout.of(samples, vehicle), len(prior(samples, vehicle))
     found = np.eye(count, 1 + count, 1)
-    if drifting(samples.attitude_logged, vehicle):
+    if biased_attitude(samples.attitude_logged, vehicle):
         tilt, bias = layout.own(layout.tilt), layout.own(layout.gyro_bias)
-        found[tilt, 0] = here.astray[0, :, 0]
-        found[tilt, 1:][:, bias] = here.astray[0, :, 1:]
+        found[tilt, 0] = here.attitude_error_rad[0, :, 0]
+        found[tilt, 1:][:, bias] = here.attitude_error_rad[0, :, 1:]
     return found
 
 

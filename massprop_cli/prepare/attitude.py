@@ -65,7 +65,7 @@ def quaternion_product(a: Array, b: Array) -> Array:
     return np.concatenate([real, scalar * b[..., 1:] + b[..., :1] * vector + cross(vector, b[..., 1:])], -1)
 
 
-class Drift(NamedTuple):
+class BiasSeen(NamedTuple):
     """What is known of the gyro's bias at a cycle's edge, or at many along a first axis."""
 
     window: Array
@@ -76,13 +76,13 @@ class Drift(NamedTuple):
     """(3,) information times bias, s."""
 
     @staticmethod
-    def none() -> Drift:
+    def none() -> BiasSeen:
         """At a log's beginning."""
-        return Drift(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+        return BiasSeen(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
 
-    def at(self, edge: int) -> Drift:
+    def at(self, edge: int) -> BiasSeen:
         """Of one of many."""
-        return Drift(*(part[edge] for part in self))
+        return BiasSeen(*(part[edge] for part in self))
 
     def off(self, sigma: float) -> Array:
         """(..., 3) rotation vector in world axes by which the integrated attitude is off; ``sigma`` of the bias in rad/s."""
@@ -92,7 +92,7 @@ class Drift(NamedTuple):
         return off
 
 
-def drifts(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: Drift) -> Drift:
+def bias_seen(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: BiasSeen) -> BiasSeen:
     """At K + 1 edges of cycles: in the first what is ``begun``, in the others by all cycles before.
 
     ``attitude_wxyz`` (K + 1, 4) as integrated; ``felt`` (K, 3) specific force over gravity's, zeros where it doesn't count.
@@ -103,7 +103,7 @@ def drifts(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: Drift) -
     # ε × z has no part along z; (ε_x, ε_y) stand in (−f_y, f_x)
     slope = (window[:-1, :2] + window[1:, :2]) / 2 * np.any(felt, axis=1, keepdims=True)[..., None]
     told = times(slope.transpose(0, 2, 1), np.stack([-level[:, 1], level[:, 0]], 1))
-    return Drift(window, _summed(begun.information, slope.transpose(0, 2, 1) @ slope), _summed(begun.told, told))
+    return BiasSeen(window, _summed(begun.information, slope.transpose(0, 2, 1) @ slope), _summed(begun.told, told))
 
 
 def freed(attitude_wxyz: Array, turns: Array, off: Array) -> tuple[Array, Array]:
@@ -116,13 +116,13 @@ def freed(attitude_wxyz: Array, turns: Array, off: Array) -> tuple[Array, Array]
     return quaternion_product(back, attitude_wxyz), turns - times(_mean_matrices(attitude_wxyz).transpose(0, 2, 1), step)
 
 
-def gone(attitude_wxyz: Array, off: Array, drift: Drift) -> Array:
+def attitude_error(attitude_wxyz: Array, off: Array, seen: BiasSeen) -> Array:
     """(K, 3, 4) rotation vector, body axes, from what :func:`freed` gives of ``attitude_wxyz`` (K, 4) to the true attitude.
 
     What is known of it, R⁻¹ ``off``, and its derivative by the bias, −R⁻¹ ∫R dt.
     """
     back = np.swapaxes(matrices(attitude_wxyz), -1, -2)
-    return np.concatenate([times(back, off)[..., None], -back @ drift.window], -1)
+    return np.concatenate([times(back, off)[..., None], -back @ seen.window], -1)
 
 
 def _mean_matrices(attitude_wxyz: Array) -> Array:

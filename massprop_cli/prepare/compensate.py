@@ -14,7 +14,16 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.attitude import Drift, drifts, freed, gone, integrate_attitude, quaternion_of, quaternion_product, world_up_b
+from massprop_cli.prepare.attitude import (
+    BiasSeen,
+    attitude_error,
+    bias_seen,
+    freed,
+    integrate_attitude,
+    quaternion_of,
+    quaternion_product,
+    world_up_b,
+)
 
 
 class Mounted(Protocol):
@@ -61,8 +70,8 @@ class Samples:
     """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
     carried_rad_s: Array
     """(K, 3) mean rate by which the attitude is carried through the cycle where it is not logged."""
-    astray: Array
-    """(K, 3, 4) rotation vector, rad, from the attitude as carried to the true one at the start of each cycle: known, and by the bias."""
+    attitude_error_rad: Array
+    """(K, 3, 4) rotation vector from the attitude as carried to the true one at the start of each cycle: what is known, and by the bias."""
     specific_force_m_s2: Array
     """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
     up_b: Array
@@ -98,7 +107,7 @@ class Samples:
             rate_rad_s=self.rate_rad_s[cycles],
             rate_step_rad_s=self.rate_step_rad_s[cycles],
             carried_rad_s=self.carried_rad_s[cycles],
-            astray=self.astray[cycles],
+            attitude_error_rad=self.attitude_error_rad[cycles],
             specific_force_m_s2=self.specific_force_m_s2[cycles],
             up_b=self.up_b[cycles.start : cycles.stop + 1],
         )
@@ -136,8 +145,8 @@ class Before:
     """(3,) by how much it turned."""
     attitude_wxyz: Array
     """(4,) at its end, as logged or as integrated; anything in free flight."""
-    drift: Drift
-    """Of that, by then."""
+    seen: BiasSeen
+    """What gravity had shown by then of the gyro's bias."""
 
 
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None) -> Samples:
@@ -150,16 +159,16 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
     up: Array = np.zeros((len(rate) + 1, 3))
-    carried, astray = rate, np.broadcast_to(0.0, (len(rate), 3, 4))
+    carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 4))
     if vehicle.on_air_bearing:
         if before is None and aligned.attitude_wxyz is not None:
             check_attitude(aligned.attitude_wxyz, rate * aligned.duration_s[:, None])
         attitude = _attitude_at_edges(aligned, vehicle, rate, before)
-        if drifting(aligned.attitude_wxyz is not None, vehicle):
+        if biased_attitude(aligned.attitude_wxyz is not None, vehicle):
             level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
-            found = drifts(attitude, level, aligned.duration_s, Drift.none() if before is None else before.drift)
+            found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
             off = found.off(vehicle.imu.gyro_bias_sigma_rad_s)
-            astray = gone(attitude, off, found)[:-1]
+            error = attitude_error(attitude, off, found)[:-1]
             attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
             carried = turns / aligned.duration_s[:, None]
         up = world_up_b(attitude)
@@ -168,7 +177,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
         rate_rad_s=frozen(rate),
         rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
         carried_rad_s=frozen(carried),
-        astray=frozen(astray),
+        attitude_error_rad=frozen(error),
         specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2),
         up_b=frozen(up),
     )
@@ -193,7 +202,7 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
     return compensated
 
 
-def drifting(attitude_logged: bool, vehicle: Vehicle) -> bool:
+def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:
     """Whether the attitude is integrated from a gyro that has a bias."""
     return vehicle.on_air_bearing and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
 

@@ -13,9 +13,9 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, first_usable_s
-from massprop_cli.prepare.attitude import Drift, drifts, integrate_attitude
+from massprop_cli.prepare.attitude import BiasSeen, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
-from massprop_cli.prepare.compensate import Before, Samples, check_attitude, compensate, drifting, felt
+from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, check_attitude, compensate, felt
 from massprop_cli.prepare.timing import Timing
 
 GRID = 1024
@@ -56,7 +56,7 @@ class Stream:
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
         self.attitude_logged = self.log.attitude_wxyz is not None
-        self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), Drift.none())]
+        self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), BiasSeen.none())]
         self._held = slice(0, 0)
         self._samples: Samples | None = None
         if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
@@ -95,22 +95,22 @@ class Stream:
         rate, turn = self._motion(slice(cycle - 1, cycle))
         return Before(rate[0], turn[0], *(self._edge(cycle) if self.vehicle.on_air_bearing else self._edges[0]))
 
-    def _edge(self, cycle: int) -> tuple[Array, Drift]:
-        """(4,) attitude at the start of a cycle on the grid, and what is known by then of its drift."""
+    def _edge(self, cycle: int) -> tuple[Array, BiasSeen]:
+        """(4,) attitude at the start of a cycle on the grid, and what gravity has shown by then of the gyro's bias."""
         if self.log.attitude_wxyz is not None:
-            return self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1], Drift.none()
+            return self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1], BiasSeen.none()
         for first in range((len(self._edges) - 1) * GRID, cycle, GRID):
             turns = self._motion(slice(max(first - 1, 0), first + GRID))[1]
             before, turns = (turns[0], turns[1:]) if first else (None, turns)
-            begun, drift = self._edges[-1]
+            begun, seen = self._edges[-1]
             attitude = integrate_attitude(begun, turns, before)
-            if drifting(False, self.vehicle):
-                drift = drifts(attitude, *self._felt(slice(first, first + GRID)), drift).at(-1)
-            self._edges.append((attitude[-1], drift))
+            if biased_attitude(False, self.vehicle):
+                seen = bias_seen(attitude, *self._felt(slice(first, first + GRID)), seen).at(-1)
+            self._edges.append((attitude[-1], seen))
         return self._edges[cycle // GRID]
 
     def _felt(self, cycles: slice) -> tuple[Array, Array]:
-        """(K, 3) what :func:`massprop_cli.prepare.attitude.drifts` takes, and (K,) the length of each cycle."""
+        """(K, 3) what :func:`massprop_cli.prepare.attitude.bias_seen` takes, and (K,) the length of each cycle."""
         records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
         velocity = self.log.delta_v_imu_m_s[cycles.start * records : cycles.stop * records].reshape(-1, records, 3).sum(1)
         ignored = np.zeros((len(duration), 2), dtype=bool) if self.log.ignored is None else self.log.ignored[cycles]

@@ -79,3 +79,12 @@ def test_an_inertia_about_another_point_is_that_of_the_points_of_mass() -> None:
 
     cg = weights @ points / weights.sum()
     np.testing.assert_allclose(about(cg) + rigidbody.parallel_axis(float(weights.sum()), cg - away), about(away), rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-6, 0.05, 0.0999, 0.1001, 2.0])
+def test_a_mean_rotation_is_the_mean_of_rotations(size: float) -> None:
+    """Against Gauss's rule of 20 points, on both sides of where the series ends."""
+    vector = size * np.array([0.6, -0.48, 0.64])
+    at, weight = np.polynomial.legendre.leggauss(20)
+    parts = rigidbody.rotation((at[:, None] + 1) / 2 * vector)
+    np.testing.assert_allclose(rigidbody.mean_rotation(vector), np.einsum("k,kij->ij", weight / 2, parts), atol=2e-14)

@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.prepare.attitude import FARTHEST, Drift, drifts, freed, gone, integrate_attitude, matrices, world_up_b
+from massprop_cli.prepare.attitude import FARTHEST, BiasSeen, attitude_error, bias_seen, freed, integrate_attitude, matrices, world_up_b
 
 CYCLE, BIAS = 0.05, np.array([1.2e-3, -0.8e-3, 0.5e-3])
 START = np.array([0.98, 0.1, -0.15, 0.05]) / np.linalg.norm([0.98, 0.1, -0.15, 0.05])
@@ -28,7 +28,7 @@ def flown(cycles: int = 1200) -> tuple[Array, Array, Array, Array]:
 def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
     """Half a minute of 1.2 mrad/s is 44 mrad off; what is left of it is a tenth, and less as the log goes on."""
     true, attitude, turns, felt = flown()
-    found = drifts(attitude, felt, np.full(len(turns), CYCLE), Drift.none())
+    found = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none())
     carried, _ = freed(attitude, turns, found.off(1e-3))
     before, after = (np.linalg.norm(world_up_b(own) - world_up_b(true), axis=1) for own in (attitude, carried))
     assert before[600] > 0.03
@@ -39,7 +39,7 @@ def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
 def test_what_is_freed_is_carried_by_the_turns_that_are_given() -> None:
     """Integrated once more from its own beginning, by increments that hold the corrections: the same attitude."""
     _, attitude, turns, felt = flown()
-    off = drifts(attitude, felt, np.full(len(turns), CYCLE), Drift.none()).off(1e-3)
+    off = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none()).off(1e-3)
     carried, own = freed(attitude, turns, off)
     again = integrate_attitude(carried[0], own)
     assert np.abs(world_up_b(again) - world_up_b(carried)).max() < 2e-5
@@ -49,9 +49,9 @@ def test_what_is_freed_is_carried_by_the_turns_that_are_given() -> None:
 def test_where_the_attitude_may_be_is_what_the_bias_made_of_it() -> None:
     """At every edge the known part and the bias' own lead from the freed attitude to the true one, to the second order."""
     true, attitude, turns, felt = flown(400)
-    found = drifts(attitude, felt, np.full(len(turns), CYCLE), Drift.none())
+    found = bias_seen(attitude, felt, np.full(len(turns), CYCLE), BiasSeen.none())
     off = found.off(1e-3)
-    by = gone(attitude, off, found)
+    by = attitude_error(attitude, off, found)
     carried, _ = freed(attitude, turns, off)
     turn = by[..., 0] + by[..., 1:] @ BIAS
     lead = matrices(carried) @ rotation(turn)
@@ -63,9 +63,9 @@ def test_where_the_attitude_may_be_is_what_the_bias_made_of_it() -> None:
 def test_parts_give_what_the_whole_gives() -> None:
     _, attitude, turns, felt = flown()
     lasting = np.full(len(turns), CYCLE)
-    whole = drifts(attitude, felt, lasting, Drift.none())
-    first = drifts(attitude[:501], felt[:500], lasting[:500], Drift.none())
-    rest = drifts(attitude[500:], felt[500:], lasting[500:], first.at(-1))
+    whole = bias_seen(attitude, felt, lasting, BiasSeen.none())
+    first = bias_seen(attitude[:501], felt[:500], lasting[:500], BiasSeen.none())
+    rest = bias_seen(attitude[500:], felt[500:], lasting[500:], first.at(-1))
     for own, one, other in zip(whole, first, rest, strict=True):
         np.testing.assert_array_equal(own, np.concatenate([one, other[1:]]))
 
@@ -74,11 +74,11 @@ def test_parts_give_what_the_whole_gives() -> None:
 def test_an_accelerometer_that_is_turned_or_in_other_units_is_no_bias(turned: Array) -> None:
     """However wrong it is, the attitude goes no farther than three sigmas of the bias would carry it."""
     _, attitude, turns, felt = flown()
-    off = drifts(attitude, felt @ turned.T, np.full(len(turns), CYCLE), Drift.none()).off(1e-4)
+    off = bias_seen(attitude, felt @ turned.T, np.full(len(turns), CYCLE), BiasSeen.none()).off(1e-4)
     assert (np.linalg.norm(off, axis=1) <= FARTHEST * 1e-4 * CYCLE * np.arange(len(off)) + 1e-12).all()
 
 
 def test_what_is_not_felt_tells_nothing() -> None:
     _, attitude, turns, felt = flown()
-    found = drifts(attitude, np.zeros_like(felt), np.full(len(turns), CYCLE), Drift.none())
+    found = bias_seen(attitude, np.zeros_like(felt), np.full(len(turns), CYCLE), BiasSeen.none())
     assert not found.off(1e-3).any()
