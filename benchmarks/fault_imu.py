@@ -78,8 +78,8 @@ def _saturated(s: Subject, rng: Random, sensor: Sensor, stated: bool) -> Drawn |
     wrong = with_columns(s.clean, sensor, clipped * s.clean.log.interval_s[:, None])
     if stated:
         wrong = wrong.stating(f"imu.{'gyro_range_rad_s' if sensor == 'gyro' else 'accel_range_m_s2'}={limit}")
-        rates = [columns(wrong, each) / wrong.log.interval_s[:, None] for each in ("gyro", "accel")]
-        wrong = replace(wrong, log=replace(wrong.log, notices=tuple(saturation(wrong.vehicle, *rates))))
+        read = (columns(wrong, "gyro"), columns(wrong, "accel"), wrong.log.interval_s)
+        wrong = replace(wrong, log=replace(wrong.log, notices=tuple(saturation(wrong.vehicle, *read))))
     return Drawn(wrong, due(f"{LONG[sensor]}-saturated"), f"{sensor} clipped at {limit:.4g}")
 
 

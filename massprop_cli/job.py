@@ -18,7 +18,7 @@ from massprop_cli.base import exits, files
 from massprop_cli.flow import Analysis, Progress
 from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
-from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.tablefile import Table, give_back
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.result.schema import Result
@@ -81,7 +81,8 @@ def of_file(
     source = vehiclefile.find(log, vehicle, table.embedded_vehicle, assignments)
     with _guarded(table.path, source):
         read = telemetry.read(table, source.vehicle)
-        del table  # as large as the log once more
+        del table  # as large as its file once more
+        give_back()
         return _judged(flow.examine(read, source, assignments, progress), demands or Demands())
 
 

@@ -36,11 +36,10 @@ def with_unstated(log: Log) -> Log:
     for code, increments, unit in zip(SATURATED, (log.delta_theta_imu_rad, log.delta_v_imu_m_s), UNITS, strict=True):
         if any(notice.code == code for notice in found):
             continue
-        readings = increments / log.interval_s[:, None]
-        clipped = at_extremes(readings)
+        clipped = at_extremes(increments, log.interval_s)
         rows = np.flatnonzero(clipped.any(1))
         if len(rows):
-            limit = float(np.abs(readings[clipped]).max())
+            limit = float(np.abs((increments[rows] / log.interval_s[rows, None])[clipped[rows]]).max())
             sensor = code.removesuffix("-saturated")
             listed = ", ".join(str(row) for row in rows[:LISTED]) + (", …" if len(rows) > LISTED else "")
             key = "imu.gyro_range_rad_s" if sensor == "gyro" else "imu.accel_range_m_s2"
@@ -54,30 +53,36 @@ def with_unstated(log: Log) -> Log:
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
 
 
-def at_extremes(readings: Array) -> BoolArray:
-    """(n, 3) whether a reading repeats its axis' extreme as a saturated sensor does."""
-    found = np.zeros(readings.shape, dtype=bool)
-    same = np.zeros(readings.shape, dtype=bool)
-    same[1:] = np.abs(np.diff(readings, axis=0)) <= SAME * np.abs(readings[1:])
-    for axis in range(readings.shape[1]):
-        for sign in (1.0, -1.0):
-            found[:, axis] |= _side(sign * readings[:, axis])
-    elsewhere = ~found & (np.ptp(readings, axis=0) > 0)
-    elsewhere[1:] &= ~found[:-1]
-    if not found.any() or (same & elsewhere).sum() > REPEATED * max(int(elsewhere.sum()), 1):
-        return np.zeros(readings.shape, dtype=bool)
-    return found
+def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
+    """(n, 3) whether a reading, an increment over its interval (n,), repeats its axis' extreme as a saturated sensor does."""
+    # one axis after the other, as a log may be long
+    found = [_side(axis / interval_s) | _side(axis / -interval_s) for axis in increments.T]
+    if any(axis.any() for axis in found):
+        repeated, others = np.sum([_elsewhere(axis / interval_s, at) for axis, at in zip(increments.T, found, strict=True)], 0)
+        if repeated <= REPEATED * max(others, 1):
+            return np.stack(found, 1)
+    return np.zeros(increments.shape, dtype=bool)
+
+
+def _elsewhere(values: Array, extreme: BoolArray) -> tuple[int, int]:
+    """How many readings that are none of the extreme's are the same as the one before, and how many there are."""
+    same = np.abs(np.diff(values)) <= SAME * np.abs(values[1:])
+    others = ~extreme & (np.ptp(values) > 0)
+    others[1:] &= ~extreme[:-1]
+    return int((same & others[1:]).sum()), int(others.sum())
 
 
 def _side(values: Array) -> BoolArray:
     """(n,) whether each repeats the largest, if more do than noise and counts make likely."""
     top = float(values.max())
+    at = values >= top * (1 - SAME)
+    none = np.zeros(len(values), dtype=bool)
+    if top <= 0 or at.sum() < LEAST:
+        return none
     middle = median(values)
     spread = median(np.abs(values - middle))
-    none = np.zeros(len(values), dtype=bool)
-    if top <= 0 or top - middle <= FAR * spread or spread == 0:
+    if top - middle <= FAR * spread or spread == 0:
         return none
     levels, counts = np.unique(np.round(values / (SAME * top)), return_counts=True)
-    at = values >= top * (1 - SAME)
     below = np.sort(counts[levels < 1 / SAME - 2][-NEXT:])
-    return at if at.sum() >= max(LEAST, PILE * (below[-1] if len(below) else 1)) else none
+    return at if at.sum() >= PILE * (below[-1] if len(below) else 1) else none

@@ -59,9 +59,10 @@ class LogTable:
                 f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
             )
         numbers: Array = self.table.columns[name].numbers()
-        scaled = numbers * (self.columns[column].scale if column in self.columns else 1.0)
+        scaled: Array = numbers * (self.columns[column].scale if column in self.columns else 1.0)
         # what underflows when it is squared is a zero that was calculated
-        return np.where(np.abs(scaled) < LEAST, 0.0, scaled)
+        scaled[(scaled < LEAST) & (scaled > -LEAST)] = 0.0
+        return scaled
 
     def required(self, column: str) -> Array:
         """The column, scaled; every cell must be a finite number."""
@@ -74,6 +75,8 @@ class LogTable:
 
     def increments(self, names: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
         """(n, 3) increments, or rates times the interval where the increments are absent."""
-        if not any(self.has(name) for name in names) and any(self.has(name) for name in rates):
-            return np.stack([self.required(name) for name in rates], 1) * interval_s[:, None]
-        return np.stack([self.required(name) for name in names], 1)
+        as_rates = not any(self.has(name) for name in names) and any(self.has(name) for name in rates)
+        found = np.empty((len(interval_s), 3))
+        for axis, name in enumerate(rates if as_rates else names):
+            found[:, axis] = self.required(name) * interval_s if as_rates else self.required(name)
+        return found

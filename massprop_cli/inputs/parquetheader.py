@@ -48,19 +48,32 @@ class _Page:
     encoding: int
 
 
-def table(place: str, data: bytes) -> Any:
-    """The file's Arrow table, once it is checked. What Arrow raises, and ValueError, say that it is damaged."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+class Columns:
+    """A file's columns, each unpacked when it is asked for. What Arrow raises, and ValueError, say that the file is damaged."""
 
-    # text stays in its dictionary: one long text on a million rows would be as many texts
-    texts = checked(place, data)
-    try:
-        # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
-        file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts)
-    except KeyError as error:
-        raise ValueError(f"column {error} can't be found") from None
-    return file.read(use_threads=False)
+    def __init__(self, place: str, data: bytes) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        # text stays in its dictionary: one long text on a million rows would be as many texts
+        texts = checked(place, data)
+        try:
+            # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
+            self._file = pq.ParquetFile(
+                pa.BufferReader(data), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts
+            )
+        except KeyError as error:
+            raise ValueError(f"column {error} can't be found") from None
+        self.names: list[str] = self._file.schema_arrow.names
+        self.rows: int = self._file.metadata.num_rows
+        self.metadata: Mapping[bytes, bytes] = self._file.schema_arrow.metadata or {}
+
+    def column(self, name: str) -> Any:
+        """Arrow's chunked array of a column whose name no other has."""
+        found = self._file.read(columns=[name], use_threads=False).column(name)
+        if len(found) != self.rows:
+            raise ValueError(f"column {name} has {len(found)} of {self.rows} rows")
+        return found
 
 
 def checked(place: str, data: bytes) -> list[str]:

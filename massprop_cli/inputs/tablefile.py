@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from csv import Error as CsvError
 from csv import reader as csv_lines
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +22,6 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording
-
-if TYPE_CHECKING:
-    pass
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
@@ -76,35 +75,56 @@ def columns_of(path: Path, data: bytes) -> Table:
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
     readers = {".parquet": _read_parquet, ".csv": _read_csv, ".tsv": _read_csv}
-    table, places, metadata = readers[recording.suffix(path)](path, data)
-    if table.num_rows == 0:
+    found = readers[recording.suffix(path)](path, data)
+    if found.rows == 0:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    names = table.column_names
-    twice = repeated(names)
+    twice = repeated(found.names)
     if twice is not None:
-        header = "" if places.lines is None else ", line 1"
+        header = "" if found.places.lines is None else ", line 1"
         raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
-    columns = {name: Cells(path, name, table.column(index), places) for index, name in enumerate(names)}
-    vehicle, mapped = (metadata.get(key) for key in (VEHICLE_KEY, MAP_KEY))
-    return Table(path, hashlib.sha256(data).hexdigest(), columns, table.num_rows, places, vehicle, embedded_map=mapped)
+    columns = {name: Cells(path, name, partial(found.column, name), found.places) for name in found.names}
+    vehicle, mapped = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
+    return Table(path, hashlib.sha256(data).hexdigest(), columns, found.rows, found.places, vehicle, embedded_map=mapped)
 
 
-def _read_parquet(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str]]:
+class _File(NamedTuple):
+    """A file opened: what its columns are called, and each of them when it is asked for."""
+
+    names: Sequence[str]
+    rows: int
+    column: Callable[[str], Any]
+    """Arrow's chunked array of a column by its name."""
+    places: Places
+    embedded: Mapping[bytes, str]
+
+
+def _read_parquet(path: Path, data: bytes) -> _File:
+    with _readable(path):
+        columns = parquetheader.Columns(str(path), data)
+
+    def column(name: str) -> Any:
+        with _readable(path):
+            return columns.column(name)
+
+    embedded = {key: columns.metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in columns.metadata}
+    for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
+        limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
+    return _File(columns.names, columns.rows, column, Places(None), embedded)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """:class:`InputError` where a Parquet file turns out to be damaged."""
     import pyarrow as pa
 
     try:
-        table = parquetheader.table(str(path), data)
+        yield
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
-    metadata = table.schema.metadata or {}
-    embedded = {key: metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in metadata}
-    for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
-        limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
-    return table, Places(None), embedded
 
 
-def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str]]:
+def _read_csv(path: Path, data: bytes) -> _File:
     import pyarrow as pa
     from pyarrow import csv
 
@@ -139,7 +159,8 @@ def _read_csv(path: Path, data: bytes) -> tuple[Any, Places, dict[bytes, str]]:
     if _BLANK_LINE.search(rest):
         lines = [number for number, line in enumerate(rest.split("\n"), 2) if line.strip()]
     places = Places(lines)
-    return csvdialect.with_points(path, table, places.of) if cut != "," else table, places, {}
+    table = csvdialect.with_points(path, table, places.of) if cut != "," else table
+    return _File(names, table.num_rows, table.column, places, {})
 
 
 def _names(path: Path, header: str, cut: str) -> list[str]:
@@ -150,20 +171,28 @@ def _names(path: Path, header: str, cut: str) -> list[str]:
         raise InputError(f"{path}, line 1: not a readable header ({error}); the first line names the columns") from None
 
 
+def give_back() -> None:
+    """Return to the system what Arrow keeps of columns that nobody holds any more: of a long log as much as a third of it."""
+    import pyarrow as pa
+
+    pa.default_memory_pool().release_unused()
+
+
 @dataclass(frozen=True)
 class Cells:
     """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
 
     path: Path
     name: str
-    data: Any
+    read: Callable[[], Any]
+    """Gives Arrow's chunked array."""
     places: Places
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
         import pyarrow as pa
 
-        data = self.data.combine_chunks()
+        data = self.read().combine_chunks()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
         if pa.types.is_dictionary(data.type):

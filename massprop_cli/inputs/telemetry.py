@@ -123,7 +123,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     source = LogTable(table, vehicle.columns)
     time_s = source.required("time_s")
     interval_s, notices = _intervals(source, time_s)
-    records = _records_per_cycle(source, interval_s, vehicle.cycle.period_s)
+    records = _records_per_cycle(source, time_s, interval_s, vehicle.cycle.period_s)
     notices += _pace(records * interval_s, vehicle.cycle.period_s)
     cycles = table.rows // records
     if cycles < 2:
@@ -135,11 +135,11 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     theta = source.increments(DELTA_THETA, GYRO, interval_s)
     velocity = source.increments(DELTA_V, ACCEL, interval_s)
     for names, rates, increments in ((DELTA_THETA, GYRO, theta), (DELTA_V, ACCEL, velocity)):
-        _check_magnitude(source, names if source.has(names[0]) else rates, increments / interval_s[:, None])
-    _check_gravity(source, vehicle, velocity / interval_s[:, None])
+        _check_magnitude(source, names if source.has(names[0]) else rates, increments, interval_s)
+    _check_gravity(source, vehicle, velocity, interval_s)
     kind, command = commands.commands(source, vehicle, records, n)
     attitude = _attitude(source)
-    notices += saturation(vehicle, theta / interval_s[:, None], velocity / interval_s[:, None])
+    notices += saturation(vehicle, theta, velocity, interval_s)
     if table.made is not None:
         agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
     return Log(
@@ -194,15 +194,20 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
     return np.concatenate([[usual], steps]), notices
 
 
-def _check_magnitude(source: LogTable, names: Sequence[str], rates: Array) -> None:
-    bad = np.argwhere(np.abs(rates) > ABSURD)
+def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
+    """(n, 3) where increments over intervals (n,) are ``limit`` or more; one axis after the other, as a log may be long."""
+    return np.stack([np.abs(axis / interval_s) >= limit for axis in increments.T], 1)
+
+
+def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, interval_s: Array) -> None:
+    bad = np.argwhere(_beyond(increments, interval_s, ABSURD))
     if bad.size:
         row, axis = (int(i) for i in bad[0])
-        value = f"{rates[row, axis]:.3g} per second"
+        value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
         raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
 
 
-def _records_per_cycle(source: LogTable, interval_s: Array, period_s: float) -> int:
+def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, period_s: float) -> int:
     usual = median(interval_s)
     records = round(period_s / usual)
     if records < 1 or abs(records * usual / period_s - 1) > 0.2:
@@ -210,7 +215,7 @@ def _records_per_cycle(source: LogTable, interval_s: Array, period_s: float) -> 
             f"{source.table.path}, column {source.name('time_s')}: a median interval of {usual:.6g} s does not divide the control "
             f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
         )
-    step = float(np.spacing(np.abs(source.required("time_s")).max()))
+    step = float(np.spacing(np.abs(time_s[[0, -1]]).max()))
     if step > COARSE * period_s:
         raise InputError(
             f"{source.table.path}, column {source.name('time_s')}: times this far from 0 have steps of {step:.2g} s, too coarse for a "
@@ -234,10 +239,12 @@ def _pace(cycle_s: Array, period_s: float) -> list[Notice]:
     return [Notice("cycle-period", message)]
 
 
-def _check_gravity(source: LogTable, vehicle: Vehicle, felt: Array) -> None:
+def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval_s: Array) -> None:
     kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
-    usual = median(np.linalg.norm(felt, axis=1))
-    if kind != "free" and usual < FELT * gravity:
+    if kind == "free":
+        return
+    usual = median(np.linalg.norm(velocity, axis=1) / interval_s)
+    if usual < FELT * gravity:
         raise InputError(
             f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
             f'{gravity:.4g} m/s^2; state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
@@ -258,14 +265,14 @@ def _attitude(source: LogTable) -> Array | None:
     return unit
 
 
-def saturation(vehicle: Vehicle, rate: Array, force: Array) -> list[Notice]:
-    """Warnings of a range that was reached; mean rate [rad/s] and specific force [m/s²] of each record, (N, 3)."""
+def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:
+    """Warnings of a range that was reached; increments of angle [rad] and velocity [m/s] of each record, (n, 3), over its length (n,)."""
     found = []
-    for name, values, limit, unit in (
-        ("gyro", rate, vehicle.imu.gyro_range_rad_s, "rad/s"),
-        ("accelerometer", force, vehicle.imu.accel_range_m_s2, "m/s^2"),
+    for name, increments, limit, unit in (
+        ("gyro", theta, vehicle.imu.gyro_range_rad_s, "rad/s"),
+        ("accelerometer", velocity, vehicle.imu.accel_range_m_s2, "m/s^2"),
     ):
-        count = 0 if limit is None else int((np.abs(values) >= 0.999 * limit).any(1).sum())
+        count = 0 if limit is None else int(_beyond(increments, interval_s, 0.999 * limit).any(1).sum())
         if count:
             found.append(
                 Notice(

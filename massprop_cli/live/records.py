@@ -152,7 +152,7 @@ class Reader:
         import pyarrow as pa
 
         place, row = Path("standard input"), Places([1])
-        cells = {name: Cells(place, name, pa.chunked_array([[0.0]]), row) for name in self.names}
+        cells = {name: Cells(place, name, lambda: pa.chunked_array([[0.0]]), row) for name in self.names}
         log = LogTable(Table(place, "", cells, 1, row, None), self.vehicle.columns)
         commands.commands(log, self.vehicle, 1, 1)
         commands.wheels(log, self.vehicle, 1, 1)

@@ -114,7 +114,7 @@ class Samples:
 
 
 T = TypeVar("T", bound=np.generic)
-BLOCK = 2048
+BLOCK = 1024
 """Cycles that are looked at at once."""
 
 

@@ -16,7 +16,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.prepare.compensate import acceleration
 from massprop_cli.result.schema import AXES
 
-ROWS = 8192
+ROWS = 4096
 """Rows of history.parquet that are written at once."""
 SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2"}
 """What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""

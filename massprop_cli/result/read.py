@@ -124,9 +124,9 @@ def _history(file: Path, result: Result) -> dict[str, dict[str, Array]]:
     if not file.exists():
         return {}
     try:
-        table = parquetheader.table(str(file), limits.content(file, "history.parquet"))
-        phase = np.array(table.column("phase").to_pylist())
-        columns = {name: np.array(table.column(name).to_pylist(), dtype=float) for name in table.column_names if name != "phase"}
+        held = parquetheader.Columns(str(file), limits.content(file, "history.parquet"))
+        phase = np.array(held.column("phase").to_pylist())
+        columns = {name: np.array(held.column(name).to_pylist(), dtype=float) for name in held.names if name != "phase"}
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{file}: cannot be read ({error}); make it again with massprop estimate") from None
     if {str(name) for name in phase} != {phase.name for phase in result.phases}:

@@ -92,7 +92,7 @@ class Flight:
             command=self.commanded(member),
             wheels=self._wheels(member),
             attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
-            notices=tuple(saturation(self.vehicle, theta / interval[:, None], velocity / interval[:, None])),
+            notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
         )
 
 

@@ -59,7 +59,7 @@ CLEAN = {
 
 @pytest.mark.parametrize("name", CLEAN)
 def test_what_does_not_saturate_is_not_told(name: str) -> None:
-    assert not at_extremes(CLEAN[name]).any()
+    assert not at_extremes(CLEAN[name], np.ones(COUNT)).any()
 
 
 @pytest.mark.parametrize("name", ["a walk", "waves", "a spin that ends", "fine counts", "single precision"])
@@ -72,8 +72,8 @@ def test_what_saturates_is_told_row_by_row(name: str, part: float) -> None:
     clipped = np.clip(values, -limit, limit)
     sides = [(np.abs(values) >= limit) & (sign * values > 0) for sign in (1, -1)]
     expected = sum(side & (side.sum(0) >= 8) for side in sides) > 0
-    np.testing.assert_array_equal(at_extremes(clipped) & expected, expected)
-    assert not at_extremes(clipped)[np.abs(values) < limit].any()
+    np.testing.assert_array_equal(at_extremes(clipped, np.ones(len(clipped))) & expected, expected)
+    assert not at_extremes(clipped, np.ones(len(clipped)))[np.abs(values) < limit].any()
 
 
 def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:

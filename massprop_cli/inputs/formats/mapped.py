@@ -84,5 +84,10 @@ def _table(read: Recording, made: Mapping[str, Array], said: Made | None) -> Tab
 
     time_s = made[columns.TIME]
     places = _Moments(None, time_s) if said is not None else Places(None)  # type: ignore[arg-type]
-    cells = {name: Cells(read.path, name, pa.chunked_array([arrow.numbers(values)]), places) for name, values in made.items()}
-    return Table(read.path, read.sha256, cells, len(time_s), places, read.vehicle, said)
+
+    def cells(name: str, values: Array) -> Cells:
+        return Cells(read.path, name, lambda: pa.chunked_array([arrow.numbers(values)]), places)
+
+    return Table(
+        read.path, read.sha256, {name: cells(name, values) for name, values in made.items()}, len(time_s), places, read.vehicle, said
+    )
