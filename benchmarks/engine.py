@@ -26,6 +26,7 @@ from massprop_cli.testbed import output, scenario, simulate
 LENGTHS = (400, 1200, 4800, 12000, 24000, 72000)
 KINDS = {
     "clean": (),
+    "recorded at 400 Hz": ("sensors.records_per_cycle=20",),
     "a jet's sign flipped": ('actuators.failures=[{jet="yaw_p1", thrust=-1.0}]',),
     "a torque that nobody stated": ("disturbance.torque_n_m=0.01",),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,7 +27,8 @@ VEHICLE_KEY = b"massprop.vehicle"
 MAP_KEY = b"massprop.map"
 """The same of its map file."""
 _LINE_END = re.compile(r"\r\n?")
-_BLANK_LINE = re.compile(r"\n[ \t\r]*\n(?=[\s\S]*\S)|\A[ \t\r]*\n")
+_BLANK_LINE = re.compile(r"\n[ \t]*\n")
+_ANYTHING = re.compile(r"\S")
 _WHOLE = 2**53
 """The largest number up to which float64 holds every whole one."""
 
@@ -126,16 +126,12 @@ def _readable(path: Path) -> Iterator[None]:
 
 def _read_csv(path: Path, data: bytes) -> _File:
     import pyarrow as pa
-    from pyarrow import csv
 
     data = csvdialect.utf8(path, data)
-    try:
-        header, _, rest = _LINE_END.sub("\n", data.decode("utf-8-sig")).partition("\n")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
+    header, lines = _lines(path, data)
     cut = csvdialect.delimiter(header)
     limits.COLUMNS.check(f"{path}, line 1", header.count(cut) + 1)
-    limits.NUMBERS.check(str(path), (header.count(cut) + 1) * rest.count("\n"))
+    limits.NUMBERS.check(str(path), (header.count(cut) + 1) * len(lines))
     names = _names(path, header, cut)
     if not any(names):
         raise InputError(f"{path}, line 1: no header; the first line names the columns")
@@ -143,24 +139,56 @@ def _read_csv(path: Path, data: bytes) -> _File:
         raise InputError(
             f"{path}, line 1: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs"
         )
-    if not rest.strip():
+    if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=[""])
-    options = csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+    places = Places(lines)
     try:
-        table = csv.read_csv(io.BytesIO(data), read_options=options, convert_options=convert, parse_options=csv.ParseOptions(delimiter=cut))
+        # a log of nothing but numbers; they take less room than their texts
+        table = _parsed(data, names, cut, pa.float64())
+    except pa.ArrowException:
+        table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, places.of)
+    if table.num_rows != len(lines):
+        places = Places(range(2, table.num_rows + 2))  # a cell in quotes goes over several lines
+    return _File(names, table.num_rows, table.column, places, {})
+
+
+def _lines(path: Path, data: bytes) -> tuple[str, Sequence[int]]:
+    """A CSV file's header, and the numbers of the lines that hold its rows."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
+    if "\r" in text:
+        text = _LINE_END.sub("\n", text)
+    end = text.find("\n") if "\n" in text else len(text)
+    header = text[:end]
+    if _BLANK_LINE.search(text, end) or not _ANYTHING.search(text, end):
+        return header, [number for number, line in enumerate(text[end + 1 :].split("\n"), 2) if line.strip()]
+    return header, range(2, text.count("\n", end) + (not text.endswith("\n")) + 1)
+
+
+def _parsed(data: bytes, names: Sequence[str], cut: str, kind: Any) -> Any:
+    """Arrow's table of a CSV file, all of whose cells are of a kind."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    convert = csv.ConvertOptions(column_types=dict.fromkeys(names, kind), strings_can_be_null=True, null_values=[""])
+    options = csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+    return csv.read_csv(pa.BufferReader(data), read_options=options, convert_options=convert, parse_options=csv.ParseOptions(delimiter=cut))
+
+
+def _texts(path: Path, data: bytes, names: Sequence[str], cut: str) -> Any:
+    """The same as texts; :class:`InputError` names the line whose cells are too few or too many."""
+    import pyarrow as pa
+
+    try:
+        return _parsed(data, names, cut, pa.string())
     except pa.ArrowException as error:
-        for number, line in enumerate(rest.split("\n"), 2):
+        for number, line in enumerate(_LINE_END.sub("\n", data.decode("utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
-    lines: Sequence[int] = range(2, table.num_rows + 2)
-    if _BLANK_LINE.search(rest):
-        lines = [number for number, line in enumerate(rest.split("\n"), 2) if line.strip()]
-    places = Places(lines)
-    table = csvdialect.with_points(path, table, places.of) if cut != "," else table
-    return _File(names, table.num_rows, table.column, places, {})
 
 
 def _names(path: Path, header: str, cut: str) -> list[str]:

@@ -51,8 +51,13 @@ def delimiter(header: str) -> str:
     return max(",\t;", key=header.count) if header.strip() else ","
 
 
-def with_points(path: Path, table: Any, place: Callable[[int], str]) -> Any:
-    """The table of texts with decimal commas as points. :class:`InputError` where there are both: "1.234" may be either."""
+def with_points(path: Path, table: Any, cut: str, place: Callable[[int], str]) -> Any:
+    """The table of texts with decimal commas as points, which commas between columns can't be.
+
+    :class:`InputError` where there are both: "1.234" may be either.
+    """
+    if cut == ",":
+        return table
     import pyarrow as pa
     import pyarrow.compute as pc
 
