@@ -24,6 +24,10 @@ bits of it, and what is left of a log without noise is rounding."""
 QUIET, BLOCK, STRIDE = 20, 16, 8
 """The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
 louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
+LOW = 0.836
+"""That percentile, of white noise alone, in sigmas."""
+CHANCE = 3.2
+"""Over the root of the count of cycles, three standard deviations of it."""
 MEDIAN = 0.6745
 """The median of a normal deviate's size, in sigmas."""
 
@@ -48,7 +52,9 @@ def _level(
         return stated, []
     signal = gathered(samples, slice(0, len(samples)), found_of)
     floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-    found = min(white_level(signal, cycles), unexplained)
+    white, count = white_level(signal, cycles), sum(piece.stop - piece.start for piece in cycles)
+    # what no mass properties explain tells noise the better, unless it holds more than that
+    found = unexplained if unexplained < white * (1 + CHANCE / max(count, 1) ** 0.5) else white
     level = max(found, floor)
     if stated is None:
         return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
@@ -69,13 +75,15 @@ def white_level(signal: Array, cycles: Sequence[slice]) -> float:
             block = differences[start : start + BLOCK]
             if len(block):
                 found.append(median(np.abs(block)) / MEDIAN)
-    return float(np.percentile(found, QUIET)) if found else 0.0
+    return float(np.percentile(found, QUIET)) / LOW if found else 0.0
 
 
 def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
     """One sigma of gyro and accelerometer noise from what no mass properties explain; infinite where nothing can be said.
 
-    Rate: white noise n enters the growth as n[k+1] − n[k], whose lag-one autocovariance is −σ². Force: half the mean squared difference.
+    Rate: white noise n enters the growth as n[k+1] − n[k], with variance 2 σ² and lag-one autocovariance −σ². A white torque's impulse s
+    enters half in each of two steps, with s² / 2 and s² / 4. So a fourth of the variance less twice the autocovariance is σ² whatever the
+    torque. Force: half the mean squared difference.
     """
     rate, force = [], []
     for piece in cycles:
@@ -83,7 +91,7 @@ def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
         if reference is None or piece.stop - piece.start < 30:
             continue
         growth = residual_growth(samples, piece, reference, vehicle)
-        rate.append(-float((growth[1:] * growth[:-1]).mean()))
+        rate.append(float((growth**2).mean() - 2 * (growth[1:] * growth[:-1]).mean()) / 4)
         left = unfelt(samples, piece, reference, vehicle)
         force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
     gyro = float(np.mean(rate)) if rate else -1.0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import noiselevels
 from tests import flight
 
@@ -16,8 +19,8 @@ def test_absent_noise_levels_are_estimated_from_the_log() -> None:
     flown = flight.fly(used, flight.pulses(300, quiet=40), flight.TRUTH)
     for seed in range(5):
         found, notices = noiselevels.with_noise_levels(flown.samples(np.random.default_rng(seed)), CYCLES, used)
-        assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.35)
-        assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.35)
+        assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.1)
+        assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.1)
         assert [n.code for n in notices] == ["noise-estimated"] * 2
 
 
@@ -27,3 +30,31 @@ def test_zero_noise_gets_a_named_floor() -> None:
     found, notices = noiselevels.with_noise_levels(flown.samples(), [slice(2, 100)], used)
     assert 0 < found.imu.gyro_noise_rad_s < 1e-5
     assert [n.code for n in notices] == ["noise-floor"] * 2
+
+
+@pytest.mark.parametrize("count", [400, 4000])
+def test_the_quietest_stretches_of_white_noise_tell_it_without_bias(count: int) -> None:
+    """... and scatter by a third of what CHANCE allows."""
+    found = [noiselevels.white_level(np.random.default_rng(seed).normal(size=(count, 3)), [slice(0, count)]) for seed in range(100)]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.01)
+    assert np.std(found) * count**0.5 == pytest.approx(noiselevels.CHANCE / 3, rel=0.25)
+
+
+def white(torque: float, seed: int, period_s: float) -> Callable[[float], Array]:
+    """Another one in each cycle."""
+    each = torque * np.random.default_rng(100 + seed).normal(size=(301, 3))
+    return lambda time_s: each[int(time_s / period_s)]
+
+
+@pytest.mark.parametrize("torque", [0.0, 1e-3, 3e-3])
+def test_a_white_torque_takes_nothing_from_the_gyros_noise(torque: float) -> None:
+    """Its impulses turn the rate in two steps, which is what noise that is taken back in the next one does with another sign.
+
+    The largest turns X by 2.4 times the gyro's noise in a cycle.
+    """
+    used = flight.vehicle(imu={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
+    found = []
+    for seed in range(6):
+        flown = flight.fly(used, flight.pulses(300), flight.TRUTH, torque=white(torque, seed, used.cycle.period_s))
+        found.append(noiselevels.with_noise_levels(flown.samples(np.random.default_rng(seed)), CYCLES, used)[0].imu.gyro_noise_rad_s)
+    assert np.mean(found) == pytest.approx(1e-4, rel=0.06)
