@@ -23,7 +23,9 @@ PILE = 4.0
 """... and how many times as many as at any of the next ``NEXT`` values below."""
 NEXT = 3
 REPEATED = 0.35
-"""Part of the readings elsewhere that may be the same as the one before."""
+"""Part of the readings elsewhere that may be the same as the one before, ..."""
+CHANCE = 1e-5
+"""... and how likely those at the extreme may be as many by such repeating."""
 FAR = 0.5
 """Times the middle distance of readings from the middle one that an extreme must be from it at least: rest is no extreme."""
 LISTED = 8
@@ -59,7 +61,8 @@ def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
     found = [_side(axis / interval_s) | _side(axis / -interval_s) for axis in increments.T]
     if any(axis.any() for axis in found):
         repeated, others = np.sum([_elsewhere(axis / interval_s, at) for axis, at in zip(increments.T, found, strict=True)], 0)
-        if repeated <= REPEATED * max(others, 1):
+        again = sum(int(axis.sum()) - 1 for axis in found if axis.any())
+        if repeated <= REPEATED * max(others, 1) and ((repeated + 1) / (others + 2)) ** again < CHANCE:
             return np.stack(found, 1)
     return np.zeros(increments.shape, dtype=bool)
 

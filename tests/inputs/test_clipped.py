@@ -76,6 +76,19 @@ def test_what_saturates_is_told_row_by_row(name: str, part: float) -> None:
     assert not at_extremes(clipped, np.ones(len(clipped)))[np.abs(values) < limit].any()
 
 
+def test_a_pause_at_the_fastest_in_counts_as_coarse_as_the_noise_is_no_saturation() -> None:
+    """A fourth of the readings repeat elsewhere, so that five in six at the extreme are chance; fifty are not."""
+    rng = np.random.default_rng(3)
+    rate = np.repeat(rng.uniform(-1, 1, (COUNT // 6, 3)), 6, 0)
+    seen = counts(rate + 1e-2 * rng.standard_normal(rate.shape), 1e-2)
+    at = slice(294, 300)
+    seen[at, 0] = np.abs(seen).max() + 0.3 + 1e-2 * np.array([0, 0, 0, 0, -1, 0])
+    assert not at_extremes(seen, np.ones(COUNT)).any()
+    limit = 0.6
+    clipped = at_extremes(np.clip(seen, -limit, limit), np.ones(COUNT))
+    np.testing.assert_array_equal(clipped, np.abs(seen) >= limit)
+
+
 def test_a_sensor_that_saturates_leaves_nothing_converged() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
     top = 0.5 * np.abs(log.delta_theta_imu_rad).max()
