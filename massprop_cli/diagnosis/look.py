@@ -82,15 +82,15 @@ def about_its_body(look: Look) -> Look:
 
 
 def beside_a_torque(look: Look) -> Look:
-    """The look beside the torque, wandering or white, beside which its body as stated explains most."""
+    """The look beside the torque, wandering or white, beside which its body as stated explains most; itself where it does so without."""
     theta = look.stated.value("theta")
-    best: Look | None = None
+    best = look
     for free in sorted(beside_torques(*look.case[:3], look.piece, theta, look.case.designs), key=free_cost):
-        if best is not None and free_cost(free) >= best.cost:
+        if free_cost(free) >= best.cost:
             break  # no body leaves less than free coefficients
         one = _look(look.case, look.piece, free, theta)
-        best = one if best is None or one.cost < best.cost else best
-    return best or look
+        best = one if one.cost < best.cost else best
+    return best
 
 
 def free_cost(free: Free) -> float:

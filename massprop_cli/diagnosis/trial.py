@@ -23,6 +23,8 @@ CLOSE = 1.4
 """Times pure error, beyond six sigmas of chance, that a log that is mended may leave: its motion within the cycles is its body's."""
 NEARLY, PART = 6.0, 1e-3
 """Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
+LEFT = 0.5
+"""Part of what is left beyond chance of a log that fits as it is, that a cause may leave."""
 BETTER = 0.2
 """Part of what was left before below which a case is worth a fit by the estimator itself."""
 CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
@@ -177,6 +179,8 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
     fits = (close and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
     fits = fits or (mended.misfit < min(BETTER * look.misfit, ASTRAY) and _explained_by_engine(case, look.piece))
     fits = fits and not _no_drift(found)
+    # where the log fits as it is, what is left may be noise that nobody stated: a cause explains the better part of it
+    fits = fits and (not look.fits or mended.excess < LEFT * look.excess)
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found, look.case)
     return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
