@@ -144,6 +144,15 @@ def _placed(s: Subject, rng: Random, metres: float) -> Drawn:
     return Drawn(s.clean.stating(f"imu.position_m={stated.tolist()}"), due("imu-position"), f"IMU {metres * 1000:g} mm out of place")
 
 
+def _quieter(s: Subject, rng: Random) -> Drawn:
+    """No cause is due but noise itself: whatever else is named is wrong."""
+    factor = rng.uniform(1.2, 1.8)
+    gyro, accel = noise(s, "gyro") / factor, noise(s, "accel") / factor
+    return Drawn(
+        s.clean.stating(f"imu.gyro_noise_rad_s={gyro}", f"imu.accel_noise_m_s2={accel}"), (), f"noise {factor:.3g} times as large as stated"
+    )
+
+
 def in_degrees(case: Case) -> Case:
     """Gyro columns in degrees."""
     return with_columns(case, "gyro", np.degrees(columns(case, "gyro")))
@@ -171,6 +180,7 @@ IMU = (
     Fault("accel-filter", "accelerometer low-passed by 1 to 2 cycles", partial(_filter, sensor="accel")),
     Fault("accel-clipped", "accelerometer saturated, range not stated", partial(_saturated, sensor="accel", stated=False)),
     Fault("accel-spikes", "accelerometer spikes in 0.5 % of the rows", partial(_outliers, sensor="accel")),
+    Fault("noise-low", "noise stated 1.2 to 1.8 times too small: no other cause is due", _quieter),
     Fault("imu-transposed", "IMU mounting transposed", _transposed),
     Fault("imu-right-angle", "IMU turned by right angles", partial(_turned, turn=right_angle, what="IMU turned by right angles")),
     Fault("imu-swapped", "two IMU axes swapped", _swapped),

@@ -169,6 +169,7 @@ WARNINGS: dict[str, Example] = {
         ("jet-sign", "free-flyer/log.parquet", (TURNED,), RATE),
         ("cause-unknown", "crazyflie/thrust.parquet", (), WHITE),
         ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
+        ("gyro-misfit", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=5e-5",), WHITE),
         ("contradicted", "crazyflie/yaw.parquet", (), WHITE),
         ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),
         ("noise-floor", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=0",), RATE),

@@ -77,7 +77,9 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
         diagnosis = None  # noise that was stated too large is no fault
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
-    answer = estimates(begun.samples, begun.phases, plain, size, begun.consider, say)
+    # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
+    noisier = diagnosis is not None and not diagnosis.unknown
+    answer = estimates(begun.samples, begun.phases, plain, size, noisier, begun.consider, say)
     used = answer.used
     if not check:
         return answer, Checked(detected=begun.detected)

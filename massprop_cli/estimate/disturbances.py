@@ -118,30 +118,34 @@ def _pulses(samples: Samples) -> Array:
     return np.zeros((len(samples), 6, 6)) if found is None else found
 
 
-def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Resolved) -> Resolved:
-    """The vehicle with disturbance torque and accelerometer noise sized so that innovations in ``excess`` (6,) are explained.
+def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Resolved, noisier: bool = False) -> Resolved:
+    """The vehicle with disturbance torque and noise of gyro and accelerometer sized so that innovations in ``excess`` (6,) are explained.
 
-    Disturbance torque: at its likeliest levels (:mod:`massprop_cli.estimate.sizing`); where that was done before, raised by what is still
-    missing. Accelerometer noise: widened per axis by the excess.
+    Disturbance torque, or with ``noisier`` the gyro's noise: at the likeliest level (:mod:`massprop_cli.estimate.sizing`); what is still
+    missing then raises the one of them that there is. Accelerometer noise: widened per axis by the excess.
     """
     environment: dict[str, float] = {}
+    imu: dict[str, float] = {}
     now = vehicle.environment
     if not np.isnan(excess[:3]).all():
-        white, walk = torque_levels(samples, cycles, vehicle)
+        white, walk, gyro = torque_levels(samples, cycles, vehicle, noisier)
         worst = float(np.nanmax(excess[:3]))
         factor = np.sqrt(worst) if np.isfinite(worst) else 1.0
         environment = {
             "disturbance_torque_n_m": max(white, factor * now.disturbance_torque_n_m),
             "disturbance_walk_n_m": max(walk, factor * now.disturbance_walk_n_m),
         }
+        if noisier:
+            wider = gyro if gyro > 1 or any(environment.values()) else factor
+            imu = {"gyro_noise_rad_s": wider * vehicle.imu.gyro_noise_rad_s}
     estimator: dict[str, Any] = {}
     if not np.isnan(excess[3:]).all():
         scale = np.array(vehicle.estimator.accel_noise_scale) * np.sqrt(np.fmax(excess[3:], 1.0))
         estimator["accel_noise_scale"] = tuple(float(f) for f in scale)
-    return _changed(vehicle, environment=environment, estimator=estimator)
+    return _changed(vehicle, environment=environment, imu=imu, estimator=estimator)
 
 
-def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[Notice]:
+def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list[Notice]:
     """What was added to the stated noise, and what is still not explained."""
     found = []
     now, before = used.environment, stated.environment
@@ -152,6 +156,15 @@ def disturbance_notices(stated: Vehicle, used: Vehicle, excess: Array) -> list[N
                 "the stated noise does not explain the rates; a disturbance torque was added: white "
                 f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
                 "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, a wrong delay or jet",
+            )
+        )
+    if used.imu.gyro_noise_rad_s != stated.imu.gyro_noise_rad_s:
+        wider = used.imu.gyro_noise_rad_s / stated.imu.gyro_noise_rad_s
+        found.append(
+            Notice(
+                "gyro-misfit",
+                f"the stated noise does not explain the rates; the gyro's was widened by {wider:.3g}, to {used.imu.gyro_noise_rad_s:.3g} "
+                "rad/s. Sigmas include it. Look for vibration, coarse counts, or a noise stated of another rate than a cycle's mean",
             )
         )
     if used.estimator.accel_noise_scale != stated.estimator.accel_noise_scale:

@@ -129,13 +129,14 @@ def _misfit(
 
 
 def estimates(
-    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider, say: Progress
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, noisier: bool, consider: Consider, say: Progress
 ) -> Estimates[Resolved]:
     """The estimator once through every phase, and the off-line fits that it is judged by.
 
-    With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't.
+    With ``size`` disturbances are raised first until off-line fits explain the log where the stated noise can't; with ``noisier`` the gyro
+    may be noisier than stated.
     """
-    used, fits, excess = _sized(samples, phases, plain, size, consider)
+    used, fits, excess = _sized(samples, phases, plain, size, noisier, consider)
     histories = tuple(
         engine.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
         for phase, cycles in phases
@@ -160,18 +161,18 @@ def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
 
 
 def _sized(
-    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, consider: Consider
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, noisier: bool, consider: Consider
 ) -> tuple[Resolved, list[offline.Settled | None], Array]:
     """The vehicle with disturbances raised until off-line fits explain the log; these; and what is left."""
     pieces = [cycles for _, cycles in phases]
     used, fits, excess = plain.used, plain.fits, plain.excess
     if size and plain.misfit:
         # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
-        used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used)
+        used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used, noisier)
         starts = _first(samples, phases, used)
         for _ in range(ROUNDS):
             fits, excess = _misfit(samples, phases, starts, used, consider, SIZING, sized=True)
-            raised = disturbances.with_disturbances(samples, pieces, excess, used)
+            raised = disturbances.with_disturbances(samples, pieces, excess, used, noisier)
             if raised == used:
                 break
             used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]

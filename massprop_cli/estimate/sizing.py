@@ -1,9 +1,9 @@
-"""How large a disturbance torque is that nobody stated: white, or wandering, at its likeliest levels.
+"""How large a disturbance torque is that nobody stated, white or wandering, or how much noisier the gyro, at their likeliest levels.
 
 What the rates say is made white beside a torque of some level (:mod:`massprop_cli.estimate.whitening`), while the response to commands and
 to the motion is left free, so that no mass properties need be known. What no coefficients explain, over the stated noise, with the log
 determinants of what was whitened and of the coefficients' information, is −2 log of that level's restricted likelihood (Patterson &
-Thompson 1971).
+Thompson 1971). Where the gyro's noise is larger than stated, what is left says by how much.
 """
 
 from __future__ import annotations
@@ -40,36 +40,56 @@ class _Piece(NamedTuple):
     """One sigma, rad/s."""
 
 
-def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved) -> tuple[float, float]:
-    """One sigma per cycle of a white torque, and of the change per cycle of a wandering one, N m, each axis alike."""
+class Levels(NamedTuple):
+    """Of each axis alike."""
+
+    white: float
+    """N m, one sigma per cycle of a white torque."""
+    walk: float
+    """N m, one sigma of the change per cycle of a wandering one."""
+    gyro: float
+    """Times as noisy as stated, 1 or more."""
+
+
+def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved, noisier: bool = False) -> Levels:
+    """The likeliest; with ``noisier`` the gyro may be noisier than stated."""
     pieces = [piece for part in cycles if (piece := _piece(samples, part, vehicle)) is not None]
     if not pieces:
-        return 0.0, 0.0
+        return Levels(0.0, 0.0, 1.0)
     unit = float(np.mean([piece.weights.mean() for piece in pieces])) ** -0.5
-    best = _likeliest(pieces, [(unit * a, unit * b) for a, b in product(LEVELS, LEVELS)])
-    for by in FINER:
-        white, walk = best
-        best = _likeliest(pieces, [(white * a, walk * b) for a, b in product((1 / by, 1.0, by), repeat=2)])
+    best = _likeliest(pieces, [(unit * a, unit * b) for a, b in product(LEVELS, LEVELS)], noisier)
+    for by in FINER if best.gyro == 1 else ():
+        finer = [(best.white * a, best.walk * b) for a, b in product((1 / by, 1.0, by), repeat=2)]
+        best = _likeliest(pieces, finer, noisier=False)
     return best
 
 
-def _likeliest(pieces: Sequence[_Piece], levels: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def _likeliest(pieces: Sequence[_Piece], levels: Sequence[tuple[float, float]], noisier: bool) -> Levels:
+    """Of torques, or a noisier gyro alone: beside a torque its noise would take what is neither's, such as another body's motion."""
     levels = list(dict.fromkeys(levels))
-    costs = np.sum([_costs(piece, levels) for piece in pieces], 0)
+    left, volume, spare = np.sum([_left(piece, levels) for piece in pieces], 0)
     count = sum(int(piece.driven.used.sum()) for piece in pieces)
-    price = [3 * np.log(count) * sum(level > 0 for level in one) for one in levels]
-    return levels[int(np.argmin(costs + price))]
+    price = np.array([3 * np.log(count) * sum(level > 0 for level in one) for one in levels])
+    costs = left + volume + price
+    best = int(np.argmin(costs))
+    quiet = levels.index((0.0, 0.0)) if noisier and (0.0, 0.0) in levels else None
+    if quiet is not None and left[quiet] > spare[quiet]:
+        variance = left[quiet] / spare[quiet]
+        if spare[quiet] * (np.log(variance) + 1) + volume[quiet] + 3 * np.log(count) < costs[best]:
+            return Levels(0.0, 0.0, float(np.sqrt(variance)))
+    return Levels(*levels[best], 1.0)
 
 
-def _costs(piece: _Piece, levels: Sequence[tuple[float, float]]) -> Array:
-    """(L,) −2 log likelihood of each, with the stated noise."""
+def _left(piece: _Piece, levels: Sequence[tuple[float, float]]) -> tuple[Array, Array, Array]:
+    """(L,) what is left beside each over the stated noise, the log determinants, and how many squares of chance are expected of it."""
     rates, weights = piece.driven, piece.weights
     beside = [Disturbance(rates.coupling + w * white**2, w * walk**2) for white, walk in levels for w in weights]
     told = [one.told for one in each(rates, beside)]
-    axes = np.arange(len(told)) % 3
-    costs = [t.left[i] / piece.noise**2 + t.volume / 3 + _determinant(t.triangle) for t, i in zip(told, axes, strict=True)]
-    found: Array = np.array(costs).reshape(-1, 3).sum(1)
-    return found
+    left = np.array([t.left[i] for t, i in zip(told, np.arange(len(told)) % 3, strict=True)]) / piece.noise**2
+    volume = np.array([t.volume / 3 + _determinant(t.triangle) for t in told])
+    spare = np.array([float(t.spare) for t in told])
+    left, volume, spare = (part.reshape(-1, 3).sum(1) for part in (left, volume, spare))
+    return left, volume, spare
 
 
 def _determinant(triangle: Array) -> float:

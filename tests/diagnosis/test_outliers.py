@@ -88,7 +88,7 @@ def test_times_that_are_given_back_give_the_same_and_none_uses_all(flight: tuple
     assert [n.code for n in again.notices] == []
     everything = examined(log, changed(used, ["imu.gyro_outliers_s=[]"]))
     assert "outliers" not in {n.code for n in everything.notices}
-    assert "disturbance-torque" in {n.code for n in everything.notices}
+    assert "gyro-misfit" in {n.code for n in everything.notices}
 
 
 def test_many_are_a_misfit(flight: tuple[Log, Vehicle]) -> None:

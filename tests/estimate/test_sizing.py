@@ -20,14 +20,14 @@ SEEDS = range(1, 9)
 pytestmark = pytest.mark.numerical
 
 
-def sized(name: str, keys: list[str]) -> np.ndarray:
-    """(S, 2) levels found, white and wandering, N m."""
+def sized(name: str, keys: list[str], noisier: bool = False) -> np.ndarray:
+    """(S, 3) levels found: torques, white and wandering, N m; times as noisy as stated."""
     flown = simulate.fly(scenario.load(name, [*PLAN, *keys]), list(SEEDS))
     found = []
     for member in range(len(SEEDS)):
         log, used = flown.log(member), flown.vehicle
         samples = Stream.of(log, used, stated_timing(used))
-        found.append(sizing.torque_levels(samples, [cycles for _, cycles in phases_of(log, used, samples)], resolved(used)))
+        found.append(sizing.torque_levels(samples, [cycles for _, cycles in phases_of(log, used, samples)], resolved(used), noisier))
     return np.array(found)
 
 
@@ -45,4 +45,21 @@ def test_where_there_is_none_none_is_found() -> None:
     """... that matters: a hundredth of the torque by which a cycle moves the rate as much as the gyro's noise does."""
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [1])
     moment = min(flown.truth[0, 0][[0, 3, 5]]) * (flown.vehicle.imu.gyro_noise_rad_s or 0.0) / flown.vehicle.cycle.period_s
-    assert sized("free-flyer", []).max() < 0.01 * moment
+    assert sized("free-flyer", [])[:, :2].max() < 0.01 * moment
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "testbed"])
+@pytest.mark.parametrize("times", [1.3, 3.0])
+def test_a_gyro_that_is_noisier_than_stated_is_no_torque(name: str, times: float) -> None:
+    """What no coefficients explain of 400 cycles tells one sigma to 2 %, on three axes."""
+    noise = scenario.load(name, PLAN).scenario.vehicle.imu.gyro_noise_rad_s or 0.0
+    found = sized(name, [f"sensors.gyro_noise_rad_s={times * noise}"], noisier=True)
+    np.testing.assert_array_equal(found[:, :2], 0.0)
+    np.testing.assert_allclose(found[:, 2], times, rtol=0.08)
+
+
+@pytest.mark.parametrize("key", ["torque_n_m=0.02", "walk_n_m=0.001"])
+def test_a_torque_is_no_noise_of_the_gyro(key: str) -> None:
+    found = sized("free-flyer", [f"disturbance.{key}"], noisier=True)
+    assert (found[:, 2] == 1.0).all()
+    assert (found[:, :2].max(1) > 0).all()
