@@ -14,34 +14,43 @@ _ENDLESS = 10_000
 def fitted(table: Table, console: Console, spare: Sequence[str] = ()) -> None:
     """Print a table as the terminal has room for it.
 
-    Columns headed as in ``spare`` go first, one after another, and a line names them; then the table's lines; then it runs over the edge.
+    Explanations in headings go below them first; then columns headed as in ``spare`` go, one after another, and a line names them; then the
+    table's lines; then it runs over the edge.
     """
     terminal, gone = console.width, list[str]()
+    needed = _needed(table, console)
+    if needed.maximum > terminal:
+        _broken(table)
+        needed = _needed(table, console)
     for heading in spare:
-        if width(table, console) <= terminal:
+        if needed.maximum <= terminal:
             break
         slimmer = without(table, heading)
-        gone += [heading] if len(slimmer.columns) < len(table.columns) else []
-        table = slimmer
-    if width(table, console) > terminal:
+        if len(slimmer.columns) < len(table.columns):
+            gone.append(heading)
+            table, needed = slimmer, _needed(slimmer, console)
+    if needed.maximum > terminal:
         table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
-    console.width = max(terminal, _least(table, console))
+        needed = _needed(table, console)
+    # below that something would be cut short: of a table without columns that wrap, anything
+    wraps = any(not column.no_wrap for column in table.columns)
+    console.width = max(terminal, needed.minimum if wraps else needed.maximum)
     console.print(table)
     console.width = terminal
     if gone:
         console.print(f"not shown for want of width: {', '.join(heading.replace(chr(10), ' ') for heading in gone)}", style="dim")
 
 
-def width(table: Table, console: Console) -> int:
-    """Characters that a table takes where nothing is wrapped."""
-    return Measurement.get(console, console.options.update(width=_ENDLESS), table).maximum
+def _needed(table: Table, console: Console) -> Measurement:
+    """Characters that a table takes: where whatever may is wrapped, and where nothing is."""
+    return Measurement.get(console, console.options.update(width=_ENDLESS), table)
 
 
-def _least(table: Table, console: Console) -> int:
-    """Characters below which something would be cut short: nothing of a table without columns that wrap may be."""
-    if all(column.no_wrap for column in table.columns):
-        return width(table, console)
-    return Measurement.get(console, console.options.update(width=_ENDLESS), table).minimum
+def _broken(table: Table) -> None:
+    """With the explanation in a heading that doesn't wrap on a line of its own."""
+    for column in table.columns:
+        if column.no_wrap:
+            column.header = str(column.header).replace(" (", "\n(")
 
 
 def without(table: Table, heading: str) -> Table:

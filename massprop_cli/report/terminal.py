@@ -7,7 +7,7 @@ from rich.table import Table
 
 from massprop_cli.base import escape
 from massprop_cli.report import assumptions, digits, mended, missing, vocabulary
-from massprop_cli.report.fit import fitted, width
+from massprop_cli.report.fit import fitted
 from massprop_cli.result.judge import INFORMED, contradiction
 from massprop_cli.result.schema import DockedObject, EstimateItem, Mended, PhaseItem, Result
 
@@ -33,12 +33,7 @@ def show(found: Result, console: Console) -> None:
 
 
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
-    heading = assumptions.sigma_heading(found, body)
-    table = _table(title, body.estimates, heading)
-    if width(table, console) > console.width:
-        # an explanation in a heading is no reason to run over the edge
-        table = _table(title, body.estimates, heading.replace(" (", "\n("))
-    fitted(table, console, _SPARE)
+    fitted(_table(title, body.estimates, assumptions.sigma_heading(found, body)), console, _SPARE)
     implied = assumptions.implied_thrust(body)
     if implied:
         console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))
