@@ -84,10 +84,11 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     starts = _first(samples, phases, used)
     fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
-    gross, settled = disturbances.gross_misfit(samples, pieces, used), _stand(fits)
-    if not (np.isnan(excess).all() and np.isnan(gross).all()):
-        # a fit that is still on its way leaves what isn't in the log, as that first look does
-        if not settled:
+    gross, settled = np.full(6, np.nan), _stand(fits)
+    if not (settled and np.isnan(excess).all()):  # fits that stand and explain the log leave nothing to a look at the rates alone
+        gross = disturbances.gross_misfit(samples, pieces, used)
+        if not (settled or np.isnan([excess, gross]).all()):
+            # a fit that is still on its way leaves what isn't in the log, as that look does
             (fits, excess), settled = _further(samples, phases, fits, used, consider), True
         if _stand(fits) and np.isnan(excess).all():
             gross = np.full_like(gross, np.nan)
