@@ -237,10 +237,7 @@ def _residual(motion: Array, commands: Array, before: Array, beside: Array, used
         size = np.sqrt((columns[used] ** 2).sum(0))
         columns = columns[:, size > 0] / size[size > 0]
         if used.sum() >= SPARE * columns.shape[1]:
-            left, singular, right = np.linalg.svd(columns[used], full_matrices=False)
-            kept = singular > 1e-9 * singular.max(initial=0.0)
-            told = right[kept].T @ ((left[:, kept].T @ motion[used]) / singular[kept, None])
-            rest: Array = motion - columns @ told
+            rest: Array = motion - columns @ np.linalg.lstsq(columns[used], motion[used], rcond=1e-9)[0]
             return rest
     return np.zeros_like(motion)
 
