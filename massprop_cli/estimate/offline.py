@@ -16,7 +16,8 @@ from massprop_cli.estimate.rows import Response
 from massprop_cli.estimate.told import Told
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.plant import Reference
+from massprop_cli.model.lift import Tangent
+from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
@@ -135,8 +136,9 @@ def blocks(regression: Regression, run: Run) -> Iterator[_Block]:
 
 
 def respond(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> Response:
-    """What each assumption does, about ``reference``."""
-    regression = Regression(samples, cycles, vehicle, consider)
+    """What each assumption does, about ``reference``: that is all along the tangent there."""
+    plant = plant_of(vehicle)
+    regression = Regression(samples, cycles, vehicle, consider, Tangent(plant, plant.theta(reference)))
     run = replace(regression.begin(reference), bound=True)
     for block in blocks(regression, run):
         run = block.after

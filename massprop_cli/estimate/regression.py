@@ -16,6 +16,7 @@ from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
 from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
+from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.plant.plant import MOMENT, MU
 from massprop_cli.model.resolved import Resolved
@@ -50,8 +51,8 @@ MOMENTS = [0, 3, 5]
 class Regression(Triangle):
     """Of one phase: solves its triangle, and says what that tells."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider) -> None:
-        super().__init__(samples, cycles, vehicle, consider)
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, lift: Lift | None = None) -> None:
+        super().__init__(samples, cycles, vehicle, consider, lift)
         self._last: tuple[Run, Array, Array, Array] | None = None
 
     def again(self, ring: list[Run], reference: Reference) -> list[Run]:

@@ -61,9 +61,9 @@ class Run:
 class Triangle:
     """Of one phase: takes cycles in, and poses what they say."""
 
-    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider) -> None:
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, lift: Lift | None = None) -> None:
         self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
-        self.lift = Lift(plant_of(vehicle))
+        self.lift = lift or Lift(plant_of(vehicle))
         self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
         self.prior = prior(samples, vehicle)
         self.free = int((self.prior > 0).sum())
@@ -91,7 +91,7 @@ class Triangle:
     def _system(self, first: int, end: int, reference: Reference) -> System:
         """Of the cycles from ``first`` on, with the step that leads into it."""
         cycles = slice(max(first - 1, self.cycles.start), end)
-        return system_of(self.samples, cycles, reference, self.vehicle, self.consider)
+        return system_of(self.samples, cycles, reference, self.vehicle, self.consider, self.lift)
 
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
         state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)

@@ -87,6 +87,11 @@ class Lift:
         return Reference(tensor(found[:6]), found[6:9], float(found[9]), np.zeros(3) if gyro_bias is None else gyro_bias)
 
     @property
+    def onto(self) -> Array | None:
+        """(N, c) the combinations of φ that are free; None: each by itself."""
+        return None
+
+    @property
     def coupling(self) -> Array:
         """Where in φ the coefficients of the gyroscopic coupling, J Γ(I), stand."""
         return np.concatenate([np.arange(row * self.channels - 6, row * self.channels) for row in (1, 2, 3)])
@@ -119,3 +124,25 @@ class Lift:
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(N,) φ of θ, and (N, 10) its derivative."""
         return self.plant.coefficients(theta)
+
+
+@dataclass(frozen=True)
+class Tangent(Lift):
+    """The same along the tangent at one θ: eleven coefficients, 1 and the departure from there, are enough where θ doesn't leave it."""
+
+    about: Array
+    """(10,)"""
+
+    @property
+    def size(self) -> int:
+        """Eleven."""
+        return 11
+
+    @property
+    def onto(self) -> Array:
+        """(N, 11) φ there, and its derivative."""
+        return np.column_stack(self.plant.coefficients(self.about))
+
+    def coefficients(self, theta: Array) -> tuple[Array, Array]:
+        """(11,) 1 and the departure of θ, and (11, 10) its derivative."""
+        return np.concatenate([[1.0], theta - self.about]), np.eye(11, 10, -1)

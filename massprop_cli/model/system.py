@@ -63,9 +63,9 @@ class System:
         )
 
 
-def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider) -> System:
-    """The system of ``cycles`` about ``reference``."""
-    free, here = lifted(samples, cycles, reference, vehicle), samples.part(cycles)
+def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, lift: Lift) -> System:
+    """The system of ``cycles`` about ``reference``, with a column for each coefficient of ``lift``."""
+    free, here = lifted(samples, cycles, reference, vehicle, lift.onto), samples.part(cycles)
     drive, measured = free.drive, free.measured
     if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
@@ -75,7 +75,6 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
-        lift = Lift(plant_of(vehicle))
         theta = lift.theta(reference)
         by_parameter = lift.coefficients(theta)[1] @ np.linalg.inv(lift.slopes(theta))
         states = transition.shape[1]

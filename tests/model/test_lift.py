@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor, times
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
-from massprop_cli.model.lift import Lift
+from massprop_cli.model.lift import Lift, Tangent
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import BearingBody, FreeBody, Plant, Reference
 from massprop_cli.model.plant.plant import MOMENT, MU, J
@@ -98,3 +98,15 @@ def test_the_bearings_first_moment_is_of_the_rotating_mass_alone() -> None:
     plant = BearingBody(np.zeros(3), 5.0, 9.80665)
     theta = Lift(plant).theta(Reference(BODY.inertia, np.array([1e-3, 0, 0]), 1 / 25.0))
     np.testing.assert_allclose(theta[MOMENT], [0.02, 0, 0])  # 20 kg, 1 mm
+
+
+@BOTH
+def test_the_tangent_has_the_coefficients_where_it_touches_and_their_slopes_everywhere(plant: FreeBody | BearingBody) -> None:
+    lift = Lift(plant)
+    theta = lift.theta(BODY)
+    tangent, moved = Tangent(plant, theta), theta + 0.1 * np.random.default_rng(6).normal(size=10)
+    phi, slopes = lift.coefficients(theta)
+    found, by_theta = tangent.coefficients(moved)
+    assert found.shape == (tangent.size,)
+    np.testing.assert_allclose(tangent.onto @ found, phi + slopes @ (moved - theta), rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(tangent.onto @ by_theta, slopes)
