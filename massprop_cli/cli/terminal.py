@@ -57,7 +57,7 @@ def console(no_color: bool) -> Console:
     """On stdout; as wide as the widest table where that is no terminal."""
     from rich.console import Console
 
-    return Console(no_color=no_color or None, width=None if sys.stdout.isatty() else 132, highlight=False)
+    return Console(no_color=no_color or None, width=None if sys.stdout.isatty() else 132, highlight=False, emoji=False)
 
 
 def show(found: Result, folder: Path, no_color: bool) -> None:

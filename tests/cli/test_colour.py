@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from massprop_cli.base import escape
 from massprop_cli.cli import terminal
 from massprop_cli.inputs.telemetry import Notice
 
@@ -50,3 +51,8 @@ def test_a_foreign_escape_sequence_stays_visible_beside_our_own(monkeypatch: pyt
     monkeypatch.delenv("NO_COLOR", raising=False)
     terminal.warn([Notice("c", "\x1b[31mred")], quiet=False)
     assert "\x1b[31m" not in stream.getvalue()
+
+
+def test_a_name_between_colons_is_no_picture(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.console(no_color=True).print(escape.rich("phase :cat:"))
+    assert capsys.readouterr().out == "phase :cat:\n"
