@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import rotation
+from massprop_cli.base.rigidbody import rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
@@ -97,23 +97,29 @@ class Consider:
         return replace(other, imu=self.imu, jets=self.jets)
 
 
-def fed(here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider) -> tuple[Array, Array]:
+def fed(
+    here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, lift: Lift
+) -> tuple[Array, Array]:
     """(K − 1, n, e + u) and (K, 6, e + u) derivatives of drive and measurements by each assumption, and by each unknown of the geometry.
 
-    At the reference and the measured rates.
+    At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``lift``.
     """
     state = np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
     driven, measured = [], []
-    read: dict[int, tuple[Array, Array]] = {}  # sides that several variants have in common are looked at once
+    # the log as it was read is at hand, and sides that several variants have in common are looked at once
+    read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
     moved: dict[tuple[int, int], Within] = {}
     moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
 
+    def of(side: Side) -> tuple[Array, Array]:
+        as_read = side.vehicle or vehicle
+        if (id(side.samples), id(as_read)) not in read:
+            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, moved)
+        return read[id(side.samples), id(as_read)]
+
     def add(variant: Variant) -> None:
-        for side in (variant.low, variant.high):
-            if id(side) not in read:
-                read[id(side)] = _expected(side, state, cycles, reference, side.vehicle or vehicle, moved)
-        low, high = read[id(variant.low)], read[id(variant.high)]
+        low, high = of(variant.low), of(variant.high)
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
 
@@ -211,9 +217,13 @@ def _expected(
     same = id(side.samples), id(vehicle.environment)
     if same not in moved and not compiled(vehicle):
         moved[same] = motion_within(side.samples.part(cycles), reference, lift)
-    free = lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same))
-    then = np.einsum("kij,kj->ki", free.transition, state[:-1]) + free.drive.sum(-1)
-    return then, free.measured.sum(-1) - np.einsum("kij,kj->ki", free.observation, state)
+    return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same)), np.ones(1), state)
+
+
+def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, of ``coefficients``."""
+    driven, measured = (part[..., 0] + part[..., 1:] @ coefficients for part in (free.drive, free.measured))
+    return times(free.transition, state[:-1]) + driven, measured - times(free.observation, state)
 
 
 def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | None:

@@ -68,7 +68,7 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
     free, here = lifted(samples, cycles, reference, vehicle, lift.onto), samples.part(cycles)
     drive, measured = free.drive, free.measured
     if consider.columns(len(samples.wrench)) or consider.kinds:
-        driven, seen = fed(free, samples, cycles, reference, vehicle, consider)
+        driven, seen = fed(free, samples, cycles, reference, vehicle, consider, lift)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
     transition, observation = free.transition, free.observation
     roots, noise = _noise(here, Layout.of(samples, vehicle), reference, vehicle, free)
