@@ -13,7 +13,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-FLAGS = ("-std=c99", "-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 
 
 def built(folder: Path) -> Path:
