@@ -134,8 +134,10 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
     return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
 
 
-def _held(ignored: BoolArray) -> NDArray[np.intp]:
+def _held(ignored: BoolArray) -> NDArray[np.intp] | slice:
     """(N,) each row; in the place of one that is not used the one before it once more, so that what wanders goes on."""
+    if not ignored.any():
+        return slice(None)  # nothing is copied
     used = np.flatnonzero(~ignored)
     every = np.arange(len(ignored))
     return used[np.maximum(np.searchsorted(used, every, "right") - 1, 0)] if len(used) else every
@@ -180,7 +182,7 @@ class _Rows:
         """By weights (3, N)."""
         return _Rows(self.table * weight[..., None], self.count)
 
-    def of(self, rows: NDArray[np.intp]) -> _Rows:
+    def of(self, rows: NDArray[np.intp] | slice) -> _Rows:
         """These rows, which stand for as many as before."""
         return _Rows(self.table[:, rows], self.count)
 
