@@ -163,6 +163,10 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
             own = places[name]
             here = slice(column, column + own.stop - own.start)
             growth[:, own], mean[:, own] = step[:, here], whole[:, here]
+    if "level" in places:  # of the force that acts, as the channels' own columns have it, what is level stays
+        force, duration_s = slice(3, 6), samples.executed.duration_s[:, None]
+        growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]
+        mean[:, places["level"]] -= samples.executed.impulse[:, force] / duration_s
     return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
