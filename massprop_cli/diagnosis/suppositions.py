@@ -198,10 +198,12 @@ class Model:
         return Supposition("", (), np.zeros((len(self.stated), 0)), suspects=(channel,), freed=channel)
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
-        """(..., C, 3) torque about O and force of each channel."""
+        """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""
         shape = (*x.shape[:-1], -1, 3)
         thrust = x[..., self.place("thrust"), None]
-        force = thrust * (self.force + x[..., self.place("direction")].reshape(shape))
+        along = self.force + x[..., self.place("direction")].reshape(shape)
+        size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, self.force))
+        force = thrust * along * (stated / np.where(stated > 0, size, 1.0))
         position = self.position + x[..., self.place("position")].reshape(shape)
         return cross(position, force) + thrust * self.couple, force
 

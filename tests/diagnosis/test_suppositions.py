@@ -23,6 +23,9 @@ DELAY = Timing(2.0, 0.0)
 PIECE = slice(2, 320)
 VARIANCE = np.repeat([1e-4, 0.02], 3) ** 2
 TURN = np.array([0.02, -0.03, 0.01])
+CANT = 0.42
+BACK = 1.112 * np.tan(CANT) * np.array([np.sin(CANT), -np.cos(CANT), 0.0])
+"""Across a force of 1.112 N along x that is stated to be turned by so much about z."""
 Mistake = Callable[[Log, Vehicle], tuple[Log, Vehicle]]
 
 
@@ -83,7 +86,8 @@ def misplaced(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
 
 
 def canted(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
-    return log, with_jet(used, 4, force_n=tuple(np.add(used.jets[4].force_n, (0.0, 0.1, 0.0))))
+    """The file has a jet turned by 24 degrees."""
+    return log, with_jet(used, 4, force_n=tuple(rotation(np.array([0.0, 0.0, CANT])) @ used.jets[4].force_n))
 
 
 def with_jet(used: Vehicle, at: int, **update: object) -> Vehicle:
@@ -99,7 +103,7 @@ CASES: list[tuple[str, Mistake, Array]] = [
     ("imu", further, np.array([0.1, 0.0, 0.0])),
     ("thrust", weak, np.where(np.arange(18) == 0, 0.5, 1.0)),
     ("position", misplaced, np.where(np.arange(54) == 13, -0.02, 0.0)),
-    ("direction", canted, np.where(np.arange(54) == 13, -0.1, 0.0)),
+    ("direction", canted, np.concatenate([np.zeros(12), BACK, np.zeros(39)])),
 ]
 
 
