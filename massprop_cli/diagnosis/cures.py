@@ -12,13 +12,13 @@ import numpy as np
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
-from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.design import Designs, level_of
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Column, Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.attitude import quaternion_of, quaternion_product
+from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
 from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -217,24 +217,10 @@ def _with_jets(vehicle: Resolved, changed: dict[int, Jet]) -> Resolved:
 def _tilted(vehicle: Vehicle, tilt: Array) -> tuple[float, ...]:
     """The attitude at the start with its vertical moved by so much of what was level then (:mod:`massprop_cli.diagnosis.channelwise`)."""
     first = np.array(vehicle.environment.initial_attitude_wxyz)
-    up = rotation_of(first)[2]
-    level = np.linalg.svd(up[None])[2][1:]
+    up = world_up_b(first)
     # u + δ = u turned by u × δ, so the body turns by the opposite
-    turn = quaternion_of(-np.cross(up, tilt @ level))
+    turn = quaternion_of(-np.cross(up, tilt @ level_of(up)))
     return tuple(float(value) for value in quaternion_product(first, turn))
-
-
-def rotation_of(quaternion: Array) -> Array:
-    """(3, 3) world from body of a unit quaternion wxyz."""
-    w, x, y, z = quaternion
-    turn: Array = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return turn
 
 
 def _vector(values: Array) -> tuple[float, ...]:

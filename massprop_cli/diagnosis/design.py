@@ -32,8 +32,9 @@ SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
 SLOWER = 0.02
 """Cycles by which half of the thrust is made to come later by a longer rise and fall, to see what that would do."""
-SWUNG = ("gyro_scale", "gyro_turn", "gyro_bias")
-"""Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical."""
+SWUNG = ("gyro_scale", "gyro_bias")
+"""Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
+with it the vertical is turned, and begins elsewhere."""
 ANGLE = 1e-4
 """Half the difference behind a derivative of the vertical."""
 COUPLING = 0.5
@@ -266,15 +267,18 @@ def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
     changes = {}
     for i in range(3):
         changes[f"gyro_scale {i}"] = -np.outer(rate @ mounting[:, i], mounting[:, i])
-        changes[f"gyro_turn {i}"] = np.cross(rate, unit[i])
         changes[f"gyro_bias {i}"] = np.broadcast_to(-unit[i], rate.shape)
     moved = np.stack(list(changes.values()))
     ups = verticals(np.concatenate([rate + ANGLE * moved, rate - ANGLE * moved]), samples.executed.duration_s, samples.up_b[0])
     slopes = (ups[: len(moved)] - ups[len(moved) :]) / (2 * ANGLE)
-    # what is level in the world, seen from the body
-    level = np.linalg.svd(samples.up_b[:1])[2][1:]
-    east, north = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, level)
+    east, north = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, level_of(samples.up_b[0]))
     return [("east", east), ("north", north), *zip(changes, slopes, strict=True)]
+
+
+def level_of(up: Array) -> Array:
+    """(2, 3) what is level where this (3,) is up, called east and north."""
+    found: Array = np.linalg.svd(up[None])[2][1:]
+    return found
 
 
 def verticals(rate: Array, duration_s: Array, start: Array) -> Array:

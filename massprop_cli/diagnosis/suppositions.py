@@ -16,11 +16,12 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import SWUNG
+from massprop_cli.diagnosis.design import SWUNG, level_of
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.plant.plant import MOMENT, MU, J
+from massprop_cli.prepare.attitude import world_up_b
 
 _UNIT = np.eye(3)
 _STRAIGHT = np.eye(3)
@@ -64,8 +65,8 @@ BY = {
     "drifting": ("drift",),
     "aging": ("mass_rate", "inertia_rate"),
     "rising": ("rise",),
-    "east": ("tilt",),
-    "north": ("tilt",),
+    "east": ("tilt", "gyro_turn"),
+    "north": ("tilt", "gyro_turn"),
     **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
 }
 """Columns without which the motion is explained while these entries are as stated; they come last."""
@@ -128,6 +129,8 @@ class Model:
     """Channels that always fire together, two or more each."""
     biases: Mapping[str, float] = field(default_factory=dict)
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
+    up: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) at the start of the log, body axes; on a bearing."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, lag: float, by_jets: bool) -> Model:
@@ -146,9 +149,9 @@ class Model:
         biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
-        return Model(
-            free.places, position, force, couple, imu, mounting, bearing, gravity, free.level, lags, free.clock_s, _together(free), biases
-        )
+        up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
+        stated = position, force, couple, imu, mounting, bearing
+        return Model(free.places, *stated, gravity, free.level, lags, free.clock_s, _together(free), biases, up)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -277,8 +280,12 @@ class Model:
             parts["rising"] = rise[..., None, None] * own
 
     def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
-        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong."""
-        tilt = x[..., self.entries["tilt"]]
+        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.
+
+        Rates in axes that are turned by δ carry a vertical that is turned by −δ, and began turned by δ.
+        """
+        turn = x[..., self.entries["gyro_turn"]]
+        tilt = x[..., self.entries["tilt"]] + cross(turn, self.up) @ level_of(self.up).T
         for i, name in enumerate(("east", "north")):
             if name in self.places:
                 spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
@@ -287,6 +294,8 @@ class Model:
                 if f"{name} {i}" in self.places:
                     by = x[..., self.entries[name]][..., i, None, None]
                     spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
+        if "east" in self.places:
+            spin["up"], push["up"] = (part - part @ cross_matrix(turn) for part in (spin["up"], push["up"]))
 
     def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:
         """(..., 3, n) specific force at the IMU by angular accelerations (..., 3, n)."""
