@@ -157,14 +157,14 @@ def mountings(model: Model) -> list[Supposition]:
     """The IMU turned by right angles, mirrored or transposed; either sensor of it alone."""
     none, mounting = np.zeros((len(model.stated), 0)), model.mounting
     found: list[Supposition] = []
-    # the true mounting is ``turn``, and the rates were read through the stated one
-    for words, turn in [("the transpose of what is stated", mounting.T), *(("", turn) for turn in _signed_permutations())]:
-        read = mounting @ turn.T
+    # along the body's axes the true mounting is ``turn``; else its own axes are others; the rates were read through the stated one
+    by_body = [mounting @ turn.T for turn in _signed_permutations()]
+    own = [mounting @ turn @ mounting.T for turn in _signed_permutations()]
+    for words, read in [("the transpose of what is stated", mounting @ mounting), *(("", read) for read in (*by_body, *own))]:
         if np.abs(read - np.eye(3)).max() > 1e-9 and not any(np.abs(read - one.gyro).max() < 1e-9 for one in found):
             found.append(Supposition("imu-mounting", (words,) if words else (), none, gyro=read, accelerometer=read))
-    for turn in _signed_permutations():
-        if np.abs(turn - np.eye(3)).max() > 1e-9:
-            read = mounting @ turn @ mounting.T
+    for read in own:
+        if np.abs(read - np.eye(3)).max() > 1e-9:
             found.append(Supposition("imu-mounting", ("gyro",), none, gyro=read))
             found.append(Supposition("imu-mounting", ("accelerometer",), none, accelerometer=read))
     return found
