@@ -98,7 +98,7 @@ class Examined:
         """(e,) units of each column that make one step."""
         found, first = np.zeros(columns), len(self.varied)
         own = [i for i, t in enumerate(self.varied) if t is taken]
-        parts = [i for i, t in enumerate(self.varied) if not t.shown and t.code.startswith(taken.code)]
+        parts = [i for i, t in enumerate(self.varied) if t.part_of == taken.code]
         found[own or parts or [first, first + 1, first + 2]] = taken.size
         return found
 
@@ -151,7 +151,7 @@ def assumptions(
         listed += _mass_thrust(log, vehicle, history, conclusion, response, len(found.varied) + 3)
         listed += _beside(history, conclusion, response)
     told = zip(found.taken, effects, strict=True)
-    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and t.shown))
+    return (*listed, *(Assumption(t.code, t.message, t.step, t.stated, tuple(e)) for t, e in told if e and not t.part_of))
 
 
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:

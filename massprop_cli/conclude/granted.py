@@ -19,7 +19,7 @@ from massprop_cli.prepare.timing import Timing
 
 DEGREE = float(np.pi / 180)
 AXES = "XYZ"
-GYRO = "gyro-scale"
+GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
 Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
@@ -36,8 +36,13 @@ class Taken:
     size: float
     sigma: float = 0.0
     """One sigma, units, by which it is stated to be uncertain."""
-    shown: bool = True
-    """Whether what it does is told; else it is but tested, as a part of what is."""
+    part_of: str = ""
+    """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
+
+    @property
+    def whole(self) -> str:
+        """Code of what is told."""
+        return self.part_of or self.code
 
 
 def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[Taken]:
@@ -63,9 +68,9 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iter
         yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1, sigma)
     for i, axis in enumerate(AXES):
         scaled = Variant(here, Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[i])), 0.01)
-        yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, shown=False)
+        yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, part_of=GYRO)
     yield Taken(GYRO, "the gyro's scale is taken as exact", "1 %", False, None, 0.01)
-    yield Taken("accelerometer-scale", "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
+    yield Taken(ACCELEROMETER, "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
     if vehicle.spinning:
         yield _wheel_inertia(log, vehicle, timing, here)
     if vehicle.on_air_bearing:

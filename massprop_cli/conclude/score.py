@@ -16,12 +16,12 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
-from massprop_cli.conclude.granted import GYRO
+from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
 from massprop_cli.conclude.verdict import Conclusion
 
 SURE = 4.8
 """Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""
-SCALES = (GYRO, "accelerometer-scale")
+SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
 MOVES = 1.0
 """Of its sigma, the least change of a value that touches it."""
@@ -45,13 +45,14 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
     if not told:
         return []
-    kinds = [t.code for t in found.varied] + ["accelerometer-scale"] * 3 + [f"thrust of {name}" for name in names]
+    others = [ACCELEROMETER] * 3 + [f"thrust of {name}" for name in names]
+    kinds, wholes = [t.code for t in found.varied] + others, [t.whole for t in found.varied] + others
     unit, first = np.eye(len(kinds)), len(kinds) - len(names)
     # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
-    scales = [[i for i, kind in enumerate(kinds) if kind.startswith(name)] for name in SCALES]
+    scales = [[i for i, whole in enumerate(wholes) if whole == name] for name in SCALES]
     along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in groups)))])
-    whats = np.array([*kinds, *SCALES, *(f"thrust of {', '.join(names[i] for i in group)}" for group in groups)])
-    kind = np.array([GYRO if what.startswith(GYRO) else what for what in whats])
+    several = [f"thrust of {', '.join(names[i] for i in group)}" for group in groups]
+    whats, kind = [*kinds, *SCALES, *several], np.array([*wholes, *SCALES, *several])
     gram = np.sum([response.gram for response, _ in told], 0)
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
     # a factor on what was measured is one on its noise too, and of that an innovation is proof of nothing
@@ -66,7 +67,7 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
 
     def doubt(i: int) -> Doubt:
         kin, faint = kind == kind[i], i >= len(kinds) + len(SCALES)
-        return Doubt(str(whats[i]), float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
+        return Doubt(whats[i], float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
 

@@ -85,6 +85,22 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
         assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
 
 
+def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
+    found = examined(flown.log(0), flown.vehicle).examination
+    assert found is not None
+    (response,) = (one for one in found.responses if one is not None)
+    count = response.shift.shape[1]
+    axes = [one for one in found.taken if one.part_of == "gyro-scale"]
+    (gyro,), (accelerometer,) = ([one for one in found.taken if one.code == f"{name}-scale"] for name in ("gyro", "accelerometer"))
+    np.testing.assert_array_equal(found.step(gyro, count), sum(found.step(axis, count) for axis in axes))
+    assert len(axes) == 3
+    assert [one.code for one in found.varied].index(axes[0].code) == np.flatnonzero(found.step(gyro, count))[0]
+    # the accelerometer's stand behind all variants, before each channel's thrust
+    first = len(found.varied)
+    np.testing.assert_array_equal(np.flatnonzero(found.step(accelerometer, count)), [first, first + 1, first + 2])
+
+
 def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
