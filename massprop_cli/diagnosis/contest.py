@@ -49,7 +49,9 @@ class Fitted:
     @property
     def parts(self) -> list[Fitted]:
         """Of two suppositions at once, each; else itself."""
-        return [replace(self, supposed=part) for part in self.supposed.parts] or [self]
+        parts = self.supposed.parts or (self.supposed,)
+        spreads = np.split(self.spread, np.cumsum([part.free.shape[1] for part in parts])[:-1])
+        return [replace(self, supposed=part, spread=own) for part, own in zip(parts, spreads, strict=True)]
 
     @property
     def unknowns(self) -> int:

@@ -8,8 +8,8 @@ acted on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
 
@@ -22,28 +22,32 @@ from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, refined, second_of, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
-FINALISTS = (5, 12)
+FINALISTS = (6, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
 FIRST, SECOND = 3, 2
-"""How many are tried with a second one, and how many of these each time."""
+"""How many are tried with a second one, and how many of these each time if none makes the log fit."""
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
 LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
 """Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
 LEFT = 0.5
 """Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
+Put = Callable[[Fitted, float], Trial | None]
+"""A supposition put to the test, followed no further than it may come near a score."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
     "a change of the mass properties, and pairs of these"
 )
+NO_FURTHER = 0.1
+"""Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0
 """Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
 EVEN = 6.0
@@ -99,40 +103,78 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _chosen(look, alone)
+    # a torque that wanders may explain it too, or with what goes with it
+    with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
+    least = min([wandering.cost, *with_it]) - CLEAR
     further = (_much_later, _lowpassed, partial(_changed, whole=wandering), partial(_pair, alone=alone))
     for search in () if wandering.fits else further:
-        if found is not None and found.score < wandering.cost - CLEAR:
+        if found is not None and found.score < least:
             break
         found = search(look)
-    if found is not None and found.score < wandering.cost - CLEAR:
+    if found is not None and found.score < least:
         return found
-    return Diagnosis() if wandering.fits else Diagnosis(unknown=_in_vain(look))
+    return Diagnosis() if wandering.fits or with_it else Diagnosis(unknown=_in_vain(look))
 
 
 def _alone(look: Look) -> list[Trial]:
-    """The likeliest causes, each put to the test, until one makes the log fit and none that is left comes near it."""
-    best = _turned(look) if look.upset else []
-    most = len(best) + FINALISTS[look.model.bearing is not None]
+    """The likeliest causes, each put to the test."""
+    begun = _turned(look) if look.upset else []
+    most = FINALISTS[look.model.bearing is not None]
+    best = _searched(look, partial(tried, look), begun, (most, most))
+    return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
+
+
+def _searched(look: Look, put: Put, begun: Sequence[Trial], most: tuple[int, int], others: Sequence[Trial] = ()) -> list[Trial]:
+    """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
+
+    After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does.
+    """
+    best = list(begun)
     near = -np.inf
     for rough, found in look.ranked.within(beyond(look)):
-        fitting = [trial for trial in best if trial.fits]
-        late = fitting and all(trial.fitted.supposed.code in LATE for trial in fitting)
+        fitting = [trial for trial in (*others, *best) if trial.fits]
+        late = fitting and all(_codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
         farthest = max((LATER if late and found.supposed.code in LATE else FURTHER) * least, near) + CLEAR
-        if len(best) >= most or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
+        enough = len(best) - len(begun) >= most[bool(fitting)]
+        if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
-        if (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
+        done = any(_same(trial.fitted.parts[-1], found) for trial in best)
+        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
             continue
-        trial = tried(look, found, min((trial.score for trial in fitting), default=np.inf))
+        trial = put(found, min((trial.score for trial in fitting), default=np.inf))
         if trial is not None:
             best.append(trial)
             near = rough if trial.fits and not fitting else near
-    return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
+    return best
+
+
+def _same(one: Fitted, other: Fitted) -> bool:
+    """Whether they say the same of the same, found from elsewhere."""
+    ours, theirs = one.supposed, other.supposed
+    turned = not (np.array_equal(ours.gyro, theirs.gyro) and np.array_equal(ours.accelerometer, theirs.accelerometer))
+    if turned or (ours.code, ours.subject, one.unknowns) != (theirs.code, theirs.subject, other.unknowns):
+        return False
+    return float(np.abs(one.moved - other.moved).max(initial=0.0)) < NO_FURTHER
+
+
+def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
+    """Without those that say what one before them says."""
+    seen: list[Fitted] = []
+    for found in each:
+        if not any(_same(one, found) for one in seen):
+            seen.append(found)
+            yield found
+
+
+def _codes(trial: Trial) -> set[str]:
+    return {part.supposed.code for part in trial.fitted.parts}
 
 
 def _simpler(found: Fitted, fitting: Sequence[Trial]) -> bool:
     """Whether it says of a channel that it is dead or reversed, of which what fits so far says what hardly happens."""
-    return at_once(found) and any(set(found.supposed.subject) & set(trial.fitted.supposed.subject) for trial in _strange(fitting))
+    strange = {name for trial in _strange(fitting) for part in trial.fitted.parts for name in part.supposed.subject}
+    return at_once(found) and not strange.isdisjoint(found.supposed.subject)
 
 
 def _strange(fitting: Sequence[Trial]) -> list[Trial]:
@@ -156,14 +198,13 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
         before, after = look.misfit, float(first.fitted.chi_square.sum() / look.freedom)
         by = first.case.timing.delay - look.case.timing.delay
         detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
-    return Diagnosis((_explained(look, first, rivals),), detected, score=first.score)
+    return Diagnosis(_explained(look, first, rivals), detected, score=first.score)
 
 
 def _by_wander(trial: Trial, look: Look) -> bool:
     """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
     beside = (trial.look or look).free.beside
-    codes = {part.supposed.code for part in trial.fitted.parts}
-    return bool(codes & {"accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+    return bool(_codes(trial) & {"accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:
@@ -193,29 +234,38 @@ def _lowpassed(look: Look) -> Diagnosis | None:
     return _chosen(look, trials)
 
 
-def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> Explanation:
-    """In words, with the settings that mend it."""
-    code, message = words_of(trial.fitted, look.names, look.case, trial.case)
-    beside = []
+def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> tuple[Explanation, ...]:
+    """In words, with the settings that mend it: one for each of two causes at once."""
+    said = _said(look, trial)
+    message, beside = _joined(said), []
     for rival in rivals:
-        its_code, other = words_of(rival.fitted, look.names, look.case, rival.case)
-        if rival.fitted.supposed.subject == trial.fitted.supposed.subject and its_code == code:
+        its = _said(look, rival)
+        if _subjects(rival) == _subjects(trial) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
             continue  # the same, found from elsewhere
-        if its_code == code and rival.score < trial.score + EVEN:
-            message += f", or else {other}"
+        if [code for code, _ in its] == [code for code, _ in said] and rival.score < trial.score + EVEN:
+            message += f", or else {_joined(its)}"
         else:
-            beside.append(f"{other} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
+            beside.append(f"{_joined(its)} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
     message = f"the log fits if {message}"
     if beside:
         message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
     others = (cure_of(look.case, rival.case, rival.fitted) for rival in rivals)
-    return Explanation(
-        code,
-        message,
-        cure_of(look.case, trial.case, trial.fitted),
-        around=around(look.case, trial.fitted, look.free.fired),
-        rivals=tuple(cure for cure in others if cure is not None),
-    )
+    cure, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
+    instead = tuple(other for other in others if other is not None)
+    return tuple(Explanation(code, message, cure, around=near, rivals=instead) for code, _ in said)
+
+
+def _said(look: Look, trial: Trial) -> list[tuple[str, str]]:
+    """(code, words) of each cause."""
+    return [words_of(part, look.names, look.case, trial.case) for part in trial.fitted.parts]
+
+
+def _joined(said: Sequence[tuple[str, str]]) -> str:
+    return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
+
+
+def _subjects(trial: Trial) -> list[tuple[str, ...]]:
+    return sorted(part.supposed.subject for part in trial.fitted.parts)
 
 
 def _changed(look: Look, whole: Look) -> Diagnosis | None:
@@ -240,27 +290,28 @@ def _changed(look: Look, whole: Look) -> Diagnosis | None:
 
 
 def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
-    """Two causes at once: the likeliest few, each with what explains the rest; or any two channels."""
-    fitting: list[Trial] = []
+    """Two causes at once: any two channels; or the likeliest few, each with what explains the rest."""
+    if (channels := _two_channels(look)) is not None:
+        return channels
     upright = [found.supposed for found in look.upright]
     likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
-    for first in islice(chain((trial.fitted for trial in likeliest), (found for _, found in look.ranked)), FIRST):
-        trial = next((one for one in alone if one.fitted.supposed is first.supposed), None) or tried(look, first)
-        if trial is None or trial.look is None:
-            continue
-        for i, (_, second) in enumerate(trial.look.ranked):
-            if i >= SECOND and not _strange(fitting):
-                break
-            if i < SECOND or _simpler(second, fitting):
-                together = None if hopeless(trial.look, second) else both(look, trial, second)
-                fitting += [together] if together is not None and together.fits and not _by_wander(together, look) else []
-    if not fitting:
-        return _two_channels(look)
-    best = min(fitting, key=lambda trial: trial.score)
-    words = [words_of(part, look.names, look.case, best.case) for part in best.fitted.parts]
-    message = f"the log fits if {', and '.join(said for _, said in words)} as well"
-    cure, near = cure_of(look.case, best.case, best.fitted), around(look.case, best.fitted, look.free.fired)
-    return Diagnosis(tuple(Explanation(code, message, cure, around=near) for code, _ in words), score=best.score)
+    turned = (replace(look.stated, supposed=one) for one in look.turned_beside_a_channel)
+    each = chain((trial.fitted for trial in likeliest), turned, (found for _, found in look.ranked))
+    together: list[Trial] = []
+    for found in islice(_different(each), FIRST):
+        trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
+        together += _beside(look, trial, together)
+    if together:
+        # what explains most may have been found beside a first that is but nearly the right one
+        together += _beside(look, second_of(look, min(together, key=lambda trial: trial.score)), together)
+    return _chosen(look, together)
+
+
+def _beside(look: Look, first: Trial | None, others: Sequence[Trial]) -> list[Trial]:
+    """Pairs with a first that is mended, where there are ``others``."""
+    if first is None or first.look is None:
+        return []
+    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), others)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

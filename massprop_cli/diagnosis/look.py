@@ -6,7 +6,7 @@ What is left is counted as a likelihood of free noise levels, with a price for e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
-from massprop_cli.diagnosis.contest import Fitted, compared, fitted
+from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.ranking import Ranking
@@ -201,6 +201,26 @@ class Look:
         *rough, stated = self._gravity
         order = [i for i in np.argsort(rough, kind="stable")[:UPRIGHT] if rough[i] < stated * AS_WELL]
         return [Fitted(self._turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
+
+    @cached_property
+    def turned_beside_a_channel(self) -> list[Supposition]:
+        """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
+        turns, channels = [] if self.model.bearing is not None else self._turns, range(len(self.names))
+
+        def freed(some: Sequence[Supposition]) -> list[Supposition]:
+            return [replace(turn, freed=channel, suspects=(channel,)) for turn in some for channel in channels]
+
+        def least(left: Sequence[Array]) -> Array:
+            each = np.array([self.likelihood(one) for one in left])
+            found: Array = each.reshape(-1, len(channels)).min(1)
+            return found
+
+        if not turns or not channels:
+            return []
+        roughly = least(list(compared(self.model, self.free, self.free.variance, freed(turns))))
+        likely = [turns[i] for i in np.argsort(roughly, kind="stable")[:UPRIGHT]]
+        closely = least([one.chi_square for one in fitted(self.model, self.free, self.free.variance, freed(likely), still=ROUGHLY)])
+        return [likely[int(np.argmin(closely))]]
 
     @property
     def upset(self) -> bool:

