@@ -107,13 +107,13 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
     further = (_much_later, _lowpassed, partial(_changed, whole=wandering), partial(_pair, alone=alone))
-    for search in () if wandering.fits else further:
+    for search in () if wandering.close else further:
         if found is not None and found.score < least:
             break
         found = search(look)
     if found is not None and found.score < least:
         return found
-    return Diagnosis() if wandering.fits or with_it else Diagnosis(unknown=_in_vain(look))
+    return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
 
 
 def _alone(look: Look) -> list[Trial]:

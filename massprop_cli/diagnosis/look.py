@@ -31,6 +31,8 @@ MEMORY = 64
 FITS = (2.0, 6.0)
 """The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
+CLOSE = 1.4
+"""The same where the motion within the cycles is a body's own: beside a torque, and of a log that is mended."""
 LOUD = 4.0
 """Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
 CLEAR = 14.0
@@ -141,6 +143,11 @@ class Look:
     def fits(self) -> bool:
         """Whether what is left is chance."""
         return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.freedom))
+
+    @property
+    def close(self) -> bool:
+        """The same where the motion within the cycles is a body's own."""
+        return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.freedom))
 
     @cached_property
     def free_cost(self) -> float:

@@ -15,8 +15,6 @@ from massprop_cli.diagnosis.suppositions import ENTRIES, Model
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.lowpass import narrowed
 
-CLOSE = 1.4
-"""Times pure error, beyond six sigmas of chance, that a log that is mended may leave: its motion within the cycles is its body's."""
 LEFT = 0.5
 """Part of what is left beyond chance of a log that fits as it is, that a cause may leave."""
 PART = 1e-3
@@ -182,8 +180,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
         found = replace(found, x=x)
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
-    close = mended.misfit < CLOSE + FITS[1] * np.sqrt(2 / mended.freedom)
-    fits = close and (much or not mended.loud) and not _no_drift(found)
+    fits = mended.close and (much or not mended.loud) and not _no_drift(found)
     # where the log fits as it is, what is left may be noise that nobody stated: a cause explains the better part of it
     fits = fits and (not look.fits or mended.excess < LEFT * look.excess)
     excess = mended.score(mended.stated.chi_square, found)
