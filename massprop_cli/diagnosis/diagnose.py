@@ -50,6 +50,9 @@ NO_FURTHER = 0.1
 """Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0
 """Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
+NEARLY = 4.6
+"""−2 log of the odds (1 : 10) below which of two kinds neither is named."""
+UNKNOWN = "cause-unknown"
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
 
@@ -235,9 +238,12 @@ def _lowpassed(look: Look) -> Diagnosis | None:
 
 
 def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> tuple[Explanation, ...]:
-    """In words, with the settings that mend it: one for each of two causes at once."""
+    """In words, with the settings that mend it: one for each of two causes at once.
+
+    What a rival that is nearly as likely has not got is not named.
+    """
     said = _said(look, trial)
-    message, beside = _joined(said), []
+    message, beside, sure = _joined(said), [], [code for code, _ in said]
     for rival in rivals:
         its = _said(look, rival)
         if _subjects(rival) == _subjects(trial) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
@@ -246,13 +252,16 @@ def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> tuple[
             message += f", or else {_joined(its)}"
         else:
             beside.append(f"{_joined(its)} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
+            sure = [code for code in sure if code in dict(its) or rival.score > trial.score + NEARLY]
     message = f"the log fits if {message}"
     if beside:
         message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
+    if not sure:
+        message = f"log and vehicle file don't fit, cause unknown: {message}"
     others = (cure_of(look.case, rival.case, rival.fitted) for rival in rivals)
     cure, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
     instead = tuple(other for other in others if other is not None)
-    return tuple(Explanation(code, message, cure, around=near, rivals=instead) for code, _ in said)
+    return tuple(Explanation(code, message, cure, around=near, rivals=instead) for code in sure or [UNKNOWN])
 
 
 def _said(look: Look, trial: Trial) -> list[tuple[str, str]]:
