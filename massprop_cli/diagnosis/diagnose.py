@@ -22,7 +22,7 @@ from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, refined, second_of, tried
+from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -123,18 +123,21 @@ def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test."""
     begun = _turned(look) if look.upset else []
     most = FINALISTS[look.model.bearing is not None]
-    best = _searched(look, partial(tried, look), begun, (most, most))
+    best = _searched(look, partial(tried, look), begun, (most, most), beyond(look))
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
 
 
-def _searched(look: Look, put: Put, begun: Sequence[Trial], most: tuple[int, int], others: Sequence[Trial] = ()) -> list[Trial]:
+def _searched(
+    look: Look, put: Put, begun: Sequence[Trial], most: tuple[int, int], leaving: float, others: Sequence[Trial] = ()
+) -> list[Trial]:
     """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
 
-    After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does.
+    After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does; of chi-square the look,
+    where it is as good as exact, may leave no more than ``leaving``.
     """
     best = list(begun)
     near = -np.inf
-    for rough, found in look.ranked.within(beyond(look)):
+    for rough, found in look.ranked.within(leaving):
         fitting = [trial for trial in (*others, *best) if trial.fits]
         late = fitting and all(_codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
@@ -143,7 +146,7 @@ def _searched(look: Look, put: Put, begun: Sequence[Trial], most: tuple[int, int
         if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
         done = any(_same(trial.fitted.parts[-1], found) for trial in best)
-        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found):
+        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found, leaving):
             continue
         trial = put(found, min((trial.score for trial in fitting), default=np.inf))
         if trial is not None:
@@ -310,9 +313,11 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     for found in islice(_different(each), FIRST):
         trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
         together += _beside(look, trial, together)
-    if together:
-        # what explains most may have been found beside a first that is but nearly the right one
-        together += _beside(look, second_of(look, min(together, key=lambda trial: trial.score)), together)
+    # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
+    best = min(together, key=lambda trial: trial.score, default=None)
+    for i, part in enumerate(() if best is None else best.fitted.parts):
+        if i > 0 or part.unknowns:
+            together += _beside(look, mended_alone(look, part), together)
     return _chosen(look, together)
 
 
@@ -320,7 +325,9 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial]) -> list[Tr
     """Pairs with a first that is mended, where there are ``others``."""
     if first is None or first.look is None:
         return []
-    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), others)
+    # what a first was fitted to alone moves with a second, and so does what is left
+    most = np.inf if first.fitted.unknowns and np.isfinite(first.score) else beyond(first.look)
+    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:
@@ -329,15 +336,16 @@ def _two_channels(look: Look) -> Diagnosis | None:
     if not supposed:
         return None
     found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
-    best = min(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))
-    trial = None if hopeless(look, best) else tried(look, best)
-    if trial is None or not trial.fits:
+    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:FIRST]
+    trials = (tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look)))
+    trial = next((one for one in trials if one is not None and one.fits), None)
+    if trial is None:
         return None
     both, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
     return Diagnosis(
         tuple(
             Explanation(code, f"the log fits if {words}", both, around=near)
-            for name in best.supposed.subject
+            for name in trial.fitted.supposed.subject
             for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
         ),
         score=trial.score,

@@ -58,13 +58,13 @@ class Trial:
     """−2 log of how densely the mended measurements lie where they were measured."""
 
 
-def hopeless(look: Look, found: Fitted) -> bool:
-    """Whether what it leaves in the first reduction, which is as good as exact for what it is about, is far too much."""
+def hopeless(look: Look, found: Fitted, most: float) -> bool:
+    """Whether it leaves more than so much of chi-square in the first reduction, where that is as good as exact for what it is about."""
     if _before_its_cause(look, found):
         return True
     turned = any((turn != np.eye(3)).any() for turn in (found.supposed.gyro, found.supposed.accelerometer))
     moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
-    return not turned and not moved & CURVED and float(found.chi_square.sum()) > beyond(look)
+    return not turned and not moved & CURVED and float(found.chi_square.sum()) > most
 
 
 def beyond(look: Look) -> float:
@@ -125,9 +125,8 @@ def both(look: Look, first: Trial, second: Fitted, best: float = np.inf) -> Tria
     return None if case is None else refined(look, found, case, best)
 
 
-def second_of(look: Look, pair: Trial) -> Trial | None:
-    """What two suppositions say of the second, mended alone."""
-    part = pair.fitted.parts[-1]
+def mended_alone(look: Look, part: Fitted) -> Trial | None:
+    """One of two suppositions, with the values that it has beside the other; it is in the running with that alone."""
     own = np.asarray(part.supposed.free.any(1)) | (np.arange(len(part.x)) < 10)
     found = replace(part, x=np.where(own, part.x, look.model.stated))
     case = applied(look.case, found, look.free.fired)
