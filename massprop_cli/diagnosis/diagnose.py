@@ -337,8 +337,8 @@ def _two_channels(look: Look) -> Diagnosis | None:
         return None
     found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
     likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:FIRST]
-    trials = (tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look)))
-    trial = next((one for one in trials if one is not None and one.fits), None)
+    trials = [tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look))]
+    trial = min((one for one in trials if one is not None and one.fits), key=lambda one: one.score, default=None)
     if trial is None:
         return None
     both, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
