@@ -1,6 +1,7 @@
 """What an estimate is worth on vehicles that nobody chose: drawn at random, flown without a fault, and estimated.
 
     python benchmarks/any_vehicle.py > docs/any-vehicle.md
+    python benchmarks/any_vehicle.py --kind noise-low --vehicles 70
 
 Each number is a vehicle of its own, 8 cm to 2.5 m and a tenth of a kilogram to a tonne: jets in pairs, at the corners, or none but a
 wrench; in free flight or on a bearing, with its mass weighed or not; cycles of 10 to 100 ms, delays, ramps, an IMU turned and out of place
@@ -13,31 +14,22 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from any_kinds import KINDS, Kind, drawn_between, turned
 from commit import commit
 
 from massprop_cli import QUANTITIES, __version__, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.verdict import Estimate
+from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 
 FAR = 4.0
 """Sigmas beyond which a value is wrong."""
-
-
-def drawn_between(draw: np.random.Generator, least: float, most: float) -> float:
-    """Evenly in the logarithm."""
-    return float(np.exp(draw.uniform(np.log(least), np.log(most))))
-
-
-def turned(draw: np.random.Generator) -> Array:
-    """(3, 3) any rotation."""
-    found: Array = np.linalg.qr(draw.normal(size=(3, 3)))[0]
-    found *= np.sign(np.linalg.det(found))
-    return found
 
 
 def jets(draw: np.random.Generator, size: float, torque: Array, force: float) -> list[tuple[Array, Array]]:
@@ -132,50 +124,115 @@ def scenario_of(number: int) -> tuple[dict[str, Any], bool]:
     return found | {"plan": plan(draw, cycles, bearing)}, bearing
 
 
-def estimated(number: int) -> tuple[bool, flow.Analysis, Array]:
-    """Of one vehicle: whether it is on a bearing, what is said of its log, and the truth."""
+class Flown(NamedTuple):
+    """One log: the bodies that are told of, the truth of each, and what is said."""
+
+    bearing: bool
+    bodies: list[tuple[dict[str, Estimate], Array]]
+    notices: tuple[Notice, ...]
+
+
+def estimated(number: int, kind: Kind | None = None) -> Flown | None:
+    """What is said of one vehicle's flight; None where it can't be flown so."""
     data, bearing = scenario_of(number)
+    if kind is not None and kind.free and bearing:
+        return None
+    if kind is not None:
+        kind.change(data, np.random.default_rng(number + 777_000))
     plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
     source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
-    flight = simulate.fly(source, [number])
-    return bearing, flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", "")), source.scenario.truth.values
+    try:
+        flight = simulate.fly(source, [number])
+        found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    except InputError:
+        return None  # it turned over, or left the bearing's range
+    bodies = [(conclusion.estimates, truth) for conclusion, truth in zip(found.conclusions, flight.truth[0], strict=True)]
+    if found.docked is not None and source.scenario.docked is not None:
+        bodies.append((found.docked.estimates, source.scenario.docked.values))
+    return Flown(bearing, bodies, found.notices)
+
+
+class Tally:
+    """Of many logs."""
+
+    def __init__(self, said: frozenset[str] = frozenset()) -> None:
+        self.said = said
+        self.errors: dict[bool, list[float]] = {False: [], True: []}
+        self.verdicts, self.codes = Counter[str](), Counter[str]()
+        self.far: list[str] = []
+        self.flown = self.unflown = self.flagged = 0
+
+    def add(self, number: int, flown: Flown | None) -> None:
+        """One more."""
+        if flown is None:
+            self.unflown += 1
+            return
+        self.flown += 1
+        beyond = {notice.code for notice in flown.notices} - self.said
+        self.codes.update(beyond)
+        self.flagged += bool(beyond)
+        for estimates, truth in flown.bodies:
+            for (name, estimate), true in zip(estimates.items(), truth, strict=True):
+                self._value(number, name, estimate, float(true), flown.bearing)
+
+    def _value(self, number: int, name: str, estimate: Estimate, true: float, bearing: bool) -> None:
+        self.verdicts[estimate.verdict] += 1
+        if estimate.verdict in ("converged", "not_converged") and estimate.value is not None and estimate.sigma:
+            self.errors[bearing].append((estimate.value - true) / estimate.sigma)
+            if abs(self.errors[bearing][-1]) > FAR:
+                self.far.append(f"vehicle {number}, {name}: {self.errors[bearing][-1]:+.1f} sigma")
+
+    def row(self, label: str, bearing: bool | None) -> str:
+        """Of a table."""
+        z = np.abs([*(self.errors[False] if not bearing else ()), *(self.errors[True] if bearing is not False else ())])
+        return f"{label} | {len(z)} | {np.sqrt((z**2).mean()):.2f} | {100 * (z < 1.96).mean():.1f} % | {int((z > FAR).sum())} |"
+
+    @property
+    def alarms(self) -> str:
+        """Warnings that were not due."""
+        return ", ".join(f"{code} {count}" for code, count in self.codes.most_common()) or "none"
+
+
+def tally(numbers: range, kind: Kind | None = None) -> Tally:
+    """Of these vehicles."""
+    found = Tally(kind.said if kind else frozenset())
+    for number in numbers:
+        found.add(number, estimated(number, kind))
+    return found
 
 
 def main() -> None:
-    """The page."""
+    """The page, or one kind's row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=300)
+    parser.add_argument("--each", type=int, default=70, help="vehicles of each kind of flight")
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kind", choices=KINDS, help="of this kind alone")
     asked = parser.parse_args()
-    errors: dict[bool, list[float]] = {False: [], True: []}
-    verdicts, codes, far, unflown, flagged = Counter[str](), Counter[str](), list[str](), 0, 0
-    for number in range(asked.first, asked.first + asked.vehicles):
-        try:
-            bearing, found, truth = estimated(number)
-        except InputError:
-            unflown += 1  # it turned over, or left the bearing's range
-            continue
-        estimates = found.conclusions[0].estimates
-        codes.update({notice.code for notice in found.notices})
-        flagged += bool(found.notices)
-        for (name, estimate), true in zip(estimates.items(), truth, strict=True):
-            verdicts[estimate.verdict] += 1
-            if estimate.verdict in ("converged", "not_converged") and estimate.value is not None and estimate.sigma:
-                errors[bearing].append((estimate.value - true) / estimate.sigma)
-                if abs(errors[bearing][-1]) > FAR:
-                    far.append(f"vehicle {number}, {name}: {errors[bearing][-1]:+.1f} sigma")
-    flown = asked.vehicles - unflown
+    numbers = range(asked.first, asked.first + asked.vehicles)
+    if asked.kind:
+        print(_row(asked.kind, tally(numbers, KINDS[asked.kind])))
+        return
+    found = tally(numbers)
     print("# Vehicles that nobody chose\n")
     print(f"Made by `python benchmarks/any_vehicle.py > docs/any-vehicle.md` at commit {commit()} (massprop {__version__}).\n")
-    print((__doc__ or "").partition("docs/any-vehicle.md\n\n")[2])
+    print((__doc__ or "").partition("--vehicles 70\n\n")[2])
     print("z is the error over the claimed sigma, of every value called converged or not_converged.\n")
     print(f"| | values | z rms | 95 % covers | beyond {FAR:g} sigma |\n|---|--:|--:|--:|--:|")
     for bearing, label in ((False, "free flight"), (True, "air bearing")):
-        z = np.abs(errors[bearing])
-        print(f"| {label} | {len(z)} | {np.sqrt((z**2).mean()):.2f} | {100 * (z < 1.96).mean():.1f} % | {int((z > FAR).sum())} |")
-    print(f"\nOf {flown} logs {flagged} have a warning: {', '.join(f'{code} {count}' for code, count in codes.most_common()) or 'none'}.")
-    print(f"Verdicts: {', '.join(f'{verdict} {count}' for verdict, count in verdicts.most_common())}. Not flown: {unflown}.")
-    print("".join(f"\n- {line}" for line in far))
+        print(f"| {found.row(label, bearing)}")
+    print(f"\nOf {found.flown} logs {found.flagged} have a warning: {found.alarms}.")
+    print(f"Verdicts: {', '.join(f'{verdict} {count}' for verdict, count in found.verdicts.most_common())}. Not flown: {found.unflown}.")
+    print("".join(f"\n- {line}" for line in found.far))
+    print(f"\n## Flown otherwise\n\nThe first {asked.each} of them, with one thing changed; of docking those in free flight.\n")
+    print(f"| | logs | values | z rms | 95 % covers | beyond {FAR:g} sigma | warnings that are not due |\n|---|--:|--:|--:|--:|--:|---|")
+    for name in KINDS:
+        print(_row(name, tally(range(asked.first, asked.first + asked.each), KINDS[name])), flush=True)
+
+
+def _row(name: str, found: Tally) -> str:
+    far = f"; {'; '.join(found.far)}" if found.far else ""
+    return f"| {found.row(f'{name}: {KINDS[name].what} | {found.flown}', None)} {found.alarms}{far} |"
 
 
 if __name__ == "__main__":
