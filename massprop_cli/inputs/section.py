@@ -18,9 +18,10 @@ def _within_range(value: float) -> float:
 
 
 Real = Annotated[FiniteFloat, AfterValidator(_within_range)]
-NonNegative = Annotated[Real, Field(ge=0, lt=MOST)]
+# bounds before what a schema can't say: behind it they would be no keywords of JSON Schema
+NonNegative = Annotated[FiniteFloat, Field(ge=0, lt=MOST), AfterValidator(_within_range)]
 Vector = tuple[Real, Real, Real]
-Metres = Annotated[Real, Field(ge=-1e6, le=1e6)]
+Metres = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6), AfterValidator(_within_range)]
 Place = tuple[Metres, Metres, Metres]
 ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,18 @@ def test_schemas_on_disk_agree_with_the_code() -> None:
         assert json.loads((ROOT / "schemas" / f"{name}.schema.json").read_text()) == schemas.schema(name)
         jsonschema.Draft202012Validator.check_schema(schemas.schema(name))
         assert json.loads(massprop("schema", name).stdout) == schemas.schema(name)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [("imu", "gyro_noise_rad_s", -1e-4), ("cycle", "command_delay_cycles", -1), ("imu", "position_m", [0, 0, 2e6])],
+)
+def test_schemas_hold_the_bounds_that_massprop_holds(table: str, key: str, value: object) -> None:
+    vehicle = tomllib.loads((SAMPLES / "free-flyer" / "vehicle.toml").read_text())
+    validator = jsonschema.Draft202012Validator(schemas.schema("vehicle"))
+    assert validator.is_valid(vehicle)
+    vehicle[table][key] = value
+    assert not validator.is_valid(vehicle)
 
 
 def test_help_stays_light() -> None:
