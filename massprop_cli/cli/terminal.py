@@ -50,7 +50,7 @@ def progress(silent: bool) -> Iterator[Callable[[str, float], None] | None]:
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+        yield lambda stage, done: bar.update(task, description=escape.rich(stage), completed=done)
 
 
 def console(no_color: bool) -> Console:
