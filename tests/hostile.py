@@ -276,7 +276,7 @@ INPUTS: dict[str, Hostile] = {
     "Parquet: values of 10 MB": with_column(lambda: pa.array([bytes(10_000_000)] * 100, pa.binary(10_000_000))),
     "Parquet: metadata of 3 MB": table(lambda: flight().replace_schema_metadata({"massprop.vehicle": "#" * 3_000_000})),
     "CSV: 100,000 columns": csv(lambda _: "\n".join([",".join(f"c{n}" for n in range(100_000)), ",".join(["0"] * 100_000)])),
-    "CSV: 70 million cells": csv(lambda _: ",".join(f"c{n}" for n in range(1000)) + "\n" + "\n" * 70_000 + "0"),
+    "CSV: 70 million cells": csv(lambda _: ",".join(f"c{n}" for n in range(1000)) + "\n" + "0\n" * 70_000),
     "CSV: a header that is no header": csv(lambda text: '"' + 200_000 * "x" + "," + text),
     "CSV: a cell of 1 MB": csv(lambda text: text.replace("0.05", 1_000_000 * "x", 1)),
     "HDF5: 100 million numbers, none stored": of_file("log.h5", lambda path: _hdf5(path, rows=100_000_000)),

@@ -35,6 +35,8 @@ CLOSE = 1.4
 """The same where the motion within the cycles is a body's own: beside a torque, and of a log that is mended."""
 LOUD = 4.0
 """Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
+NOISY = 1.2
+"""The same, beyond which noise itself was stated too small: five sigma of chance in 1,000 cycles."""
 CLEAR = 14.0
 """−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 SHARE = 12
@@ -167,6 +169,11 @@ class Look:
         each = np.log(self.free.gyro.spare)
         price = sum(np.log(2) if at_once(part) else part.unlikely + part.unknowns * each for part in found.parts)
         return self.likelihood(left) + float(price + 2 * np.log(alternatives))
+
+    @property
+    def noisy(self) -> bool:
+        """Whether pure error is above the stated noise in most channels."""
+        return bool(np.median(self.free.pure / self.noise) > NOISY)
 
     @property
     def loud(self) -> bool:

@@ -181,8 +181,8 @@ class Model:
 
     def columns(self, moved: BoolArray) -> int:
         """How many of the first columns explain the motion where these entries alone (nx,) differ: without what swings, or comes late."""
-        hit = np.logical_or.reduceat(moved, [place.start for place in self.entries.values()])
-        away = {name for name, moves in zip(self.entries, hit, strict=True) if moves} | self.biases.keys()
+        before = np.concatenate([[0], np.cumsum(moved)])
+        away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]} | self.biases.keys()
         most = max(place.stop for name, place in self.places.items() if name not in BY or away & set(BY[name]))
         late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
         return int(late if self.places["rates"].start < most < late else most)

@@ -16,7 +16,7 @@ from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.lowpass import narrowed
 
 LEFT = 0.5
-"""Part of what is left beyond chance of a log that fits as it is, that a cause may leave."""
+"""Part of what is left beyond chance of a log that fits as it is, but for its noise, that a cause may leave."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
 CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
@@ -180,8 +180,8 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
     fits = mended.close and (much or not mended.loud) and not _no_drift(found)
-    # where the log fits as it is, what is left may be noise that nobody stated: a cause explains the better part of it
-    fits = fits and (not look.fits or mended.excess < LEFT * look.excess)
+    # noise that was stated too small may be all that is wrong with a log that fits as it is: a cause explains the better part of the rest
+    fits = fits and (not (look.fits and look.noisy) or mended.excess < LEFT * look.excess)
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found, look.case)
     return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
