@@ -57,27 +57,36 @@ def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved, n
     if not pieces:
         return Levels(0.0, 0.0, 1.0)
     unit = float(np.mean([piece.weights.mean() for piece in pieces])) ** -0.5
-    best = _likeliest(pieces, [(unit * a, unit * b) for a, b in product(LEVELS, LEVELS)], noisier)
-    for by in FINER if best.gyro == 1 else ():
-        finer = [(best.white * a, best.walk * b) for a, b in product((1 / by, 1.0, by), repeat=2)]
-        best = _likeliest(pieces, finer, noisier=False)
-    return best
+    best = _likeliest(pieces, [(unit * a, unit * b) for a, b in product(LEVELS, LEVELS)])
+    for by in FINER:
+        white, walk = best
+        best = _likeliest(pieces, [(white * a, walk * b) for a, b in product((1 / by, 1.0, by), repeat=2)])
+    gyro = _times_as_noisy(pieces, best) if noisier else 1.0
+    return Levels(*best, gyro) if gyro == 1 else Levels(0.0, 0.0, gyro)
 
 
-def _likeliest(pieces: Sequence[_Piece], levels: Sequence[tuple[float, float]], noisier: bool) -> Levels:
-    """Of torques, or a noisier gyro alone: beside a torque its noise would take what is neither's, such as another body's motion."""
+def _likeliest(pieces: Sequence[_Piece], levels: Sequence[tuple[float, float]]) -> tuple[float, float]:
     levels = list(dict.fromkeys(levels))
-    left, volume, spare = np.sum([_left(piece, levels) for piece in pieces], 0)
-    count = sum(int(piece.driven.used.sum()) for piece in pieces)
-    price = np.array([3 * np.log(count) * sum(level > 0 for level in one) for one in levels])
-    costs = left + volume + price
-    best = int(np.argmin(costs))
-    quiet = levels.index((0.0, 0.0)) if noisier and (0.0, 0.0) in levels else None
-    if quiet is not None and left[quiet] > spare[quiet]:
-        variance = left[quiet] / spare[quiet]
-        if spare[quiet] * (np.log(variance) + 1) + volume[quiet] + 3 * np.log(count) < costs[best]:
-            return Levels(0.0, 0.0, float(np.sqrt(variance)))
-    return Levels(*levels[best], 1.0)
+    left, volume, _ = np.sum([_left(piece, levels) for piece in pieces], 0)
+    prices = [_price(pieces) * sum(level > 0 for level in one) for one in levels]
+    return levels[int(np.argmin(left + volume + prices))]
+
+
+def _times_as_noisy(pieces: Sequence[_Piece], torque: tuple[float, float]) -> float:
+    """How noisy the gyro is over what is stated, if that alone is likelier than a torque beside what is stated; else 1.
+
+    Beside a torque free noise would take what is neither's, such as another body's motion.
+    """
+    left, volume, spare = np.sum([_left(piece, [(0.0, 0.0), torque]) for piece in pieces], 0)
+    variance = max(float(left[0] / spare[0]), 1.0)
+    alone = spare[0] * np.log(variance) + left[0] / variance + volume[0] + _price(pieces)
+    beside = left[1] + volume[1] + _price(pieces) * sum(level > 0 for level in torque)
+    return variance**0.5 if alone < beside else 1.0
+
+
+def _price(pieces: Sequence[_Piece]) -> float:
+    """Of a level (Schwarz 1978)."""
+    return float(3 * np.log(sum(int(piece.driven.used.sum()) for piece in pieces)))
 
 
 def _left(piece: _Piece, levels: Sequence[tuple[float, float]]) -> tuple[Array, Array, Array]:
@@ -88,8 +97,7 @@ def _left(piece: _Piece, levels: Sequence[tuple[float, float]]) -> tuple[Array, 
     left = np.array([t.left[i] for t, i in zip(told, np.arange(len(told)) % 3, strict=True)]) / piece.noise**2
     volume = np.array([t.volume / 3 + _determinant(t.triangle) for t in told])
     spare = np.array([float(t.spare) for t in told])
-    left, volume, spare = (part.reshape(-1, 3).sum(1) for part in (left, volume, spare))
-    return left, volume, spare
+    return left.reshape(-1, 3).sum(1), volume.reshape(-1, 3).sum(1), spare.reshape(-1, 3).sum(1)
 
 
 def _determinant(triangle: Array) -> float:
