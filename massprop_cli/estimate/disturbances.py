@@ -122,7 +122,7 @@ def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, v
     """The vehicle with disturbance torque and noise of gyro and accelerometer sized so that innovations in ``excess`` (6,) are explained.
 
     Disturbance torque, or with ``noisier`` the gyro's noise: at the likeliest level (:mod:`massprop_cli.estimate.sizing`); what is still
-    missing then raises the one of them that there is. Accelerometer noise: widened per axis by the excess.
+    missing then raises a torque. Accelerometer noise: widened per axis by the excess.
     """
     environment: dict[str, float] = {}
     imu: dict[str, float] = {}
@@ -135,9 +135,7 @@ def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, v
             "disturbance_torque_n_m": max(white, factor * now.disturbance_torque_n_m),
             "disturbance_walk_n_m": max(walk, factor * now.disturbance_walk_n_m),
         }
-        if noisier:
-            wider = gyro if gyro > 1 or any(environment.values()) else factor
-            imu = {"gyro_noise_rad_s": wider * vehicle.imu.gyro_noise_rad_s}
+        imu = {"gyro_noise_rad_s": gyro * vehicle.imu.gyro_noise_rad_s}
     estimator: dict[str, Any] = {}
     if not np.isnan(excess[3:]).all():
         scale = np.array(vehicle.estimator.accel_noise_scale) * np.sqrt(np.fmax(excess[3:], 1.0))
