@@ -235,7 +235,7 @@ def _tells(case: Case, found: Analysis, twin: Analysis) -> bool:
         phases = [(history.phase, history.cycles) for history in found.histories]
         try:
             plain = as_stated(samples, phases, used, Consider())
-            settled = estimates(samples, phases, plain, False, False, Consider(), lambda *_: None).settled
+            settled = estimates(samples, phases, plain, Consider(), lambda *_: None, size=False, noisier=False).settled
         except np.linalg.LinAlgError:
             return True  # so far from any vehicle that nothing can be fitted
     left, clean_left = (_innovations(histories) for histories in (settled, twin.settled))

@@ -79,7 +79,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     size = begun.stated.estimator.adapt_noise and not (diagnosis and diagnosis.explanations)
     # what a wrong model leaves is a torque: noise would take half of it, and tell the sigmas nothing of the other
     noisier = diagnosis is not None and not diagnosis.unknown
-    answer = estimates(begun.samples, begun.phases, plain, size, noisier, begun.consider, say)
+    answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
     if not check:
         return answer, Checked(detected=begun.detected)

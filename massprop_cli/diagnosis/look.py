@@ -20,9 +20,13 @@ from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.ranking import Ranking
 from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
+from massprop_cli.prepare.stream import Stream
 
 LONGEST = 1200
 """Cycles that suppositions are tried on."""
@@ -174,6 +178,17 @@ class Look:
     def noisy(self) -> bool:
         """Whether pure error is above the stated noise in most channels."""
         return bool(np.median(self.free.pure / self.noise) > NOISY)
+
+    @cached_property
+    def exact(self) -> Array | None:
+        """(N, 6) normalised innovations of an off-line fit, as exact as the estimator is; None where there is none."""
+        log, vehicle, timing, _ = self.case
+        phase = Phase(name="piece", start_s=0.0, end_s=1.0)
+        try:
+            (fit,) = as_stated(Stream.of(log, vehicle, timing), [(phase, self.piece)], vehicle, Consider()).fits
+        except np.linalg.LinAlgError:
+            return None
+        return None if fit is None else fit.history.normalised[np.isfinite(fit.history.normalised).all(1)]
 
     @property
     def loud(self) -> bool:

@@ -12,12 +12,8 @@ from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once
 from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
 from massprop_cli.diagnosis.suppositions import ENTRIES, Model
-from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
-from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.lowpass import narrowed
-from massprop_cli.prepare.stream import Stream
 
 PROMISED = 0.5
 """Part of what a look promises of a cause that an exact fit must gain by it: a look's own misfit, by the motion within the cycles, is none
@@ -186,27 +182,16 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
     much = mended.misfit < PART * look.misfit
     fits = mended.close and (much or not mended.loud) and not _no_drift(found)
     # noise that was stated too small may be all that is wrong with a log that fits as it is
-    fits = fits and (not (look.fits and look.noisy) or _gained(look, case) > PROMISED * (look.cost - mended.cost))
+    fits = fits and (not (look.fits and look.noisy) or _gained(look, mended) > PROMISED * (look.cost - mended.cost))
     excess = mended.score(mended.stated.chi_square, found)
     units = _by_units(mended, found, look.case)
     return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
 
 
-def _gained(look: Look, case: Case) -> float:
-    """By how much −2 log likelihood of free noise levels is less with a case than as stated, of a fit as exact as the estimator is."""
-    before, after = (_left(one, look.piece) for one in (look.case, case))
+def _gained(look: Look, mended: Look) -> float:
+    """By how much −2 log likelihood of free noise levels is less once mended, of a fit as exact as the estimator is."""
+    before, after = look.exact, mended.exact
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
-
-
-def _left(case: Case, piece: slice) -> Array | None:
-    """(N, 6) normalised innovations of an off-line fit; None where there is none."""
-    log, vehicle, timing, _ = case
-    phase = Phase(name="piece", start_s=0.0, end_s=1.0)
-    try:
-        (fit,) = as_stated(Stream.of(log, vehicle, timing), [(phase, piece)], vehicle, Consider()).fits
-    except np.linalg.LinAlgError:
-        return None
-    return None if fit is None else fit.history.normalised[np.isfinite(fit.history.normalised).all(1)]
 
 
 def _no_drift(found: Fitted) -> bool:

@@ -25,7 +25,7 @@ QUIET, BLOCK, STRIDE = 20, 16, 8
 """The white part of a signal is the percentile of its quietest stretches of so many cycles, half overlapping: manoeuvres make the others
 louder. They are short beside the pauses between manoeuvres, and long enough for a median."""
 LOW = 0.836
-"""That percentile, of white noise alone, in sigmas."""
+"""That percentile, of white noise alone, in sigmas: the mean of many (tests/estimate/test_noiselevels.py)."""
 CHANCE = 3.2
 """Over the root of the count of cycles, three standard deviations of it."""
 MEDIAN = 0.6745

@@ -130,7 +130,7 @@ def _misfit(
 
 
 def estimates(
-    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, size: bool, noisier: bool, consider: Consider, say: Progress
+    samples: Source, phases: Sequence[tuple[Phase, slice]], plain: AsStated, consider: Consider, say: Progress, *, size: bool, noisier: bool
 ) -> Estimates[Resolved]:
     """The estimator once through every phase, and the off-line fits that it is judged by.
 

@@ -52,7 +52,7 @@ class Levels(NamedTuple):
 
 
 def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved, noisier: bool = False) -> Levels:
-    """The likeliest; with ``noisier`` the gyro may be noisier than stated."""
+    """The likeliest over the first cycles of each phase, beside the stated noise; with ``noisier`` the gyro may be noisier than that."""
     pieces = [piece for part in cycles if (piece := _piece(samples, part, vehicle)) is not None]
     if not pieces:
         return Levels(0.0, 0.0, 1.0)

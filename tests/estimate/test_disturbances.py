@@ -25,7 +25,7 @@ PHASES = [(Phase(name="all", start_s=0, end_s=99), CYCLES[0])]
 
 def sized(samples: Samples, used: Vehicle) -> Estimates[Resolved]:
     plain = as_stated(samples, PHASES, used, Consider())
-    return estimates(samples, PHASES, plain, True, False, Consider(), lambda *_: None)
+    return estimates(samples, PHASES, plain, Consider(), lambda *_: None, size=True, noisier=False)
 
 
 def test_clean_logs_gain_no_disturbance() -> None:
