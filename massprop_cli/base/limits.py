@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
+from massprop_cli.base import mapped
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
 
@@ -86,6 +91,22 @@ def content(path: Path, what: str) -> bytes:
     large, or can't be read.
     """
     limit = of(what)
+    with _opened(path, what) as (file, _):
+        # a file may grow while it is read
+        data = file.read(limit.most + 1)
+    limit.check(str(path), len(data))
+    return data
+
+
+def copied(path: Path, what: str) -> Content:
+    """The same as it was when it was opened, of a large one without holding it in memory."""
+    with _opened(path, what) as (file, size):
+        return mapped.copied(file, size)
+
+
+@contextmanager
+def _opened(path: Path, what: str) -> Iterator[tuple[BinaryIO, int]]:
+    """A file that is no larger than it may be, and how large it is."""
     try:
         if path.is_dir():
             raise InputError(f"{path}: is a folder; name the {what} itself")
@@ -96,12 +117,9 @@ def content(path: Path, what: str) -> bytes:
             if not stat.S_ISREG(found.st_mode):
                 kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no regular file")
                 raise InputError(f"{path}: is {kind}, not a file; save the {what} as a file first")
-            limit.check(str(path), found.st_size)
-            # a file may grow while it is read
-            data = file.read(limit.most + 1)
+            of(what).check(str(path), found.st_size)
+            yield file, found.st_size
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; check the path") from None
-    limit.check(str(path), len(data))
-    return data

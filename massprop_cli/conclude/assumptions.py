@@ -129,10 +129,14 @@ def examined(
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
     ]
-    innovations = [history.normalised[np.isfinite(history.normalised).all(1)] for history in settled]
     mounting = np.array(vehicle.imu.body_from_imu)
-    noise = [(np.hstack([part[:, :3] @ mounting, part[:, 3:] @ mounting]) ** 2).sum(0) for part in innovations]
-    return Examined(taken, tuple(responses), sum(part.size for part in innovations), tuple(noise))
+
+    def by_imu(history: History) -> tuple[Array, int]:
+        parts = [((np.hstack([z[:, :3] @ mounting, z[:, 3:] @ mounting]) ** 2).sum(0), z.size) for z in history.whitened()]
+        return np.sum([power for power, _ in parts], 0), sum(count for _, count in parts)
+
+    noise, counts = zip(*map(by_imu, settled), strict=True)
+    return Examined(taken, tuple(responses), sum(counts), noise)
 
 
 def assumptions(

@@ -131,8 +131,7 @@ def by_misfit(
     told = np.array([e.verdict in TOLD for e in conclusion.estimates.values()])
     with np.errstate(invalid="ignore"):
         touched = told & (error > sigma) & (np.maximum(hidden, loose) > MATTERS * sizes)
-    left = settled.normalised[np.isfinite(settled.normalised).all(1)]
-    variance = float((left**2).mean(0).max(initial=0.0))
+    variance = float(settled.moments().variance.max())
     if variance > GROSS and told.any():
         cause = f"innovations are {np.sqrt(variance):.3g} times as large as all noise that was sized makes them: the model does not hold"
         return Contradiction(cause, told), factors

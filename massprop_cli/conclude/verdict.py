@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.estimate.history import History
@@ -107,16 +108,15 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     when the count is reached and anew each time it is reached again after a larger change (thesis, chapter 4).
     """
     thesis = vehicle.estimator.method == "thesis"
-    informed = _informed(history, vehicle)
-    steady = _within_tolerance(history, vehicle) & informed
     limits, count = tolerances(history, vehicle), vehicle.convergence.count
+    steady, informed = _steady(history, vehicle, limits)
     stretches = [_stretches(steady[:, i], count) for i in range(10)]
     estimates = {}
     for i, name in enumerate(QUANTITIES):
         latched = stretches[i][-1] if stretches[i] else None
         row = latched[1] if thesis and latched else len(history.time_s) - 1
         lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
-        estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[-1, i]), thesis, limits[i])
+        estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[i]), thesis, limits[i])
         if vehicle.environment.kind == "planar" and name not in PLANAR:
             estimates[name] = replace(estimates[name], reason=NO_PART)
     if vehicle.on_air_bearing and not thesis and estimates["mass"].value is None:
@@ -148,10 +148,12 @@ def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conc
 
 def _settled(history: History, i: int, first: int, tolerance: float) -> float:
     """The time from ``first`` on after which the value stayed near where it ended: within its tolerance and a few of its own sigmas."""
-    values, sigmas = history.values[first:, i], history.sigmas[first:, i]
-    away = np.abs(values - values[-1])
-    strayed = np.flatnonzero((away > tolerance) | (away > FEW * sigmas))
-    return float(history.time_s[first + (int(strayed[-1]) + 1 if strayed.size else 0)])
+    stays = first
+    for part in mapped.parts(len(history.values), first):
+        away = np.abs(history.values[part, i] - history.values[-1, i])
+        strayed = np.flatnonzero((away > tolerance) | (away > FEW * history.sigmas[part, i]))
+        stays = part.start + int(strayed[-1]) + 1 if strayed.size else stays
+    return float(history.time_s[stays])
 
 
 def _estimate(
@@ -191,15 +193,26 @@ def _estimate(
     return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
 
 
-def _informed(history: History, vehicle: Vehicle) -> BoolArray:
+def _steady(history: History, vehicle: Vehicle, limits: Array) -> tuple[BoolArray, BoolArray]:
+    """(K, 10) whether each quantity was informed and moved by less than its limit; (10,) whether it is informed in the end."""
+    steady, before = np.empty(history.values.shape, dtype=bool), np.full((1, 10), np.nan)
+    for part in mapped.parts(len(steady)):
+        values = history.values[part]
+        informed = _informed(values, history.sigmas[part], history.natural_sizes, vehicle)
+        steady[part] = (np.abs(np.diff(values, axis=0, prepend=before)) <= limits) & informed
+        before = values[-1:].copy()
+    return steady, informed[-1]
+
+
+def _informed(values: Array, sigmas: Array, natural_sizes: Array, vehicle: Vehicle) -> BoolArray:
     """(K, 10) whether the sigma is below half the prior's: the body's own size, and for the thesis's filters their P0 as well."""
-    sizes = np.tile(history.natural_sizes, (len(history.time_s), 1))
-    sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], history.values[:, POSITIVE])
+    sizes = np.tile(natural_sizes, (len(values), 1))
+    sizes[:, POSITIVE] = np.minimum(sizes[:, POSITIVE], values[:, POSITIVE])
     prior = PRIOR * sizes
     if vehicle.estimator.method == "thesis":
         settings = vehicle.estimator.thesis
         prior = np.minimum(prior, np.sqrt(np.array([*settings.p1, settings.p2])))
-    informed: BoolArray = history.sigmas < HALVED * prior
+    informed: BoolArray = sigmas < HALVED * prior
     return informed
 
 
@@ -215,12 +228,6 @@ def tolerances(history: History, vehicle: Vehicle) -> Array:
         fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
         found[i] = (fallback if given is None else given) * (history.natural_sizes[i] if relative else 1.0)
     return found
-
-
-def _within_tolerance(history: History, vehicle: Vehicle) -> BoolArray:
-    change = np.abs(np.diff(history.values, axis=0, prepend=np.nan))
-    within: BoolArray = change <= tolerances(history, vehicle)
-    return within
 
 
 def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:

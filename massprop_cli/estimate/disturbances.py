@@ -5,7 +5,8 @@ They come from a first pass over the log, are stated in the result's settings, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -47,14 +48,14 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     The larger of the plain and the long-run variance (Bartlett window over √N lags): drag, vibration and bias are not white. ``sized``:
     some of the noise was found here; what is stated is believed more.
     """
-    rows = [np.clip(h.normalised[np.isfinite(h.normalised).all(1)], -CLIP, CLIP) for h in histories]
-    rows = [z for z in rows if len(z) >= LEAST]
-    if not rows:
+    powers = [np.sum([[(z**2).sum(0), np.full(6, len(z))] for z in _clipped(history)], 0) for history in histories]
+    told = [(history, power) for history, power in zip(histories, powers, strict=True) if power[1, 0] >= LEAST]
+    if not told:
         return np.full(6, np.nan)
-    count = sum(len(z) for z in rows)
-    lags = int(np.sqrt(count))
-    white = np.sum([(z**2).sum(0) for z in rows], 0) / count
-    long_run = np.sum([_long_run(z, lags) * len(z) for z in rows], 0) / count
+    white, counts = np.sum([power for _, power in told], 0)
+    count = int(counts[0])
+    white, lags = white / count, int(np.sqrt(count))
+    long_run = np.sum([_long_run(_clipped(history), lags) for history, _ in told], 0) / count
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
     # what nobody sized is believed as stated: a torque, and the accelerometer's noise beside one that was
     strict = sized & np.repeat([adapted, vehicle.estimator.accel_noise_scale != UNWIDENED], 3)
@@ -74,12 +75,25 @@ def _by_chance(freedom: float) -> float:
     return float((1 - spread + CERTAIN * np.sqrt(spread)) ** 3)
 
 
-def _long_run(z: Array, lags: int) -> Array:
-    """Spectral density at zero frequency of each column, mean included."""
-    total = (z**2).mean(0)
-    for lag in range(1, min(lags, len(z) - 1) + 1):
-        total = total + 2 * (1 - lag / (lags + 1)) * (z[lag:] * z[:-lag]).sum(0) / len(z)
-    density: Array = total
+def _clipped(history: History) -> Iterator[Array]:
+    """(N, 6) whitened innovations up to :data:`CLIP`, part by part."""
+    for rows in history.whitened():
+        yield np.clip(rows, -CLIP, CLIP)
+
+
+def _long_run(parts: Iterable[Array], lags: int) -> Array:
+    """(6,) spectral density at zero frequency of each column times the count of rows, mean included.
+
+    Sums over windows of so many lags and one more, at all places, have squares in which each product of rows stands as often as Bartlett's
+    window has it weigh: in L + 1 − lag of them.
+    """
+    before, total = np.zeros((lags, 6)), np.zeros(6)
+    for rows in chain(parts, [np.zeros((lags, 6))]):
+        wide = np.vstack([before, rows])
+        summed = np.cumsum(np.vstack([np.zeros(6), wide]), axis=0)
+        total = total + ((summed[lags + 1 :] - summed[: -lags - 1]) ** 2).sum(0)
+        before = wide[len(rows) :]
+    density: Array = total / (lags + 1)
     return density
 
 

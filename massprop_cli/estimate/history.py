@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.moments import Moments
 from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
@@ -65,6 +68,19 @@ class History:
         rows = len(self.time_s)
         if not all(len(a) == rows for a in (self.values, self.sigmas, self.innovation, self.innovation_sigma)):
             raise ValueError("history arrays differ in length")
+
+    def whitened(self) -> Iterator[Array]:
+        """(N, 6) normalised innovations of the cycles that have them, part by part."""
+        for part in mapped.parts(len(self.normalised)):
+            rows = self.normalised[part]
+            yield rows[np.isfinite(rows).all(1)]
+
+    def moments(self) -> Moments:
+        """Of :meth:`whitened`."""
+        found = Moments(6)
+        for rows in self.whitened():
+            found.add(rows)
+        return found
 
 
 def phase_cycles(phase: Phase, end_s: Array, usable: BoolArray) -> slice:

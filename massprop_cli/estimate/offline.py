@@ -60,13 +60,14 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
-    told, left = Told(cycles, vehicle, every=vehicle.estimator.refine), list[Residual]()
+    told, left = Told(cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
+        part = slice(before.at - cycles.start, after.at - cycles.start)
+        left.value[part], left.sigma[part] = residual(regression, before, taken, last.run)
         told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
-        left.append(residual(regression, before, taken, last.run))
-    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=Residual.joined(left)), last.stands, last.run.bound)
+    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=left), last.stands, last.run.bound)
 
 
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:

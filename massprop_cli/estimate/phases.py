@@ -62,8 +62,9 @@ class AsStated(NamedTuple):
     @property
     def quiet(self) -> bool:
         """Whether rates vary about an axis so much less than is stated that they may be in another unit, and a misfit drown in it."""
-        left = [fit.history.normalised[:, :3] for fit in self.fits if fit is not None]
-        return bool(left) and bool((np.nanmean(np.concatenate(left) ** 2, axis=0) < QUIET).any())
+        left = [fit.history.moments() for fit in self.fits if fit is not None]
+        count = sum(of_one.count for of_one in left)
+        return count > 0 and bool((np.sum([of_one.count * of_one.variance[:3] for of_one in left], 0) < QUIET * count).any())
 
 
 class Estimates(NamedTuple, Generic[Used]):

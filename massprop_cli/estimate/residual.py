@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, grown, root_beside_unit
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.regression import Regression
@@ -21,9 +22,9 @@ class Residual(NamedTuple):
     """(K, 6) one standard deviation that is expected of it."""
 
     @staticmethod
-    def joined(parts: list[Residual]) -> Residual:
-        """One after the other."""
-        return Residual(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    def empty(count: int) -> Residual:
+        """Of so many cycles, whose numbers are anything yet."""
+        return Residual(mapped.empty(count, 6), mapped.empty(count, 6))
 
 
 def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> Residual:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import belied
@@ -24,9 +25,9 @@ class Told:
     def __init__(self, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
         self.cycles, self.vehicle, self.every = cycles, vehicle, every
         count = cycles.stop - cycles.start
-        self.normalised = np.empty((count, 6))
-        self.values, self.sigmas = np.empty((count if every else 1, 10)), np.empty((count if every else 1, 10))
-        self.innovation, self.innovation_sigma = (np.empty((len(self.values), 6)) for _ in range(2))
+        self.normalised = mapped.empty(count, 6)
+        self.values, self.sigmas = (mapped.empty(count if every else 1, 10) for _ in range(2))
+        self.innovation, self.innovation_sigma = (mapped.empty(len(self.values), 6) for _ in range(2))
         self.count = 0
 
     def add(self, rows: Rows) -> None:
@@ -40,6 +41,7 @@ class Told:
         self.values[here], full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
         self.sigmas[here] = np.sqrt(np.einsum("kii->ki", full))
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
+        mapped.give_back()
 
     def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
         """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice
 
@@ -58,13 +59,20 @@ def with_unstated(log: Log) -> Log:
 def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
     """(n, 3) whether a reading, an increment over its interval (n,), repeats its axis' extreme as a saturated sensor does."""
     # one axis after the other, as a log may be long
-    found = [_side(axis / interval_s) | _side(axis / -interval_s) for axis in increments.T]
+    found = [_ends(axis, interval_s) for axis in increments.T]
     if any(axis.any() for axis in found):
         repeated, others = np.sum([_elsewhere(axis / interval_s, at) for axis, at in zip(increments.T, found, strict=True)], 0)
         again = sum(int(axis.sum()) - 1 for axis in found if axis.any())
         if repeated <= REPEATED * max(others, 1) and ((repeated + 1) / (others + 2)) ** again < CHANCE:
             return np.stack(found, 1)
     return np.zeros(increments.shape, dtype=bool)
+
+
+def _ends(increments: Array, interval_s: Array) -> BoolArray:
+    """(n,) the same of one axis, whatever is elsewhere."""
+    found: BoolArray = _side(increments / interval_s) | _side(increments / -interval_s)
+    mapped.give_back()
+    return found
 
 
 def _elsewhere(values: Array, extreme: BoolArray) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
@@ -33,14 +34,23 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
     if jets and wrench:
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
     if wrench:
-        return "wrench", np.stack([_per_cycle(source, name, records, n) for name in WRENCH], 1)
+        return "wrench", _each(source, WRENCH, records, n)
     if not known and vehicle.wheels:
         return "jets", np.zeros((n // records, 0))
     if not known:
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
-    command = np.stack([_per_cycle(source, jet(name), records, n) for name in known], 1)
+    command = _each(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
     return "jets", command
+
+
+def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
+    """(K, columns) of :func:`_per_cycle`."""
+    found = mapped.empty(n // records, len(columns))
+    for place, column in enumerate(columns):
+        found[:, place] = _per_cycle(source, column, records, n)
+        mapped.give_back()
+    return found
 
 
 def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
@@ -72,7 +82,7 @@ def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records
         (lambda t: t > period_s * (1 + 1e-6), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
     ]
     for check, problem in checks:
-        bad = np.argwhere(check(on_s))
+        bad = np.argwhere(np.concatenate([check(on_s[part]) for part in mapped.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")

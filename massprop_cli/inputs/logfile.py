@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs.formats import reading, recording
 from massprop_cli.inputs.tablefile import Table, columns_of
 
@@ -25,7 +26,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
     if limits.is_folder(path):
         raise InputError(f"{path}: is a folder; name the log file itself, or all logs in it with massprop batch {path}")
     try:
-        data = limits.content(path, "log")
+        data = limits.copied(path, "log")
     except FileNotFoundError:
         # a path takes the second slash of a URL away
         url = "; massprop batch reads URLs, this takes a file" if _URL.match(str(path)) else ""
@@ -41,7 +42,7 @@ def read_table(path: Path, map_file: Path | None = None) -> Table:
     return parse(path, data, mapfile.find(path, map_file))
 
 
-def parse(path: Path, data: bytes, by: MapSource | None = None) -> Table:
+def parse(path: Path, data: Content, by: MapSource | None = None) -> Table:
     """The same from the file's bytes; ``path`` is for its kind and for messages. A map within the file goes before one beside it."""
     kind = recording.kind(path)
     if kind is recording.TABLE:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
@@ -59,7 +60,7 @@ class LogTable:
                 f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
             )
         numbers: Array = self.table.columns[name].numbers()
-        scaled: Array = numbers * (self.columns[column].scale if column in self.columns else 1.0)
+        scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=mapped.empty(len(numbers)))
         # what underflows when it is squared is a zero that was calculated
         scaled[(scaled < LEAST) & (scaled > -LEAST)] = 0.0
         return scaled
@@ -76,7 +77,17 @@ class LogTable:
     def increments(self, names: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
         """(n, 3) increments, or rates times the interval where the increments are absent."""
         as_rates = not any(self.has(name) for name in names) and any(self.has(name) for name in rates)
-        found = np.empty((len(interval_s), 3))
-        for axis, name in enumerate(rates if as_rates else names):
-            found[:, axis] = self.required(name) * interval_s if as_rates else self.required(name)
+        found = self.stacked(rates if as_rates else names)
+        if as_rates:
+            for part in mapped.parts(len(found)):
+                found[part] *= interval_s[part, None]
+        return found
+
+    def stacked(self, columns: Sequence[str]) -> Array:
+        """(n, columns) required columns side by side."""
+        found = mapped.empty(self.table.rows, len(columns))
+        for place, column in enumerate(columns):
+            values = self.required(column)
+            for part in mapped.parts(len(values)):
+                found[part, place] = values[part]
         return found

@@ -12,6 +12,7 @@ from typing import Any
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs import thrift
 
 _MARK = b"PAR1"
@@ -51,7 +52,7 @@ class _Page:
 class Columns:
     """A file's columns, each unpacked when it is asked for. What Arrow raises, and ValueError, say that the file is damaged."""
 
-    def __init__(self, place: str, data: bytes) -> None:
+    def __init__(self, place: str, data: Content) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -60,7 +61,7 @@ class Columns:
         try:
             # pq.read_table() would import pyarrow.dataset and with it pandas, and its threads may abort the process at exit
             self._file = pq.ParquetFile(
-                pa.BufferReader(data), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts
+                pa.BufferReader(pa.py_buffer(data)), pre_buffer=False, thrift_container_size_limit=thrift.LISTED, read_dictionary=texts
             )
         except KeyError as error:
             raise ValueError(f"column {error} can't be found") from None
@@ -76,7 +77,7 @@ class Columns:
         return found
 
 
-def checked(place: str, data: bytes) -> list[str]:
+def checked(place: str, data: Content) -> list[str]:
     """Paths of the file's columns of text, which are to be read as dictionaries.
 
     :class:`InputError` where more would be unpacked than the limits allow, ValueError where a header can't be read.
@@ -85,7 +86,7 @@ def checked(place: str, data: bytes) -> list[str]:
     if len(data) < _TAIL + len(_MARK) or data[-4:] != _MARK or length > len(data) - _TAIL:
         raise ValueError("it does not end as one")
     limits.FOOTER.check(place, length)
-    footer, _ = thrift.struct(data[: len(data) - _TAIL], len(data) - _TAIL - length)
+    footer, _ = thrift.struct(data[len(data) - _TAIL - length : len(data) - _TAIL], 0)
     columns = list(_columns(_structs(footer, 2)))
     groups = _structs(footer, 4)
     limits.COLUMNS.check(place, len(columns))
@@ -114,7 +115,7 @@ def _columns(schema: Sequence[_Fields]) -> Iterator[_Column]:
             path.pop()
 
 
-def _check_pages(place: str, data: bytes, columns: Sequence[_Column], groups: Sequence[_Fields]) -> None:
+def _check_pages(place: str, data: Content, columns: Sequence[_Column], groups: Sequence[_Fields]) -> None:
     cells = unpacked = pages = 0
     for group in groups:
         chunks = _structs(group, 1)
@@ -134,7 +135,7 @@ def _check_pages(place: str, data: bytes, columns: Sequence[_Column], groups: Se
                     )
 
 
-def _pages(data: bytes, chunk: _Fields) -> Iterator[_Page]:
+def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
     """The pages of a column chunk, as Arrow would read them."""
     said = chunk.get(3)
     if not isinstance(said, dict):
@@ -152,7 +153,7 @@ def _pages(data: bytes, chunk: _Fields) -> Iterator[_Page]:
         left -= page.values if page.kind in (_DATA, _DATA_2) else 0
 
 
-def _page(data: bytes, at: int) -> tuple[_Page, int]:
+def _page(data: Content, at: int) -> tuple[_Page, int]:
     """A page's header, and where its content begins."""
     fields, at = thrift.struct(data, at)
     kind = _count(fields, 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,12 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from massprop_cli.base import limits
+from massprop_cli.base import arrow, limits, mapped
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs import parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording
 
@@ -28,6 +26,7 @@ MAP_KEY = b"massprop.map"
 """The same of its map file."""
 _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t]*\n")
+_BLANK_BEGINNING = re.compile(r"[ \t]*\n")
 _ANYTHING = re.compile(r"\S")
 _WHOLE = 2**53
 """The largest number up to which float64 holds every whole one."""
@@ -70,7 +69,7 @@ class Made:
     """What was resampled, integrated or turned, in words."""
 
 
-def columns_of(path: Path, data: bytes) -> Table:
+def columns_of(path: Path, data: Content) -> Table:
     """The columns of a CSV or Parquet file as they are."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
@@ -83,8 +82,8 @@ def columns_of(path: Path, data: bytes) -> Table:
         header = "" if found.places.lines is None else ", line 1"
         raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
     columns = {name: Cells(path, name, partial(found.column, name), found.places) for name in found.names}
-    vehicle, mapped = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
-    return Table(path, hashlib.sha256(data).hexdigest(), columns, found.rows, found.places, vehicle, embedded_map=mapped)
+    vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
+    return Table(path, mapped.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
 
 
 class _File(NamedTuple):
@@ -93,18 +92,18 @@ class _File(NamedTuple):
     names: Sequence[str]
     rows: int
     column: Callable[[str], Any]
-    """Arrow's chunked array of a column by its name."""
+    """Arrow's array of a column by its name."""
     places: Places
     embedded: Mapping[bytes, str]
 
 
-def _read_parquet(path: Path, data: bytes) -> _File:
+def _read_parquet(path: Path, data: Content) -> _File:
     with _readable(path):
         columns = parquetheader.Columns(str(path), data)
 
     def column(name: str) -> Any:
         with _readable(path):
-            return columns.column(name)
+            return columns.column(name).combine_chunks()
 
     embedded = {key: columns.metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in columns.metadata}
     for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
@@ -124,7 +123,7 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: not a readable Parquet file ({reason}); copy it again from the recorder") from None
 
 
-def _read_csv(path: Path, data: bytes) -> _File:
+def _read_csv(path: Path, data: Content) -> _File:
     import pyarrow as pa
 
     data = csvdialect.utf8(path, data)
@@ -144,18 +143,40 @@ def _read_csv(path: Path, data: bytes) -> _File:
     places = Places(lines)
     try:
         # a log of nothing but numbers; they take less room than their texts
-        table = _parsed(data, names, cut, pa.float64())
-    except pa.ArrowException:
+        columns = _numbers(data, names, cut, len(lines))
+        return _File(names, len(lines), columns.__getitem__, places, {})
+    except (pa.ArrowException, _OtherRowsError):
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, places.of)
     if table.num_rows != len(lines):
         places = Places(range(2, table.num_rows + 2))  # a cell in quotes goes over several lines
-    return _File(names, table.num_rows, table.column, places, {})
+    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {})
 
 
-def _lines(path: Path, data: bytes) -> tuple[str, Sequence[int]]:
+def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
     """A CSV file's header, and the numbers of the lines that hold its rows."""
+    return _plain_lines(data) or _any_lines(path, data)
+
+
+def _plain_lines(data: Content) -> tuple[str, Sequence[int]] | None:
+    """The same a piece at a time, where no line is blank and each ends as lines do; else None."""
+    header, first, count, ended = "", True, 0, True
     try:
-        text = data.decode("utf-8-sig")
+        for piece in mapped.pieces(data):
+            text = str(piece, "utf-8-sig" if first else "utf-8").replace("\r\n", "\n")
+            if first:
+                header, _, text = text.partition("\n")
+            if "\r" in text or "\r" in header or _BLANK_BEGINNING.match(text) or _BLANK_LINE.search(text):
+                return None
+            first, count, ended = False, count + text.count("\n"), text.endswith("\n")
+    except UnicodeDecodeError:
+        return None
+    return (header, range(2, count + (not ended) + 2)) if count else None
+
+
+def _any_lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
+    """The same of all of it at once."""
+    try:
+        text = str(data, "utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a readable CSV file ({error.reason} at byte {error.start}); save the log as UTF-8 text") from None
     if "\r" in text:
@@ -167,24 +188,46 @@ def _lines(path: Path, data: bytes) -> tuple[str, Sequence[int]]:
     return header, range(2, text.count("\n", end) + (not text.endswith("\n")) + 1)
 
 
-def _parsed(data: bytes, names: Sequence[str], cut: str, kind: Any) -> Any:
-    """Arrow's table of a CSV file, all of whose cells are of a kind."""
+class _OtherRowsError(Exception):
+    """A CSV file has other rows than it has lines."""
+
+
+def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[str, Any]:
+    """The columns of a CSV file of nothing but numbers, NaN for null; Arrow's exception where a cell is none."""
     import pyarrow as pa
     from pyarrow import csv
 
+    found, first = [mapped.empty(rows) for _ in names], 0
+    with csv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
+        for batch in batches:
+            if first + len(batch) > rows:
+                raise _OtherRowsError
+            for values, column in zip(found, batch.columns, strict=True):
+                values[first : first + len(batch)] = arrow.floats(column)
+            first += len(batch)
+            mapped.give_back()
+    if first < rows:
+        raise _OtherRowsError
+    return {name: arrow.held(values) for name, values in zip(names, found, strict=True)}
+
+
+def _options(names: Sequence[str], cut: str, kind: Any) -> tuple[Any, Any, Any]:
+    """How Arrow is to read a CSV file, all of whose cells are of a kind."""
+    from pyarrow import csv
+
     convert = csv.ConvertOptions(column_types=dict.fromkeys(names, kind), strings_can_be_null=True, null_values=[""])
-    options = csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
-    return csv.read_csv(pa.BufferReader(data), read_options=options, convert_options=convert, parse_options=csv.ParseOptions(delimiter=cut))
+    return csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False), csv.ParseOptions(delimiter=cut), convert
 
 
-def _texts(path: Path, data: bytes, names: Sequence[str], cut: str) -> Any:
+def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
     """The same as texts; :class:`InputError` names the line whose cells are too few or too many."""
     import pyarrow as pa
+    from pyarrow import csv
 
     try:
-        return _parsed(data, names, cut, pa.string())
+        return csv.read_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.string()))
     except pa.ArrowException as error:
-        for number, line in enumerate(_LINE_END.sub("\n", data.decode("utf-8-sig")).split("\n")[1:], 2):
+        for number, line in enumerate(_LINE_END.sub("\n", str(data, "utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
                 raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
@@ -213,27 +256,21 @@ class Cells:
     path: Path
     name: str
     read: Callable[[], Any]
-    """Gives Arrow's chunked array."""
+    """Gives Arrow's array."""
     places: Places
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
         import pyarrow as pa
 
-        data = self.read().combine_chunks()
+        data = self.read()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
             raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
         if pa.types.is_dictionary(data.type):
             converted = self._converted(data.dictionary, data).take(data.indices)
         else:
             converted = data if pa.types.is_float64(data.type) else self._converted(data, data)
-        # from buffers: to_numpy() and fill_null() would import pandas where it is installed
-        valid, held = converted.buffers()
-        part = slice(converted.offset, converted.offset + len(converted))
-        values = np.frombuffer(held, np.float64)[part]
-        if converted.null_count == 0:
-            return values
-        return np.where(np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")[part] == 1, values, np.nan)
+        return arrow.floats(converted)
 
     def _converted(self, data: Any, whole: Any) -> Any:
         import pyarrow as pa

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from massprop_cli.base import mapped
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
@@ -191,12 +192,15 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
                 f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length",
             )
         )
-    return np.concatenate([[usual], steps]), notices
+    interval_s = mapped.empty(len(time_s))
+    interval_s[0], interval_s[1:] = usual, steps
+    return interval_s, notices
 
 
 def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
-    """(n, 3) where increments over intervals (n,) are ``limit`` or more; one axis after the other, as a log may be long."""
-    return np.stack([np.abs(axis / interval_s) >= limit for axis in increments.T], 1)
+    """(n, 3) where increments over intervals (n,) are ``limit`` or more."""
+    found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in mapped.parts(len(increments))]
+    return np.concatenate(found)
 
 
 def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, interval_s: Array) -> None:
@@ -243,7 +247,7 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
     kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
     if kind == "free":
         return
-    usual = median(np.linalg.norm(velocity, axis=1) / interval_s)
+    usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in mapped.parts(len(velocity))]))
     if usual < FELT * gravity:
         raise InputError(
             f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
@@ -254,15 +258,15 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
 def _attitude(source: LogTable) -> Array | None:
     if not any(source.has(name) for name in QUATERNION):
         return None
-    quaternion = np.stack([source.required(name) for name in QUATERNION], 1)
-    norm = np.linalg.norm(quaternion, axis=1)
+    quaternion = source.stacked(QUATERNION)
+    norm = np.sqrt(np.sum([component**2 for component in quaternion.T], 0))
     bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
     if bad.size:
         raise source.error(
             int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
         )
-    unit: Array = quaternion / norm[:, None]
-    return unit
+    quaternion /= norm[:, None]
+    return quaternion
 
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:

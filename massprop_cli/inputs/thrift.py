@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from massprop_cli.base.mapped import Content
+
 _DEEPEST, LISTED = 16, 2**14
 """Levels of structs, and items of a list, that a header may have."""
 _BINARY, _LIST, _SET, _MAP, _STRUCT = 8, 9, 10, 11, 12
@@ -14,7 +16,7 @@ _FIXED = {3: 1, 7: 8, 13: 16}
 """Bytes of a byte, a double and a UUID."""
 
 
-def struct(data: bytes, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
+def struct(data: Content, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
     """Fields of the struct at a place by their numbers, and where it ends; ValueError where it is none.
 
     Integers, bytes, structs and lists of these come out as such, anything else as None.
@@ -36,7 +38,7 @@ def struct(data: bytes, at: int, depth: int = 0) -> tuple[dict[int, Any], int]:
         found[number], at = (None, at) if kind in (1, 2) else _value(data, at, kind, depth)
 
 
-def _value(data: bytes, at: int, kind: int, depth: int) -> tuple[Any, int]:
+def _value(data: Content, at: int, kind: int, depth: int) -> tuple[Any, int]:
     if kind in (4, 5, 6):
         return _integer(data, at)
     if kind == _BINARY:
@@ -56,7 +58,7 @@ def _value(data: bytes, at: int, kind: int, depth: int) -> tuple[Any, int]:
     raise ValueError("a header has a field of unknown kind")
 
 
-def _list(data: bytes, at: int, depth: int) -> tuple[list[Any], int]:
+def _list(data: Content, at: int, depth: int) -> tuple[list[Any], int]:
     head, at = _byte(data, at)
     length, at = _unsigned(data, at) if head >> 4 == 15 else (head >> 4, at)
     if length > LISTED:
@@ -68,13 +70,13 @@ def _list(data: bytes, at: int, depth: int) -> tuple[list[Any], int]:
     return found, at
 
 
-def _byte(data: bytes, at: int) -> tuple[int, int]:
+def _byte(data: Content, at: int) -> tuple[int, int]:
     if not 0 <= at < len(data):
         raise ValueError("a header is cut short")
     return data[at], at + 1
 
 
-def _unsigned(data: bytes, at: int) -> tuple[int, int]:
+def _unsigned(data: Content, at: int) -> tuple[int, int]:
     value = shift = 0
     while True:
         byte, at = _byte(data, at)
@@ -86,7 +88,7 @@ def _unsigned(data: bytes, at: int) -> tuple[int, int]:
             raise ValueError("a header has a number that is too long")
 
 
-def _integer(data: bytes, at: int) -> tuple[int, int]:
+def _integer(data: Content, at: int) -> tuple[int, int]:
     """A signed number: 0, -1, 1, -2 are written as 0, 1, 2, 3."""
     value, at = _unsigned(data, at)
     return (value >> 1) ^ -(value & 1), at

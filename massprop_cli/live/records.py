@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from massprop_cli.base import limits
+import numpy as np
+
+from massprop_cli.base import arrow, limits
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
@@ -149,10 +151,8 @@ class Reader:
 
     def _check_as_log(self) -> None:
         """:class:`InputError` where a log of these columns would be refused: of a jet, a wheel or a map that are not of this vehicle."""
-        import pyarrow as pa
-
         place, row = Path("standard input"), Places([1])
-        cells = {name: Cells(place, name, lambda: pa.chunked_array([[0.0]]), row) for name in self.names}
+        cells = {name: Cells(place, name, lambda: arrow.held(np.zeros(1)), row) for name in self.names}
         log = LogTable(Table(place, "", cells, 1, row, None), self.vehicle.columns)
         commands.commands(log, self.vehicle, 1, 1)
         commands.wheels(log, self.vehicle, 1, 1)

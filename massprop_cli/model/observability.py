@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.moments import Moments
 from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import CG, PARAMETERS, RATE, Layout
@@ -77,7 +78,8 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
     commanded[CG] = 0.0  # what the accelerometer sees of the CG is in question itself, so it doesn't count as explained
     slow = vehicle.environment.disturbance_walk_n_m > 0  # then the filter follows slow torques, and what is left is judged
     tilt, sloping = Layout.of(samples, vehicle).tilt, plant_of(vehicle).tilt_sigma > 0
-    told, parts = np.zeros((6, 10)), []
+    told, before = np.zeros((6, 10)), np.zeros((2, 0, 3))
+    stepped, pushed, unexplained, felt = (Moments(3, centred) for centred in (False, False, False, vehicle.imu.accel_bias_sigma_m_s2 > 0))
     for part in blocks(cycles):
         system = linearise(samples, part, reference, vehicle)
         own = slice(None, None if part.stop == cycles.stop else -1)
@@ -87,17 +89,17 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         growth = np.diff(samples.part(part).rate_rad_s, axis=0)
         left: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], theta)
         left = less_tilt(system, left, tilt) if sloping else left
-        parts.append((system.steps, growth - system.steps, left[own], times(pushing, commanded)))
+        felt.add(left[own])
+        pushed.add(times(pushing, commanded))
+        steps = np.concatenate([before, [system.steps, growth - system.steps]], 1)
+        before = steps[:, -1:] if slow else before
+        turned, rest = np.diff(steps, axis=1) if slow else steps
+        stepped.add(turned)
+        unexplained.add(rest)
     share = (told / np.maximum(told.sum(0), 1e-300)).T
-    steps, left, felt, pushed = (np.concatenate(one) for one in zip(*parts, strict=True))
-    steps, left = (np.diff(steps, axis=0), np.diff(left, axis=0)) if slow else (steps, left)
-    if vehicle.imu.accel_bias_sigma_m_s2 > 0:
-        felt = felt - felt.mean(0)
-    residual = left, felt
-    explained = np.concatenate([(steps**2).mean(0), (pushed**2).mean(0)])
-    variance = np.concatenate([(e**2).mean(0) for e in residual])
-    lagged = np.concatenate([(e[1:] * e[:-1]).mean(0) for e in residual])
+    explained = np.concatenate([stepped.variance, pushed.variance])
+    variance, lagged = (np.concatenate(both) for both in ((unexplained.variance, felt.variance), (unexplained.lagged, felt.lagged)))
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
     noise = np.concatenate([np.full(3, 2 * gyro**2), np.full(3, plain**2)])
-    significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(len(residual[1])))
+    significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(felt.count))
     return share, (coloured > DROWNED * explained) & significant

@@ -182,15 +182,14 @@ def _assumption(found: assumptions.Assumption) -> Assumption:
 
 
 def _innovations(history: History, factors: Array) -> Innovations | None:
-    z = history.normalised[np.isfinite(history.normalised).all(1)]
-    if len(z) < 3:
+    found = history.moments()
+    if found.count < 3:
         return None
-    variance = (z**2).mean(0)
     return Innovations(
-        cycles=len(z),
-        nis=float((z**2).sum(1).mean()),
-        channel_variance=[float(v) for v in variance],
-        lag_one_correlation=[float(c) for c in (z[1:] * z[:-1]).mean(0) / np.maximum(variance, 1e-300)],
+        cycles=found.count,
+        nis=float(found.variance.sum()),
+        channel_variance=[float(v) for v in found.variance],
+        lag_one_correlation=[float(c) for c in found.lagged / np.maximum(found.variance, 1e-300)],
         lack_of_fit=[float(factor) for factor in factors],
     )
 

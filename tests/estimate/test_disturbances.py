@@ -43,10 +43,17 @@ def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyon
         chance = chi2.sf(disturbances._by_chance(freedom) * freedom, freedom)
         assert 0.4 < chance / norm.sf(disturbances.CERTAIN) < 1.1
     white = np.random.default_rng(1).standard_normal((200, 60_000))
-    long_run = disturbances._long_run(white, 14)
+    long_run = np.concatenate([disturbances._long_run([six], 14) for six in np.split(white, 10_000, axis=1)]) / 200
     assert long_run.var() == pytest.approx(2 / (1.5 * 200 / 14), rel=0.1)
     assert 0 < (long_run > 1 + disturbances.CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
     assert long_run.max() < disturbances._by_chance(1.5 * 200 / 14)
+
+
+def test_a_long_run_variance_is_that_of_its_lags_under_bartletts_window_in_whatever_parts_it_comes() -> None:
+    left = np.cumsum(np.random.default_rng(4).standard_normal((500, 6)), axis=0)
+    expected = (left**2).sum(0) + 2 * np.sum([(1 - lag / 31) * (left[lag:] * left[:-lag]).sum(0) for lag in range(1, 31)], axis=0)
+    for edges in ([], [1], [10, 11, 480]):
+        assert disturbances._long_run(np.split(left, edges), 30) == pytest.approx(expected, rel=1e-10)
 
 
 def test_stated_noise_of_the_accelerometer_is_believed_beside_a_torque_that_was_sized() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -16,13 +17,13 @@ _MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for
 """Numbers with a decimal comma, and with a point."""
 
 
-def utf8(path: Path, data: bytes) -> bytes:
+def utf8(path: Path, data: Content) -> Content:
     """The text, unpacked where it is compressed, within the limit of a log; of UTF-16 with its mark as UTF-8."""
     if data[:2] == _GZIP:
-        data = _unpacked(path, data)
+        data = _unpacked(path, bytes(data))
     if data[:2] in _UTF16:
         try:
-            return data.decode("utf-16").encode()
+            return str(data, "utf-16").encode()
         except UnicodeError as error:
             raise InputError(f"{path}: not a readable CSV file ({error}); save the log as UTF-8 text") from None
     return data

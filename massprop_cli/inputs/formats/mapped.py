@@ -12,6 +12,7 @@ from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import oncycles, onrows, reading
 from massprop_cli.inputs.formats.mapfile import MapSource
@@ -30,7 +31,7 @@ class _Moments(Places):
         return f"record {row} as mapped (time_s = {self.time_s[row]:.9g})"
 
 
-def table(path: Path, data: bytes, source: MapSource | None) -> Table:
+def table(path: Path, data: Content, source: MapSource | None) -> Table:
     """The log's table of a file that is none, or that a map is for.
 
     Without a map, streams that are called as the contract calls them are taken as they are. :class:`InputError` names file, path, remedy.
@@ -80,13 +81,11 @@ def _by_contract(read: Recording) -> dict[str, Array]:
 
 
 def _table(read: Recording, made: Mapping[str, Array], said: Made | None) -> Table:
-    import pyarrow as pa
-
     time_s = made[columns.TIME]
     places = _Moments(None, time_s) if said is not None else Places(None)  # type: ignore[arg-type]
 
     def cells(name: str, values: Array) -> Cells:
-        return Cells(read.path, name, lambda: pa.chunked_array([arrow.numbers(values)]), places)
+        return Cells(read.path, name, lambda: arrow.numbers(values), places)
 
     return Table(
         read.path, read.sha256, {name: cells(name, values) for name, values in made.items()}, len(time_s), places, read.vehicle, said

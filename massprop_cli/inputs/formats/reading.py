@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
-from massprop_cli.base import limits
+from massprop_cli.base import limits, mapped
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs.formats.recording import TABLE, Recording, Stream, counted, kind
 
 
@@ -18,7 +18,7 @@ def load(path: Path) -> Recording:
         raise InputError(f"{path}: no such file; check the path") from None
 
 
-def read(path: Path, data: bytes) -> Recording:
+def read(path: Path, data: Content) -> Recording:
     """A recording from a file's bytes; :class:`InputError` where it can't be read."""
     if not data:
         raise InputError(f"{path}: the file is empty; record the log again")
@@ -30,10 +30,10 @@ def read(path: Path, data: bytes) -> Recording:
     else:
         from massprop_cli.inputs.formats import apart
 
-        said = apart.read(path, data, found)
+        said = apart.read(path, bytes(data), found)
     streams: dict[str, Stream] = {}
     for one in counted(path, said.streams):
         streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
         raise InputError(f"{path}: holds no numbers; record the log again")
-    return Recording(path, hashlib.sha256(data).hexdigest(), found.name, streams, said.parameters, said.vehicle, said.map)
+    return Recording(path, mapped.digest(data), found.name, streams, said.parameters, said.vehicle, said.map)

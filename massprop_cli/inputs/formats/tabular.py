@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from massprop_cli.base.mapped import Content
 from massprop_cli.inputs import tablefile
 from massprop_cli.inputs.formats.recording import Read, Stream
 
 _UNIT = re.compile(r"[\[(]\s*([^\])]{1,20})\s*[\])]\s*$")
 
 
-def read(path: Path, data: bytes) -> Read:
+def read(path: Path, data: Content) -> Read:
     """A stream for each column, whatever it holds; its numbers are read when they are asked for."""
     table = tablefile.columns_of(path, data)
     streams = [Stream(name, table.rows, cells.numbers, unit=_unit(name)) for name, cells in table.columns.items()]

@@ -1,0 +1,51 @@
+"""Mean, variance and covariance a step apart of a signal that comes part by part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+
+
+class Moments:
+    """Of rows (N, c), told in any parts."""
+
+    def __init__(self, columns: int, centred: bool = False) -> None:
+        """``centred``: about the mean of all, else about zero."""
+        self.count = 0
+        self._centred = centred
+        self._shift, self._sum, self._squares, self._products, self._last = (np.zeros(columns) for _ in range(5))
+
+    def add(self, rows: Array) -> None:
+        """The next of them."""
+        if not len(rows):
+            return
+        if self._centred and not self.count:
+            self._shift = rows[0].copy()
+        rows = rows - self._shift
+        if not self.count:
+            self._first = rows[0]
+        self._sum = self._sum + rows.sum(0)
+        self._squares = self._squares + (rows**2).sum(0)
+        self._products = self._products + self._last * rows[0] + (rows[1:] * rows[:-1]).sum(0)
+        self._last = rows[-1]
+        self.count += len(rows)
+
+    @property
+    def variance(self) -> Array:
+        """(c,) mean square."""
+        found: Array = self._squares / max(self.count, 1) - self._mean**2
+        return np.maximum(found, 0.0)
+
+    @property
+    def lagged(self) -> Array:
+        """(c,) mean product of each row and the one before; two rows are the least."""
+        pairs = self.count - 1
+        ends = 2 * self._sum - self._first - self._last
+        found: Array = self._products / pairs - self._mean * ends / pairs + self._mean**2
+        return found
+
+    @property
+    def _mean(self) -> Array:
+        found: Array = self._sum / max(self.count, 1) * self._centred
+        return found

@@ -1,0 +1,81 @@
+"""Large arrays: the same numbers as any, in memory only while they are worked on."""
+
+from __future__ import annotations
+
+import gc
+import mmap
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli.base import mapped
+
+ROWS = 100_000
+
+
+def resident() -> int:
+    """Bytes of this process that are in memory."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads Linux's account of memory")
+def test_memory_does_not_grow_with_a_large_array_that_is_worked_on_in_parts() -> None:
+    many = mapped.empty(200 * mapped.PART, 10)  # 131 MB
+    before, most = resident(), 0
+    for part in mapped.parts(len(many)):
+        many[part] = np.arange(part.start, part.stop)[:, None]
+        most = max(most, resident())
+    assert most - before < 20e6
+    assert (many[:, 3] == np.arange(len(many))).all()
+    assert resident() - before > 100e6  # a whole column touches all pages, and they are counted
+    mapped.give_back()
+    assert resident() - before < 20e6
+    assert many[-1, 9] == len(many) - 1
+
+
+def test_a_large_array_goes_with_its_file() -> None:
+    before = len(mapped._held)
+    large = mapped.empty(ROWS, 10)
+    part = large[5:7]
+    assert len(mapped._held) == before + 1
+    part[...] = 4.0
+    del large
+    gc.collect()
+    mapped.give_back()
+    assert (part == 4.0).all()
+    del part
+    gc.collect()
+    assert len(mapped._held) == before
+
+
+def test_a_small_array_lies_in_no_file() -> None:
+    before = len(mapped._held)
+    small = mapped.empty(1200, 10)
+    assert small.shape == (1200, 10)
+    assert len(mapped._held) == before
+
+
+@pytest.mark.parametrize("why", ["no room", "no folder"])
+def test_where_there_can_be_no_file_it_is_an_array_like_any_other(why: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def full(*_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    if why == "no room":
+        monkeypatch.setattr(os, "posix_fallocate", full)
+    else:
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    before = len(mapped._held)
+    found = mapped.empty(ROWS, 10)
+    found[...] = 2.0
+    mapped.give_back()
+    assert (found == 2.0).all()
+    assert len(mapped._held) == before
+
+
+def test_parts_are_all_rows_once() -> None:
+    rows = [row for part in mapped.parts(20_000, 5) for row in range(part.start, part.stop)]
+    assert rows == list(range(5, 20_000))
+    assert list(mapped.parts(0)) == []
