@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import rotation
+from massprop_cli.conclude.verdict import POSITIVE as POSITIVE_OF
 
 Data = dict[str, Any]
+"""A scenario; ``stated`` is its vehicle as the vehicle file has it, where that is not as it is flown."""
+POSITIVE = frozenset(QUANTITIES[i] for i in POSITIVE_OF)
 
 
 class Kind(NamedTuple):
@@ -93,6 +98,94 @@ def _torque(data: Data, draw: np.random.Generator) -> None:
     data["disturbance"] = {kind: level.get(kind, size * draw.normal(size=3))}
 
 
+def _known(data: Data, draw: np.random.Generator) -> None:
+    """Some of the ten, each measured elsewhere to 0.1 to 30 % of its size."""
+    truth, period = data["truth"], data["vehicle"]["cycle"]["period_s"]
+    size = (truth["ixx"] / truth["mass"]) ** 0.5
+    sizes = dict.fromkeys(QUANTITIES[:6], truth["ixx"]) | dict.fromkeys(QUANTITIES[6:9], 0.1 * size) | {"mass": truth["mass"]}
+    known = data["vehicle"].get("known", {})
+    for name in draw.permutation(QUANTITIES)[: draw.integers(1, 6)]:
+        sigma = sizes[name] * drawn_between(draw, 1e-3, 0.3 if name not in POSITIVE else 0.1)
+        known.setdefault(str(name), {"value": truth[name] + sigma * draw.normal(), "sigma": sigma})
+    data["vehicle"]["phases"] = [{"name": "all", "start_s": 0.0, "end_s": data["duration_cycles"] * period, "known": known}]
+    data["vehicle"].pop("known", None)
+
+
+def _tumbles(data: Data, draw: np.random.Generator) -> None:
+    data["initial"] = {"rate_rad_s": draw.normal(size=3) * drawn_between(draw, 0.02, 0.5)}
+
+
+def _lasts(data: Data, _: np.random.Generator) -> None:
+    """Six times as long."""
+    cycles = data["duration_cycles"]
+    data["plan"] = [
+        part | {key: part[key] + again * cycles for key in ("start_cycle", "end_cycle")} for again in range(6) for part in data["plan"]
+    ]
+    data["duration_cycles"] = 6 * cycles
+
+
+def _timing(data: Data, draw: np.random.Generator) -> None:
+    """Delay and lag a tenth and a twentieth of a cycle uncertain, stated."""
+    vehicle, period = data["vehicle"], data["vehicle"]["cycle"]["period_s"]
+    delay, lag = vehicle["cycle"]["command_delay_cycles"], float(draw.uniform(0.3, 1.0))
+    data["actuators"] = data.get("actuators", {}) | {
+        "delay_cycles": max(delay + 0.1 * draw.normal(), 0.0) if delay else 0.0,
+        "lag_s": (lag + 0.05 * draw.normal()) * period,
+    }
+    vehicle["cycle"]["command_delay_sigma_cycles"] = 0.1 if delay else 0.0
+    vehicle["thrust"] |= {"lag_s": lag * period, "lag_sigma_s": 0.05 * period}
+
+
+def _geometry(data: Data, draw: np.random.Generator) -> None:
+    """Jets and IMU are not quite where and as the vehicle file says, but as uncertain as it says."""
+    vehicle, truth = data["vehicle"], data["truth"]
+    away = 0.01 * float((truth["ixx"] / truth["mass"]) ** 0.5)
+    data["stated"] = stated = deepcopy(vehicle)
+    for jet, own in zip(stated.get("jets", ()), vehicle.get("jets", ()), strict=True):
+        jet |= {"thrust_sigma": 0.01, "position_sigma_m": away, "direction_sigma_rad": 0.01}
+        own["position_m"] = np.asarray(own["position_m"]) + away * draw.normal(size=3)
+        own["force_n"] = rotation(0.01 * draw.normal(size=3)) @ np.asarray(own["force_n"]) * (1 + 0.01 * draw.normal())
+    stated["imu"] |= {"position_sigma_m": away, "mounting_sigma_rad": 0.003}
+    turned_by = rotation(0.003 * draw.normal(size=3))
+    vehicle["imu"] |= {
+        "position_m": np.asarray(vehicle["imu"]["position_m"]) + away * draw.normal(size=3),
+        "body_from_imu": turned_by @ np.asarray(vehicle["imu"].get("body_from_imu", np.eye(3))),
+    }
+
+
+def _drag(data: Data, draw: np.random.Generator) -> None:
+    truth, seconds = data["truth"], data["duration_cycles"] * data["vehicle"]["cycle"]["period_s"]
+    size = truth["ixx"] / seconds * drawn_between(draw, 0.01, 1.0)
+    data["vehicle"]["environment"]["damping_sigma_n_m_s"] = size
+    data["disturbance"] = data.get("disturbance", {}) | {"rate_n_m_s": np.abs(size * draw.normal(size=3))}
+
+
+def _turns_only(data: Data, _: np.random.Generator) -> None:
+    """Nothing pushes it: the mass is weighed."""
+    data["plan"] = [part for part in data["plan"] if not set(part.get("axes", ())) & {"x", "y", "z"}]
+    mass = data["truth"]["mass"]
+    data["vehicle"].setdefault("known", {"mass": {"value": mass, "sigma": 1e-3 * mass}})
+
+
+def _table(data: Data, draw: np.random.Generator) -> None:
+    """On a table that is somewhat out of level, with the mass as high as it comes."""
+    vehicle, period = data["vehicle"], data["vehicle"]["cycle"]["period_s"]
+    vehicle["environment"] = {"kind": "planar"} | {
+        key: value for key, value in vehicle["environment"].items() if key == "disturbance_torque_n_m"
+    }
+    part, every = data["duration_cycles"] // 4, int(draw.choice([4, 5, 8]))
+    data["plan"] = [
+        {"motion": "random", "axes": axes, "every_cycles": every, "max_cycles": every - 1, "start_cycle": i * part, "end_cycle": end * part}
+        for i, (axes, end) in enumerate(((["yaw"], 1), (["x"], 2), (["y"], 3), (["x", "y", "yaw"], 4)))
+    ]
+    # what its weight makes of a slope is to be beside what pushes it
+    alpha = float(np.abs(vehicle["jets"][-1]["force_n"]).max() if "jets" in vehicle else data["actuators"]["max_force_n"][0])
+    slope = min(0.005, 0.1 * alpha / data["truth"]["mass"] / 9.81)
+    vehicle["environment"]["table_tilt_sigma_rad"] = slope
+    data["disturbance"] = {"table_tilt_rad": slope * draw.normal(size=2), "table_hold": draw.uniform(0.3, 1)}
+    data["vehicle"]["phases"] = [{"name": "all", "start_s": 0.0, "end_s": data["duration_cycles"] * period}]
+
+
 SIZED = frozenset({"disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit", "cause-unknown"})
 """Codes of noise that was found larger than stated, whatever made it."""
 KINDS = {
@@ -102,5 +195,13 @@ KINDS = {
     "coarse": Kind("counts of 0.1 to 1 sigma of the noise", _coarse, SIZED),
     "delay-open": Kind("the delay is left open", _delay_open),
     "thrust-off": Kind("thrust is off by 3 %, stated", _thrust_off),
+    "known": Kind("some of the ten were measured elsewhere", _known),
+    "tumbling": Kind("it tumbles when the log begins", _tumbles, free=True),
+    "long": Kind("six times as long", _lasts, free=True),
+    "timing": Kind("delay and lag are uncertain, stated", _timing),
+    "geometry": Kind("jets and IMU are uncertain, stated", _geometry),
+    "drag": Kind("drag of a size that is stated", _drag),
+    "turns-only": Kind("nothing pushes it, the mass is weighed", _turns_only),
+    "table": Kind("on a table out of level", _table, free=True),
     "torque": Kind("a torque that nobody stated", _torque, SIZED | {"steady-torque"}),
 }

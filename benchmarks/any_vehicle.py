@@ -25,6 +25,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.verdict import Estimate
 from massprop_cli.inputs.telemetry import Notice
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 
@@ -130,6 +131,8 @@ class Flown(NamedTuple):
     bearing: bool
     bodies: list[tuple[dict[str, Estimate], Array]]
     notices: tuple[Notice, ...]
+    causal: Array
+    """(n,) errors over sigmas of all values that were given on the way."""
 
 
 def estimated(number: int, kind: Kind | None = None) -> Flown | None:
@@ -140,16 +143,20 @@ def estimated(number: int, kind: Kind | None = None) -> Flown | None:
     if kind is not None:
         kind.change(data, np.random.default_rng(number + 777_000))
     plain = json.loads(json.dumps(data, default=np.ndarray.tolist))
+    stated = plain.pop("stated", None)
     source = scenario.ScenarioSource(scenario.Scenario.model_validate(plain), str(data["name"]))
     try:
         flight = simulate.fly(source, [number])
-        found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+        vehicle = flight.vehicle if stated is None else Vehicle.model_validate(stated)
+        found = flow.examine(flight.log(0), VehicleSource(vehicle, "", ""))
     except InputError:
         return None  # it turned over, or left the bearing's range
     bodies = [(conclusion.estimates, truth) for conclusion, truth in zip(found.conclusions, flight.truth[0], strict=True)]
     if found.docked is not None and source.scenario.docked is not None:
         bodies.append((found.docked.estimates, source.scenario.docked.values))
-    return Flown(bearing, bodies, found.notices)
+    with np.errstate(invalid="ignore"):
+        causal = [(h.values - truth) / h.sigmas for h, truth in zip(found.histories, flight.truth[0], strict=True)]
+    return Flown(bearing, bodies, found.notices, np.concatenate([z[np.isfinite(z)] for z in causal]))
 
 
 class Tally:
@@ -161,6 +168,9 @@ class Tally:
         self.verdicts, self.codes = Counter[str](), Counter[str]()
         self.far: list[str] = []
         self.flown = self.unflown = self.flagged = 0
+        self.given = self.wrong = self.absurd = self.covered = 0
+        """Values on the way: all, beyond :data:`FAR` and twice that, and within the 95 % interval."""
+        self.astray: list[str] = []
 
     def add(self, number: int, flown: Flown | None) -> None:
         """One more."""
@@ -171,6 +181,11 @@ class Tally:
         beyond = {notice.code for notice in flown.notices} - self.said
         self.codes.update(beyond)
         self.flagged += bool(beyond)
+        z = np.abs(flown.causal)
+        absurd = int((z > 2 * FAR).sum())
+        self.given, self.wrong, self.absurd = self.given + len(z), self.wrong + int((z > FAR).sum()), self.absurd + absurd
+        self.covered += int((z < 1.96).sum())
+        self.astray += [f"vehicle {number}: {absurd} of {len(z)}, the worst {z.max():.3g} sigma"] if absurd else []
         for estimates, truth in flown.bodies:
             for (name, estimate), true in zip(estimates.items(), truth, strict=True):
                 self._value(number, name, estimate, float(true), flown.bearing)
@@ -186,6 +201,13 @@ class Tally:
         """Of a table."""
         z = np.abs([*(self.errors[False] if not bearing else ()), *(self.errors[True] if bearing is not False else ())])
         return f"{label} | {len(z)} | {np.sqrt((z**2).mean()):.2f} | {100 * (z < 1.96).mean():.1f} % | {int((z > FAR).sum())} |"
+
+    @property
+    def way(self) -> str:
+        """How honest the values on the way are."""
+        wrong, absurd, covered = (100 * count / max(self.given, 1) for count in (self.wrong, self.absurd, self.covered))
+        far, farther = f"{wrong:.3f} % beyond {FAR:g} sigma", f"{absurd:.3f} % beyond {2 * FAR:g}"
+        return f"{self.given:,} values: {far}, {farther}; 95 % covers {covered:.1f} %"
 
     @property
     def alarms(self) -> str:
@@ -224,15 +246,20 @@ def main() -> None:
     print(f"\nOf {found.flown} logs {found.flagged} have a warning: {found.alarms}.")
     print(f"Verdicts: {', '.join(f'{verdict} {count}' for verdict, count in found.verdicts.most_common())}. Not flown: {found.unflown}.")
     print("".join(f"\n- {line}" for line in found.far))
+    print(f"\nOn the way, at all cycles, {found.way}. Farther than {2 * FAR:g} sigma:\n")
+    print("".join(f"- {line}\n" for line in found.astray))
     print(f"\n## Flown otherwise\n\nThe first {asked.each} of them, with one thing changed; of docking those in free flight.\n")
-    print(f"| | logs | values | z rms | 95 % covers | beyond {FAR:g} sigma | warnings that are not due |\n|---|--:|--:|--:|--:|--:|---|")
+    print(
+        f"| | logs | values | z rms | 95 % covers | beyond {FAR:g} sigma | warnings that are not due | on the way |\n"
+        "|---|--:|--:|--:|--:|--:|---|---|"
+    )
     for name in KINDS:
         print(_row(name, tally(range(asked.first, asked.first + asked.each), KINDS[name])), flush=True)
 
 
 def _row(name: str, found: Tally) -> str:
     far = f"; {'; '.join(found.far)}" if found.far else ""
-    return f"| {found.row(f'{name}: {KINDS[name].what} | {found.flown}', None)} {found.alarms}{far} |"
+    return f"| {found.row(f'{name}: {KINDS[name].what} | {found.flown}', None)} {found.alarms}{far} | {found.way} |"
 
 
 if __name__ == "__main__":

@@ -40,6 +40,8 @@ EXACT = 1e-3
 """Part of a known mass that is none."""
 KNOWN = 0.1
 """Relative sigma below which an axis' response counts as known."""
+HEAVIER = 10.0
+"""Factor on the mass that no step of the search may exceed; where the data don't tell the mass, beside where the search began."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
 STILL = 0.1
@@ -104,6 +106,9 @@ class Regression(Triangle):
             centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, bound)
             solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
+            least, own = self._lightest(theta, centre, scale, triangle, solved[-1]), triangle[: count + 9]
+            if solved[-1] < least:
+                solved = np.append(np.linalg.solve(own[:, : count + 9], own[:, count + 10] - least * own[:, count + 9]), least)
             before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
             if (triangle[count : count + 10, count + 10] ** 2).sum() < STILL**2:
                 break
@@ -113,6 +118,13 @@ class Regression(Triangle):
         response = phi[: 3 * self.lift.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2)
+
+    def _lightest(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:
+        """The least step of 1/m, over ``scale``: what doesn't tell it may want less than none, and must keep nothing else from moving."""
+        last = triangle.shape[1] - 2 - self.assumed
+        told = theta[MU] + scale[MU] * solved > scale[MU] / abs(triangle[last, last])
+        least = theta[MU] / HEAVIER if told else min(theta[MU], max(theta[MU], centre[MU]) / HEAVIER)
+        return float((least - theta[MU]) / scale[MU])
 
     def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
         """Without the gyroscopic coupling."""
@@ -253,6 +265,10 @@ class Regression(Triangle):
         if self.weighed is not None:  # where the log doesn't tell the mass, the rest is judged beside the known one
             faint = covariance[:, MU, MU] > (quantities.FAINT * max(self.weighed, theta[MU])) ** 2
             pull[faint, MU, MU] = (EXACT * self.weighed) ** 2
+        else:  # a search that began orders of magnitude away draws no mass that the log tells
+            mu = theta[MU] + step[:, MU, 0]
+            clear = (mu > 0) & (covariance[:, MU, MU] < (quantities.UNTOLD * mu) ** 2)
+            pull[clear, MU, MU] = np.maximum(pull[clear, MU, MU], mu[clear] ** 2)
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 

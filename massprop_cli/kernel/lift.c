@@ -229,12 +229,12 @@ void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step
 }
 
 void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]) {
-    mp_real share = mp_finite(step, 10) ? R(1) : R(0), principal[3];
+    mp_real share = mp_finite(step, 10) ? R(1) : R(0), principal[3], lighter = mp_max(step[9], (R(1) / FARTHEST - R(1)) * theta[9]);
     int again, i;
     for (again = 0; again < HALVINGS; again++) {
-        for (i = 0; i < 10; i++) out[i] = share > R(0) ? theta[i] + share * step[i] : theta[i];
+        for (i = 0; i < 10; i++) out[i] = share > R(0) ? theta[i] + share * (i < 9 ? step[i] : lighter) : theta[i];
         principal_of(out, principal);
-        if (!(principal[0] < LEAST * principal[2]) && !(out[9] < theta[9] / FARTHEST)) return;
+        if (!(principal[0] < LEAST * principal[2])) return;
         share /= R(2);
     }
     for (i = 0; i < 10; i++) out[i] = theta[i];

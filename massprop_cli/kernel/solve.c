@@ -12,6 +12,7 @@
 #define EXACT R(1e-3)       /* part of a known mass that is none */
 #define WEIGHED R(0.5)      /* part of a known mass' reciprocal that is one sigma of it on a bearing */
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
+#define HEAVIER R(10)       /* factor on the mass that no step of the search may exceed; of a mass that isn't told, beside where it began */
 #define STEPS 6
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
 
@@ -149,12 +150,15 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
 static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
     mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
+    mp_real mu = posed->theta[9] + step[9], untold = MP_UNTOLD_MASS * mu;
     int i, j;
     pulled(pass, posed->theta, pull);
     /* where the log doesn't tell the mass, the rest is judged beside the known one */
     if (mass > R(0)) {
         mp_real faint = MP_FAINT_MASS * mp_max(R(1) / mass, posed->theta[9]);
         if (covariance[9][9] > faint * faint) pull[9] = EXACT / mass;
+    } else if (mu > R(0) && covariance[9][9] < untold * untold) {
+        pull[9] = mp_max(pull[9], mu); /* a search that began orders of magnitude away draws no mass that the log tells */
     }
     for (i = 0; i < 10; i++) {
         left[i] = (step[i] + posed->theta[i] - pass->centre.theta[i]) / pull[i];
@@ -278,6 +282,13 @@ typedef struct {
     mp_real chi_square;
 } found;
 
+/* The least step of 1/m over its scale. What doesn't tell it may want less than none, which must keep nothing else from moving. */
+static mp_real lightest(const mp_pass *pass, const mp_real theta[10], mp_real scale, mp_real last, mp_real solved) {
+    mp_real least = theta[9] / HEAVIER;
+    if (!(theta[9] + scale * solved > scale / mp_abs(last))) least = mp_min(theta[9], mp_max(theta[9], pass->centre.theta[9]) / HEAVIER);
+    return (least - theta[9]) / scale;
+}
+
 /* Gauss-Newton on the triangle. */
 static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], int bound, found *out) {
     const mp_layout *layout = &pass->layout;
@@ -289,7 +300,11 @@ static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], i
         pulled(pass, out->theta, scale);
         posed_of(&pass->vehicle, layout, run, out->theta, scale, pass->centre.theta, bound, pass->room.rows, posed);
         for (i = 0; i < count; i++) solved[i] = posed->triangle[AT(size, i) + count - i];
-        mp_back(posed->triangle, size, 0, count, solved);
+        mp_back(posed->triangle, size, count - 1, 1, solved + count - 1);
+        last = posed->triangle + AT(size, count - 1);
+        solved[count - 1] = mp_max(solved[count - 1], lightest(pass, out->theta, scale[9], *last, solved[count - 1]));
+        for (i = 0; i < count - 1; i++) solved[i] -= posed->triangle[AT(size, i) + count - 1 - i] * solved[count - 1];
+        mp_back(posed->triangle, size, 0, count - 1, solved);
         for (i = 0; i < 10; i++) step[i] = scale[i] * solved[count - 10 + i];
         mp_stepped(&pass->vehicle, out->theta, step);
         beside(posed, right);

@@ -99,10 +99,11 @@ class Lift:
     def nearest(self, theta: Array, steps: Array) -> Array:
         """(K, 10) θ moved by each of ``steps`` (K, 10), as far as that leads to a body; not at all by one that is no number."""
         share, steps = np.ones(len(steps)), np.where(np.isfinite(steps).all(1, keepdims=True), steps, 0.0)
+        steps[:, MU] = np.maximum(steps[:, MU], (1 / FARTHEST - 1) * theta[MU])
         for _ in range(HALVINGS):
             found: Array = theta + share[:, None] * steps
             principal = np.linalg.eigvalsh(tensor(found[:, J]))
-            wrong = (principal[:, 0] < LEAST * principal[:, 2]) | (found[:, MU] < theta[MU] / FARTHEST)
+            wrong = principal[:, 0] < LEAST * principal[:, 2]
             if not wrong.any():
                 return found
             share[wrong] /= 2

@@ -1,0 +1,35 @@
+"""Logs whose search begins far from the truth, in what the log does not tell yet: values on the way are no better than they say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+
+SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "begun-astray.json").read_text())
+"""``vehicle-28``: on a bearing, its mass taken for 250 t until it is pushed, late. ``vehicle-58``: noise of the accelerometer wants a mass
+below none. ``vehicle-20``: in free flight, its jets uncertain; ``stated`` is its vehicle file."""
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_no_value_on_the_way_is_further_off_than_its_sigma_says(name: str) -> None:
+    """Of one seed each 1.4, 1.8 and 23 % were more than 4 sigma off, up to 148, while what the log didn't tell kept the search from moving."""
+    data = dict(SCENARIOS[name])
+    stated = data.pop("stated", None)
+    flown = simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), name), [int(name.removeprefix("vehicle-"))])
+    vehicle = flown.vehicle if stated is None else Vehicle.model_validate(stated)
+    (history,) = flow.examine(flown.log(0), VehicleSource(vehicle, "", "")).histories
+    with np.errstate(invalid="ignore"):
+        z = np.abs(history.values - flown.truth[0][0]) / history.sigmas
+    given = z[np.isfinite(z)]
+    assert len(given) > 3000
+    assert given.max() < 4
+    assert (given < 1.96).mean() > 0.9
