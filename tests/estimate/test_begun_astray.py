@@ -21,7 +21,7 @@ below none. ``vehicle-20``: in free flight, its jets uncertain; ``stated`` is it
 @pytest.mark.numerical
 @pytest.mark.parametrize("name", list(SCENARIOS))
 def test_no_value_on_the_way_is_further_off_than_its_sigma_says(name: str) -> None:
-    """Of one seed each 1.4, 1.8 and 23 % were more than 4 sigma off, up to 148, while what the log didn't tell kept the search from moving."""
+    """While what the log didn't tell kept the search from moving 1.4, 1.8 and 23 % were more than 4 sigma off, up to 148."""
     data = dict(SCENARIOS[name])
     stated = data.pop("stated", None)
     flown = simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), name), [int(name.removeprefix("vehicle-"))])
