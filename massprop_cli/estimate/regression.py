@@ -44,6 +44,8 @@ HEAVIER = 10.0
 """Factor on the mass that no step of the search may exceed; where the data don't tell the mass, beside where the search began."""
 STEPS = 6
 """Most Gauss–Newton steps on a triangle."""
+STUCK = 3.0
+"""Sigmas of a step that the search wants and can't take, as it leads to no body: so far from where it should be its values mean nothing."""
 STILL = 0.1
 """A step of fewer sigmas is the last."""
 MOMENTS = [0, 3, 5]
@@ -78,17 +80,17 @@ class Regression(Triangle):
         theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
         response: Array | None = None
         if not bound:
-            theta, others, response, chi_square = self._searched(run, theta, bound=False)
+            theta, others, response, chi_square, stuck = self._searched(run, theta, bound=False)
             bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
-        tied, begun, _, chi_square = self._searched(run, theta, bound=True)
+        tied, begun, _, chi_square, tied_stuck = self._searched(run, theta, bound=True)
         if bound or chi_square < most:
-            theta, others, response = tied, begun, None
+            theta, others, response, stuck = tied, begun, None, tied_stuck
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
         estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping)
-        return replace(run, estimate=estimate, bound=bound)
+        return replace(run, estimate=estimate, bound=bound, stuck=stuck)
 
     def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
         """The states of a block in the last cycle; what they were ``before`` where there are none yet."""
@@ -99,8 +101,11 @@ class Regression(Triangle):
         found: Array = mean[:, 0] + mean[:, 1 : 1 + self.lift.size] @ phi + mean[:, mean.shape[1] - len(others) :] @ others
         return found
 
-    def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float]:
-        """Gauss–Newton on the triangle from ``theta``: θ, the geometry and the states' beginnings, Φ (3, C), chi-square of the rest."""
+    def _searched(self, run: Run, theta: Array, bound: bool) -> tuple[Array, Array, Array, float, bool]:
+        """Gauss–Newton on the triangle from ``theta``.
+
+        θ, the geometry and the states' beginnings, Φ (3, C), chi-square of the rest, and whether the search is stuck.
+        """
         count = self._nuisances(bound)
         for _ in range(STEPS):
             centre, scale = self._pull(theta, run)
@@ -112,12 +117,15 @@ class Regression(Triangle):
             before, theta = theta, self.lift.stepped(theta, scale * solved[count:])
             if (triangle[count : count + 10, count + 10] ** 2).sum() < STILL**2:
                 break
+        # what is left of the last step, where it was taken as far as it leads to a body
+        wanted = triangle[count : count + 10, count : count + 10] @ (solved[count:] - (theta - before) / scale)
+        stuck = bool((wanted**2).sum() > STUCK**2)
         phi, coupling = self.lift.coefficients(theta)[0], self.lift.coupling
         if not bound:
             phi[coupling] = self.lift.coefficients(before)[0][coupling] + LOOSE * solved[self.free : count - self.uncertain]
         response = phi[: 3 * self.lift.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
-        return theta, others, response, float(triangle[count + 10, count + 10] ** 2)
+        return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
 
     def _lightest(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:
         """The least step of 1/m, over ``scale``: what doesn't tell it may want less than none, and must keep nothing else from moving."""
@@ -173,6 +181,8 @@ class Regression(Triangle):
         triangle = whole[None, : self._nuisances(run.bound) + 10]
         told = self._sensed(run, theta, scale, triangle)
         mean, covariance = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
+        if run.stuck:
+            mean, covariance = np.full_like(mean, np.nan), np.full_like(covariance, np.nan)
         return mean[0], covariance[0]
 
     def _about(self, run: Run) -> tuple[Array, Array, Array]:
@@ -233,7 +243,7 @@ class Regression(Triangle):
         reference, count = before.estimate, self._nuisances(before.bound)
         each, triangles = posed.rows, posed.triangles
         mean, covariance = np.full((len(each), 10), np.nan), np.full((len(each), 10, 10), np.nan)
-        if posed.told is not None:
+        if posed.told is not None and not before.stuck:
             mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])

@@ -56,6 +56,8 @@ class Run:
     """Of the nuisances, with a column for each column of the system and each state's own unknown beginning; None before the first cycle."""
     triangle: Array
     """(M + 1 + e + u, the same) of whitened rows: on the M = m + N unknown beginnings and φ; measured, by assumptions, by the geometry."""
+    stuck: bool = False
+    """Whether the search for the estimate ended where no further step leads to a body, though the data want one."""
 
 
 class Triangle:

@@ -141,6 +141,7 @@ typedef struct {
     long at;
     int begun;
     int bound; /* whether each axis is known without the gyroscopic coupling */
+    int stuck; /* whether the search ended where no further step leads to a body, though the data want one */
     mp_filter filter;
     mp_real triangle[MP_PACKED(MP_WIDTH)];
 } mp_run;

@@ -185,7 +185,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
         mp_judge(&pass->layout, &pass->posed, pass->room.ordered, pass->room.ahead, row->normalised, unexplained, spread);
         innovated(pass, cycle, root, unexplained, spread, row);
         astray = mp_tell(pass, &pass->posed, row->mean, row->covariance) && pass->spare >= 0;
-        row->told = 1;
+        row->told = !run->stuck;
     }
     mp_fold(run->triangle, pass->layout.width, pass->room.ordered, 6);
     if (astray) {
@@ -197,6 +197,6 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     looked(pass, length);
     if (!pass->started) return MP_OK;
     (void)mp_tell(pass, &pass->posed, row->mean, row->covariance);
-    row->told = 1;
+    row->told = !run->stuck;
     return MP_OK;
 }

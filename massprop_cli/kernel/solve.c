@@ -14,6 +14,7 @@
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
 #define HEAVIER R(10)       /* factor on the mass that no step of the search may exceed; of a mass that isn't told, beside where it began */
 #define STEPS 6
+#define STUCK R(3)          /* sigmas of a step that leads to no body: so far from where it should be its values mean nothing */
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
 
 static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
@@ -280,6 +281,7 @@ typedef struct {
     mp_real beginnings[MP_BEGINNINGS];
     mp_real phi[MP_COEFFICIENTS];
     mp_real chi_square;
+    int stuck;
 } found;
 
 /* The least step of 1/m over its scale. What doesn't tell it may want less than none, which must keep nothing else from moving. */
@@ -287,6 +289,19 @@ static mp_real lightest(const mp_pass *pass, const mp_real theta[10], mp_real sc
     mp_real least = theta[9] / HEAVIER;
     if (!(theta[9] + scale * solved > scale / mp_abs(last))) least = mp_min(theta[9], mp_max(theta[9], pass->centre.theta[9]) / HEAVIER);
     return (least - theta[9]) / scale;
+}
+
+/* Square, in sigmas, of what is left of a step from where a triangle stands that was taken as far as it leads to a body. */
+static mp_real wanted(const mp_posed *posed, const mp_real step[10], const mp_real theta[10]) {
+    int count = posed->count, size = count + 1, i, j;
+    mp_real square = R(0);
+    for (i = 0; i < 10; i++) {
+        const mp_real *own = posed->triangle + AT(size, count - 10 + i) - i;
+        mp_real sum = R(0);
+        for (j = i; j < 10; j++) sum += own[j] * ((step[j] - (theta[j] - posed->theta[j])) / posed->scale[j]);
+        square += sum * sum;
+    }
+    return square;
 }
 
 /* Gauss-Newton on the triangle. */
@@ -312,6 +327,7 @@ static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], i
         for (i = 0; i < 10; i++) moved += right[i] * right[i];
         if (moved < STILL * STILL) break;
     }
+    out->stuck = wanted(posed, step, out->theta) > STUCK * STUCK;
     for (i = 0; i < layout->beginnings; i++) out->beginnings[i] = solved[i];
     mp_coefficients(&pass->vehicle, out->theta, out->phi, NULL);
     if (!bound)
@@ -356,4 +372,5 @@ void mp_improve(mp_pass *pass, mp_run *run) {
     }
     mp_body(&pass->vehicle, best->theta, bias, best == &loose ? loose.phi : NULL, &pass->estimate);
     run->bound = bound;
+    run->stuck = best->stuck;
 }
