@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import hashlib
 import mmap
 import os
 import tempfile
@@ -79,3 +80,31 @@ def test_parts_are_all_rows_once() -> None:
     rows = [row for part in mapped.parts(20_000, 5) for row in range(part.start, part.stop)]
     assert rows == list(range(5, 20_000))
     assert list(mapped.parts(0)) == []
+
+
+@pytest.mark.parametrize("size", [1000, mapped.LARGE + 1000])
+def test_a_file_is_copied_as_it_is_and_not_as_it_becomes(size: int, tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    told = bytes(np.random.default_rng(1).integers(0, 256, size, dtype=np.uint8))
+    path.write_bytes(told + b"more")
+    with path.open("rb") as file:
+        data = mapped.copied(file, size)
+    path.write_bytes(b"")
+    assert len(data) == size
+    assert data[:] == told
+    assert mapped.digest(data) == hashlib.sha256(told).hexdigest()
+    assert b"".join(mapped.pieces(data, 10)) == told[10:]
+
+
+@pytest.mark.parametrize("size", [1000, mapped.LARGE + 1000])
+def test_a_file_that_ends_while_it_is_read_is_refused(size: int, tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(bytes(500))
+    with path.open("rb") as file, pytest.raises(OSError, match=f"it ended after 500 of {size} bytes while it was read"):
+        mapped.copied(file, size)
+
+
+def test_pieces_end_with_lines_where_there_are_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapped, "PIECE", 8)
+    assert list(mapped.pieces(b"a,b\n1,2\n3,4\n5,6")) == [b"a,b\n1,2\n", b"3,4\n5,6"]
+    assert list(mapped.pieces(b"0123456789")) == [b"01234567", b"89"]
