@@ -38,8 +38,11 @@ class Told:
         self.normalised[part] = rows.normalised
         self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])
         here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
-        self.values[here], full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
-        self.sigmas[here] = np.sqrt(np.einsum("kii->ki", full))
+        values, full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
+        variance = np.einsum("kii->ki", full)
+        # where what is known is orders of magnitude more than the log tells, rounding may leave nothing of a variance
+        left = variance > 0
+        self.values[here], self.sigmas[here] = np.where(left, values, np.nan), np.sqrt(np.where(left, variance, np.nan))
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
         mapped.give_back()
 
