@@ -132,7 +132,7 @@ class Flown(NamedTuple):
     bodies: list[tuple[dict[str, Estimate], Array]]
     notices: tuple[Notice, ...]
     causal: Array
-    """(n,) errors over sigmas of all values that were given on the way."""
+    """(n,) errors over sigmas of all values that were given on the way, but of quantities that are contradicted in the end."""
 
 
 def estimated(number: int, kind: Kind | None = None) -> Flown | None:
@@ -154,8 +154,11 @@ def estimated(number: int, kind: Kind | None = None) -> Flown | None:
     bodies = [(conclusion.estimates, truth) for conclusion, truth in zip(found.conclusions, flight.truth[0], strict=True)]
     if found.docked is not None and source.scenario.docked is not None:
         bodies.append((found.docked.estimates, source.scenario.docked.values))
-    with np.errstate(invalid="ignore"):
-        causal = [(h.values - truth) / h.sigmas for h, truth in zip(found.histories, flight.truth[0], strict=True)]
+    causal = []
+    for history, conclusion, truth in zip(found.histories, found.conclusions, flight.truth[0], strict=True):
+        held = [estimate.verdict != "contradicted" for estimate in conclusion.estimates.values()]
+        with np.errstate(invalid="ignore"):
+            causal.append(((history.values - truth) / history.sigmas)[:, held])
     return Flown(bearing, bodies, found.notices, np.concatenate([z[np.isfinite(z)] for z in causal]))
 
 
@@ -246,7 +249,7 @@ def main() -> None:
     print(f"\nOf {found.flown} logs {found.flagged} have a warning: {found.alarms}.")
     print(f"Verdicts: {', '.join(f'{verdict} {count}' for verdict, count in found.verdicts.most_common())}. Not flown: {found.unflown}.")
     print("".join(f"\n- {line}" for line in found.far))
-    print(f"\nOn the way, at all cycles, {found.way}. Farther than {2 * FAR:g} sigma:\n")
+    print(f"\nOn the way, at all cycles, of what isn't contradicted in the end, {found.way}. Farther than {2 * FAR:g} sigma:\n")
     print("".join(f"- {line}\n" for line in found.astray))
     print(f"\n## Flown otherwise\n\nThe first {asked.each} of them, with one thing changed; of docking those in free flight.\n")
     print(
