@@ -11,11 +11,10 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.conclude.verdict import POSITIVE as POSITIVE_OF
+from massprop_cli.conclude.verdict import POSITIVE
 
 Data = dict[str, Any]
 """A scenario; ``stated`` is its vehicle as the vehicle file has it, where that is not as it is flown."""
-POSITIVE = frozenset(QUANTITIES[i] for i in POSITIVE_OF)
 
 
 class Kind(NamedTuple):
@@ -99,13 +98,13 @@ def _torque(data: Data, draw: np.random.Generator) -> None:
 
 
 def _known(data: Data, draw: np.random.Generator) -> None:
-    """Some of the ten, each measured elsewhere to 0.1 to 30 % of its size."""
+    """Some of the ten, each measured elsewhere to 0.1 to 30 % of its size; moments and the mass, which are none below zero, to 10 %."""
     truth, period = data["truth"], data["vehicle"]["cycle"]["period_s"]
     size = (truth["ixx"] / truth["mass"]) ** 0.5
     sizes = dict.fromkeys(QUANTITIES[:6], truth["ixx"]) | dict.fromkeys(QUANTITIES[6:9], 0.1 * size) | {"mass": truth["mass"]}
     known = data["vehicle"].get("known", {})
     for name in draw.permutation(QUANTITIES)[: draw.integers(1, 6)]:
-        sigma = sizes[name] * drawn_between(draw, 1e-3, 0.3 if name not in POSITIVE else 0.1)
+        sigma = sizes[name] * drawn_between(draw, 1e-3, 0.1 if QUANTITIES.index(name) in POSITIVE else 0.3)
         known.setdefault(str(name), {"value": truth[name] + sigma * draw.normal(), "sigma": sigma})
     data["vehicle"]["phases"] = [{"name": "all", "start_s": 0.0, "end_s": data["duration_cycles"] * period, "known": known}]
     data["vehicle"].pop("known", None)
@@ -168,8 +167,8 @@ def _turns_only(data: Data, _: np.random.Generator) -> None:
 
 
 def _table(data: Data, draw: np.random.Generator) -> None:
-    """On a table that is somewhat out of level, with the mass as high as it comes."""
-    vehicle, period = data["vehicle"], data["vehicle"]["cycle"]["period_s"]
+    """Yaw, x, y and all together on a table that is out of level by less than pushes it."""
+    vehicle = data["vehicle"]
     vehicle["environment"] = {"kind": "planar"} | {
         key: value for key, value in vehicle["environment"].items() if key == "disturbance_torque_n_m"
     }
@@ -183,7 +182,6 @@ def _table(data: Data, draw: np.random.Generator) -> None:
     slope = min(0.005, 0.1 * alpha / data["truth"]["mass"] / 9.81)
     vehicle["environment"]["table_tilt_sigma_rad"] = slope
     data["disturbance"] = {"table_tilt_rad": slope * draw.normal(size=2), "table_hold": draw.uniform(0.3, 1)}
-    data["vehicle"]["phases"] = [{"name": "all", "start_s": 0.0, "end_s": data["duration_cycles"] * period}]
 
 
 SIZED = frozenset({"disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit", "cause-unknown"})

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
 
@@ -101,7 +101,7 @@ def content(path: Path, what: str) -> bytes:
 def copied(path: Path, what: str) -> Content:
     """The same as it was when it was opened, of a large one without holding it in memory."""
     with _opened(path, what) as (file, size):
-        return mapped.copied(file, size)
+        return spill.copied(file, size)
 
 
 @contextmanager

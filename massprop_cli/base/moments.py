@@ -1,4 +1,4 @@
-"""Mean, variance and covariance a step apart of a signal that comes part by part."""
+"""Variance of a signal that comes part by part, and its covariance with itself a step before: ``Σ x²/N`` and ``Σ x[k] x[k−1]/(N−1)``."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import split
@@ -97,8 +97,8 @@ def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:
     histories = []
     for i, (history, settled) in enumerate(zip(found.histories, found.settled, strict=True)):
         moved = np.stack([values[i] - settled.values[-1] for values in around], 1)
-        sigmas = mapped.empty(*history.sigmas.shape)
-        for part in mapped.parts(len(sigmas)):
+        sigmas = spill.empty(*history.sigmas.shape)
+        for part in spill.parts(len(sigmas)):
             sigmas[part] = np.sqrt(history.sigmas[part] ** 2 + (moved**2).sum(1))
         histories.append(replace(history, sigmas=sigmas, covariance=history.covariance + moved @ moved.T))
     return replace(found, histories=tuple(histories), conclusions=tuple(conclude(history, found.vehicle) for history in histories))

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.estimate.history import History
@@ -149,7 +149,7 @@ def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conc
 def _settled(history: History, i: int, first: int, tolerance: float) -> float:
     """The time from ``first`` on after which the value stayed near where it ended: within its tolerance and a few of its own sigmas."""
     stays = first
-    for part in mapped.parts(len(history.values), first):
+    for part in spill.parts(len(history.values), first):
         away = np.abs(history.values[part, i] - history.values[-1, i])
         strayed = np.flatnonzero((away > tolerance) | (away > FEW * history.sigmas[part, i]))
         stays = part.start + int(strayed[-1]) + 1 if strayed.size else stays
@@ -196,7 +196,7 @@ def _estimate(
 def _steady(history: History, vehicle: Vehicle, limits: Array) -> tuple[BoolArray, BoolArray]:
     """(K, 10) whether each quantity was informed and moved by less than its limit; (10,) whether it is informed in the end."""
     steady, before = np.empty(history.values.shape, dtype=bool), np.full((1, 10), np.nan)
-    for part in mapped.parts(len(steady)):
+    for part in spill.parts(len(steady)):
         values = history.values[part]
         informed = _informed(values, history.sigmas[part], history.natural_sizes, vehicle)
         steady[part] = (np.abs(np.diff(values, axis=0, prepend=before)) <= limits) & informed

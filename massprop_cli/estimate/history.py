@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.moments import Moments
@@ -71,7 +71,7 @@ class History:
 
     def whitened(self) -> Iterator[Array]:
         """(N, 6) normalised innovations of the cycles that have them, part by part."""
-        for part in mapped.parts(len(self.normalised)):
+        for part in spill.parts(len(self.normalised)):
             rows = self.normalised[part]
             yield rows[np.isfinite(rows).all(1)]
 

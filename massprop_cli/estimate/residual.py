@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, grown, root_beside_unit
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.regression import Regression
@@ -24,7 +24,7 @@ class Residual(NamedTuple):
     @staticmethod
     def empty(count: int) -> Residual:
         """Of so many cycles, whose numbers are anything yet."""
-        return Residual(mapped.empty(count, 6), mapped.empty(count, 6))
+        return Residual(spill.empty(count, 6), spill.empty(count, 6))
 
 
 def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> Residual:

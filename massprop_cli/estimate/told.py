@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import belied
@@ -25,9 +25,9 @@ class Told:
     def __init__(self, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
         self.cycles, self.vehicle, self.every = cycles, vehicle, every
         count = cycles.stop - cycles.start
-        self.normalised = mapped.empty(count, 6)
-        self.values, self.sigmas = (mapped.empty(count if every else 1, 10) for _ in range(2))
-        self.innovation, self.innovation_sigma = (mapped.empty(len(self.values), 6) for _ in range(2))
+        self.normalised = spill.empty(count, 6)
+        self.values, self.sigmas = (spill.empty(count if every else 1, 10) for _ in range(2))
+        self.innovation, self.innovation_sigma = (spill.empty(len(self.values), 6) for _ in range(2))
         self.count = 0
 
     def add(self, rows: Rows) -> None:
@@ -44,7 +44,7 @@ class Told:
         left = variance > 0
         self.values[here], self.sigmas[here] = np.where(left, values, np.nan), np.sqrt(np.where(left, variance, np.nan))
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
-        mapped.give_back()
+        spill.give_back()
 
     def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
         """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""

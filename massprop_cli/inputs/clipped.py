@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.inputs.telemetry import SATURATED, Log, Notice
 
@@ -71,7 +71,7 @@ def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
 def _ends(increments: Array, interval_s: Array) -> BoolArray:
     """(n,) the same of one axis, whatever is elsewhere."""
     found: BoolArray = _side(increments / interval_s) | _side(increments / -interval_s)
-    mapped.give_back()
+    spill.give_back()
     return found
 
 

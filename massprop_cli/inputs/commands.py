@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
@@ -46,10 +46,10 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
 
 def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
     """(K, columns) of :func:`_per_cycle`."""
-    found = mapped.empty(n // records, len(columns))
+    found = spill.empty(n // records, len(columns))
     for place, column in enumerate(columns):
         found[:, place] = _per_cycle(source, column, records, n)
-        mapped.give_back()
+        spill.give_back()
     return found
 
 
@@ -82,7 +82,7 @@ def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records
         (lambda t: t > period_s * (1 + 1e-6), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
     ]
     for check, problem in checks:
-        bad = np.argwhere(np.concatenate([check(on_s[part]) for part in mapped.parts(len(on_s))]))
+        bad = np.argwhere(np.concatenate([check(on_s[part]) for part in spill.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs.formats import reading, recording
 from massprop_cli.inputs.tablefile import Table, columns_of
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
@@ -60,7 +60,7 @@ class LogTable:
                 f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
             )
         numbers: Array = self.table.columns[name].numbers()
-        scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=mapped.empty(len(numbers)))
+        scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))
         # what underflows when it is squared is a zero that was calculated
         scaled[(scaled < LEAST) & (scaled > -LEAST)] = 0.0
         return scaled
@@ -79,15 +79,15 @@ class LogTable:
         as_rates = not any(self.has(name) for name in names) and any(self.has(name) for name in rates)
         found = self.stacked(rates if as_rates else names)
         if as_rates:
-            for part in mapped.parts(len(found)):
+            for part in spill.parts(len(found)):
                 found[part] *= interval_s[part, None]
         return found
 
     def stacked(self, columns: Sequence[str]) -> Array:
         """(n, columns) required columns side by side."""
-        found = mapped.empty(self.table.rows, len(columns))
+        found = spill.empty(self.table.rows, len(columns))
         for place, column in enumerate(columns):
             values = self.required(column)
-            for part in mapped.parts(len(values)):
+            for part in spill.parts(len(values)):
                 found[part, place] = values[part]
         return found

@@ -12,7 +12,7 @@ from typing import Any
 
 from massprop_cli.base import limits
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs import thrift
 
 _MARK = b"PAR1"

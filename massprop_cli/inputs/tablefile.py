@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from massprop_cli.base import arrow, limits, mapped
+from massprop_cli.base import arrow, limits, spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs import parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording
 
@@ -83,7 +83,7 @@ def columns_of(path: Path, data: Content) -> Table:
         raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
     columns = {name: Cells(path, name, partial(found.column, name), found.places) for name in found.names}
     vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
-    return Table(path, mapped.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
+    return Table(path, spill.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
 
 
 class _File(NamedTuple):
@@ -161,7 +161,7 @@ def _plain_lines(data: Content) -> tuple[str, Sequence[int]] | None:
     """The same a piece at a time, where no line is blank and each ends as lines do; else None."""
     header, first, count, ended = "", True, 0, True
     try:
-        for piece in mapped.pieces(data):
+        for piece in spill.pieces(data):
             text = str(piece, "utf-8-sig" if first else "utf-8").replace("\r\n", "\n")
             if first:
                 header, _, text = text.partition("\n")
@@ -197,7 +197,7 @@ def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[s
     import pyarrow as pa
     from pyarrow import csv
 
-    found, first = [mapped.empty(rows) for _ in names], 0
+    found, first = [spill.empty(rows) for _ in names], 0
     with csv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
         for batch in batches:
             if first + len(batch) > rows:
@@ -205,7 +205,7 @@ def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[s
             for values, column in zip(found, batch.columns, strict=True):
                 values[first : first + len(batch)] = arrow.floats(column)
             first += len(batch)
-            mapped.give_back()
+            spill.give_back()
     if first < rows:
         raise _OtherRowsError
     return {name: arrow.held(values) for name, values in zip(names, found, strict=True)}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
@@ -192,14 +192,14 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
                 f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length",
             )
         )
-    interval_s = mapped.empty(len(time_s))
+    interval_s = spill.empty(len(time_s))
     interval_s[0], interval_s[1:] = usual, steps
     return interval_s, notices
 
 
 def _beyond(increments: Array, interval_s: Array, limit: float) -> BoolArray:
     """(n, 3) where increments over intervals (n,) are ``limit`` or more."""
-    found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in mapped.parts(len(increments))]
+    found = [np.abs(increments[part] / interval_s[part, None]) >= limit for part in spill.parts(len(increments))]
     return np.concatenate(found)
 
 
@@ -247,7 +247,7 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
     kind, gravity = vehicle.environment.kind, vehicle.environment.gravity_m_s2
     if kind == "free":
         return
-    usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in mapped.parts(len(velocity))]))
+    usual = median(np.concatenate([np.linalg.norm(velocity[part], axis=1) / interval_s[part] for part in spill.parts(len(velocity))]))
     if usual < FELT * gravity:
         raise InputError(
             f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "

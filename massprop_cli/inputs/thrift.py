@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 
 _DEEPEST, LISTED = 16, 2**14
 """Levels of structs, and items of a list, that a header may have."""

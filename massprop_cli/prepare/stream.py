@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.telemetry import Log
@@ -86,7 +86,7 @@ class Stream:
         return self._samples.part(slice(cycles.start - self._held.start, cycles.stop - self._held.start))
 
     def _compensated(self, cycles: slice) -> Samples:
-        mapped.give_back()
+        spill.give_back()
         aligned = self.alignment.part(cycles)
         scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s)
         return compensate(scaled, self.vehicle, self._before(cycles.start))

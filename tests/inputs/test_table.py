@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from massprop_cli.base import mapped
+from massprop_cli.base import spill
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import tablefile
 from massprop_cli.inputs.tablefile import columns_of
@@ -65,7 +65,7 @@ def test_a_damaged_column_is_refused_when_it_is_read_and_no_other() -> None:
 @pytest.mark.parametrize("piece", [4, 7, 64, 2**22])
 def test_lines_are_counted_alike_in_pieces_and_at_once(piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where any line is odd, all of the file is looked at at once."""
-    monkeypatch.setattr(mapped, "PIECE", piece)
+    monkeypatch.setattr(spill, "PIECE", piece)
     draw = np.random.default_rng(piece)
     parts = [b"a,b", b"1,2", b"\n", b"\r\n", b"\n\n", b"\r", b"  ", b"\t", b'"x\ny",3', "\u00b5,4".encode(), b"\xff", b"\xef\xbb\xbf"]
     plain = 0

@@ -12,7 +12,7 @@ from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import oncycles, onrows, reading
 from massprop_cli.inputs.formats.mapfile import MapSource

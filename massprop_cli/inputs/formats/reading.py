@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from massprop_cli.base import limits, mapped
+from massprop_cli.base import limits, spill
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs.formats.recording import TABLE, Recording, Stream, counted, kind
 
 
@@ -36,4 +36,4 @@ def read(path: Path, data: Content) -> Recording:
         streams.setdefault(one.path, one)
     if not any(one.rows for one in streams.values()):
         raise InputError(f"{path}: holds no numbers; record the log again")
-    return Recording(path, mapped.digest(data), found.name, streams, said.parameters, said.vehicle, said.map)
+    return Recording(path, spill.digest(data), found.name, streams, said.parameters, said.vehicle, said.map)

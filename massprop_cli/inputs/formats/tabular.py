@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from massprop_cli.base.mapped import Content
+from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
 from massprop_cli.inputs.formats.recording import Read, Stream
 

@@ -30,7 +30,7 @@ _held: WeakSet[mmap.mmap] = WeakSet()
 
 
 def empty(*shape: int) -> Array:
-    """An array of float64 whose numbers are anything yet."""
+    """An array of float64 of this shape, whose numbers are anything yet."""
     import numpy as np  # files are read before anything needs it
 
     size = 8 * prod(shape)
@@ -43,16 +43,15 @@ def copied(file: BinaryIO, size: int) -> Content:
     held = _file(size)
     if held is None:
         data = file.read(size)
-        if len(data) < size:
-            raise OSError(f"it ended after {len(data)} of {size} bytes while it was read")
-        return data
-    while held.tell() < size:
-        piece = file.read(min(PIECE, size - held.tell()))
-        if not piece:
-            raise OSError(f"it ended after {held.tell()} of {size} bytes while it was read")
-        held.write(piece)
-        give_back()
-    return held
+        found = len(data)
+    else:
+        while piece := file.read(min(PIECE, size - held.tell())):
+            held.write(piece)
+            give_back()
+        found = held.tell()
+    if found < size:
+        raise OSError(f"it ended after {found} of {size} bytes while it was read")
+    return data if held is None else held
 
 
 def pieces(data: Content, first: int = 0) -> Iterator[bytes]:
