@@ -110,6 +110,9 @@ class Regression(Triangle):
         for _ in range(STEPS):
             centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, bound)
+            last = triangle[count + 9, count + 9 :]
+            freed, last[1:2] = self._freed(theta, scale, last[0], last[1:2], (centre - theta) / scale)
+            last[0] *= freed
             solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
             least, own = self._lightest(theta, centre, scale, triangle, solved[-1]), triangle[: count + 9]
             if solved[-1] < least:
@@ -126,6 +129,22 @@ class Regression(Triangle):
         response = phi[: 3 * self.lift.channels].reshape(3, -1)
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
+
+    def _freed(self, theta: Array, scale: Array, own: Array, right: Array, drawn: Array) -> tuple[Array, Array]:
+        """What the data alone tell of 1/m, the last unknown of a triangle, where they tell it.
+
+        One sigma of what draws it to ``drawn`` is ``scale``, over which both are, and so as small as itself: where a search began at a
+        mass many times too large, that would hold it down.
+        ``own`` (...,) the last of the triangle's diagonal, ``right`` (..., 1 + e) what stands right of it. The factor on the first, and
+        what the second becomes.
+        """
+        left = np.sqrt(np.maximum(own**2 - 1, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            alone = right * (own / left)[..., None]
+            alone[..., 0] -= drawn[MU] / left
+            told = scale[MU] < quantities.UNTOLD * (theta[MU] * left + scale[MU] * alone[..., 0])
+        told &= self.weighed is None
+        return np.where(told, left / own, 1.0), np.where(told[..., None], alone, right)
 
     def _lightest(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:
         """The least step of 1/m, over ``scale``: what doesn't tell it may want less than none, and must keep nothing else from moving."""
@@ -266,8 +285,10 @@ class Regression(Triangle):
         """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
-        root = scale[:, None] * np.linalg.inv(own[..., :10])
-        steps = root @ own[..., 10:]
+        root, right = scale[:, None] * np.linalg.inv(own[..., :10]), own[..., 10:].copy()
+        freed, right[:, MU] = self._freed(theta, scale, own[:, MU, MU], right[:, MU], np.zeros(10))
+        root[..., MU] /= freed[:, None]
+        steps = root @ right
         step = steps[..., :1]
         covariance = root @ root.transpose(0, 2, 1)
         centre, sigmas = self._pull(theta, run)

@@ -148,6 +148,20 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
     weighed(&pass->vehicle, theta, out);
 }
 
+/* What 1/m, the last unknown of a triangle, is told by the data alone, where they tell it: both it and one sigma of what draws it to
+   `drawn` are over a scale as small as itself, which would hold it down where a search began at a mass many times too large. The factor
+   on the last of the triangle's diagonal, `own`; what stands right of it becomes what it would be. */
+static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real scale[10], mp_real own, mp_real *right,
+                     mp_real drawn) {
+    mp_real left = own * own - R(1), alone;
+    if ((vehicle->bearing && vehicle->known_mass > R(0)) || !(left > R(0))) return R(1);
+    left = MP_SQRT(left);
+    alone = *right * (own / left) - drawn / left;
+    if (!(scale[9] < MP_UNTOLD_MASS * (theta[9] * left + scale[9] * alone))) return R(1);
+    *right = alone;
+    return left / own;
+}
+
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
 static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
     mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
@@ -218,10 +232,12 @@ static void outer10(mp_real a[10][10], mp_real out[10][10]) {
 }
 
 int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real covariance[10][10]) {
-    mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], wider[10], apart[10], moved[10][10];
+    mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], wider[10], apart[10], moved[10][10], share;
     int i, j, k;
     mp_inverse10(posed->triangle, posed->count + 1, posed->count - 10, root);
     beside(posed, right);
+    share = freed(&pass->vehicle, posed->theta, posed->scale, posed->triangle[AT(posed->count + 1, posed->count - 1)], right + 9, R(0));
+    for (i = 0; i < 10; i++) root[i][9] /= share;
     for (i = 0; i < 10; i++) {
         step[i] = R(0);
         for (j = 0; j < 10; j++) {
@@ -314,9 +330,10 @@ static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], i
     for (again = 0; again < STEPS; again++) {
         pulled(pass, out->theta, scale);
         posed_of(&pass->vehicle, layout, run, out->theta, scale, pass->centre.theta, bound, pass->room.rows, posed);
+        last = posed->triangle + AT(size, count - 1);
+        *last *= freed(&pass->vehicle, out->theta, scale, *last, last + 1, (pass->centre.theta[9] - out->theta[9]) / scale[9]);
         for (i = 0; i < count; i++) solved[i] = posed->triangle[AT(size, i) + count - i];
         mp_back(posed->triangle, size, count - 1, 1, solved + count - 1);
-        last = posed->triangle + AT(size, count - 1);
         solved[count - 1] = mp_max(solved[count - 1], lightest(pass, out->theta, scale[9], *last, solved[count - 1]));
         for (i = 0; i < count - 1; i++) solved[i] -= posed->triangle[AT(size, i) + count - 1 - i] * solved[count - 1];
         mp_back(posed->triangle, size, 0, count - 1, solved);
