@@ -121,7 +121,7 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
     """Of rates, a row for each step between two of the cycles, and of specific force, a row for each cycle; each with their weights."""
     system, here = linearise(samples, cycles, reference, vehicle), samples.part(cycles)
     growth = np.diff(here.rate_rad_s, axis=0) - system.steps
-    felt: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
+    felt: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
     if len(reference.scale):
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     if plant_of(vehicle).tilt_sigma > 0:

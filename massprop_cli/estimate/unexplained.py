@@ -24,7 +24,7 @@ def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicl
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
         used = ~samples.part(stretch).executed.ignored[:, 1]
-        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.measured[:, 3:], used)[1])
+        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.felt, used)[1])
     return np.concatenate(found)
 
 

@@ -94,6 +94,7 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
         if (layout->at_bias >= 0) observation[i * n + layout->at_bias + i] = 1.0;
         if (layout->at_accel >= 0) observation[(3 + i) * n + layout->at_accel + i] = 1.0;
         for (j = 0; j < 3; j++) {
+            observation[(3 + i) * n + j] = (double)here->by_rate[i][j];
             if (layout->at_torque >= 0) observation[(3 + i) * n + layout->at_torque + j] = (double)here->by_torque[i][j];
             if (layout->at_tilt >= 0) observation[(3 + i) * n + layout->at_tilt + j] = (double)here->by_tilt[i][j];
         }

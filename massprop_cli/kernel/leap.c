@@ -44,8 +44,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     return MP_OK;
 }
 
-/* Derivative of the gyroscopic term by the rate, under one half of the window, made smaller where it is steep. */
-static void bounded(const mp_reference *about, int channels, const mp_real rate[3], mp_real out[3][3]) {
+void mp_coupled(const mp_reference *about, int channels, const mp_real rate[3], mp_real out[3][3]) {
     mp_real by[6][3], size = R(0);
     int i, j, k;
     memset(by, 0, sizeof by);
@@ -73,8 +72,8 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
     memset(out->transition, 0, sizeof out->transition);
     memset(out->process, 0, sizeof out->process);
     memset(out->drive, 0, sizeof out->drive);
-    bounded(about, layout->channels, from->turning[0], leaving);
-    bounded(about, layout->channels, into->turning[1], entering);
+    mp_coupled(about, layout->channels, from->turning[0], leaving);
+    mp_coupled(about, layout->channels, into->turning[1], entering);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) part[i][j] = (i == j ? R(1) : R(0)) - entering[i][j];
     mp_inverse((const mp_real(*)[3])part, out->solve);

@@ -124,6 +124,7 @@ typedef struct {
     mp_real euler[3][3];        /* specific force by angular acceleration */
     mp_real mean[MP_CHANNELS];  /* what phi multiplies, mean over the cycle */
     mp_real own[3][4];          /* specific force by mu, and by c or mu kappa */
+    mp_real by_rate[3][3];      /* specific force by an error of the rate */
     mp_real by_torque[3][3];    /* specific force by a slow torque */
     mp_real by_tilt[3][3];      /* specific force by an error of attitude */
     mp_real pulse_root[3][3];   /* root of the moment that pulses err by, N m s */

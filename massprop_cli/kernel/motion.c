@@ -322,25 +322,52 @@ void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, con
     hung(vehicle, about, (const mp_real(*)[3])by, out);
 }
 
-/* What slow torques and errors of attitude do to the specific force. */
-static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
-                         mp_motion *out) {
-    mp_real inverse[3][3], tilting[3][3], by[3][3], mean[3], push[3], turn[3];
+/* What an error of attitude does to the mean specific force, `part` of a cycle before its middle. */
+static void by_attitude(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, mp_real part, mp_real out[3][3]) {
+    mp_real inverse[3][3], tilting[3][3], by[3][3], own[3][3], mean[3], push[3], turn[3];
     int i, j;
-    if (layout->at_torque < 0 && layout->at_tilt < 0) return;
-    mp_tensor(about->theta, inverse);
-    mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
-    if (layout->at_tilt < 0) return;
     for (i = 0; i < 3; i++) {
-        mean[i] = (out->up[0][i] + out->up[1][i]) / cycle->duration_s;
-        push[i] = (out->push[0][i] + out->push[1][i]) / cycle->duration_s;
-        turn[i] = out->rate[i] * cycle->duration_s;
+        mean[i] = (here->up[0][i] + here->up[1][i]) / here->duration_s;
+        push[i] = (here->push[0][i] + here->push[1][i]) / here->duration_s;
+        turn[i] = here->rate[i] * here->duration_s;
     }
-    force_by_tilt(vehicle, about, mean, push, turn, R(0.5), by);
+    force_by_tilt(vehicle, about, mean, push, turn, part, by);
     hung(vehicle, about, (const mp_real(*)[3])by, tilting);
-    mp_product((const mp_real(*)[3])out->by_torque, (const mp_real(*)[3])tilting, out->by_tilt);
+    mp_tensor(about->theta, inverse);
+    mp_product((const mp_real(*)[3])here->euler, (const mp_real(*)[3])inverse, own);
+    mp_product((const mp_real(*)[3])own, (const mp_real(*)[3])tilting, out);
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) out->by_tilt[i][j] += by[i][j];
+        for (j = 0; j < 3; j++) out[i][j] += by[i][j];
+}
+
+/* What an error of the rate does to the specific force, by the motion's own acceleration along the lever arm. */
+static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp_reference *about, mp_motion *out) {
+    mp_real turn[3][3], coupled[3][3], half[3], across[3][3], along[3][3], known[3], half_s = out->duration_s / R(2);
+    int i, j;
+    for (i = 0; i < 3; i++) half[i] = out->rate[i] * half_s;
+    mp_cross_matrix(out->rate, turn);
+    mp_coupled(about, layout->channels, half, coupled);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) coupled[i][j] = coupled[i][j] / half_s - turn[i][j];
+    mp_product((const mp_real(*)[3])turn, (const mp_real(*)[3])out->euler, across);
+    mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])coupled, along);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) out->by_rate[i][j] = R(2) * across[i][j] + along[i][j];
+    if (vehicle->bearing) { /* what hangs on it turns under its weight meanwhile, by half a cycle's turn in the mean */
+        by_attitude(vehicle, about, out, R(0), across);
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->by_rate[i][j] += across[i][j] * half_s;
+    }
+    mp_times((const mp_real(*)[3])out->by_rate, out->rate, known);
+    for (i = 0; i < 3; i++) out->measured[i] += known[i];
+}
+
+/* What slow torques and errors of attitude do to the specific force. */
+static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, const mp_reference *about, mp_motion *out) {
+    mp_real inverse[3][3];
+    mp_tensor(about->theta, inverse);
+    if (layout->at_torque >= 0) mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
+    if (layout->at_tilt >= 0) by_attitude(vehicle, about, out, R(0.5), out->by_tilt);
 }
 
 /* (3, 6) moment about the centre, and specific force at the IMU, of a wrench. */
@@ -445,6 +472,7 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     within(vehicle, layout->channels, cycle, about, out->rate, bins, rates, ups);
     integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
     felt(vehicle, layout, cycle, about, bins, out);
-    by_nuisances(vehicle, layout, cycle, about, out);
+    by_rate(vehicle, layout, about, out);
+    by_nuisances(vehicle, layout, about, out);
     noise_of(vehicle, cycle, about, out);
 }

@@ -9,7 +9,8 @@ come from the *measured* mean rate of each cycle, with the motion within the cyc
 rate is a state (derivatives ``leaving`` and ``entering`` below) the gyroscopic term works on the rate that is estimated, and noise in the
 measured one enters to second order only.
 
-Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model.
+Translation. The accelerometer feels the CG's specific force ``+ ω̇ × ρ + ω × (ω × ρ)``, with ω̇ from the same model and ω the measured
+rate, from which the state's departs by noise, and by what the gyro's bias is beyond the reference's.
 """
 
 from __future__ import annotations
@@ -208,6 +209,7 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     euler, felt, offset = _felt(whole, lift, about.reference, within.response, within.motion, np.array(vehicle.imu.position_m), onto)
     observation = np.zeros((len(duration), 6, layout.states))
     observation[:, :3, layout.own(RATE)] = np.eye(3)
+    observation[:, 3:, layout.own(RATE)] = by_rate = _felt_by_rate(about, euler)
     for rows, block, matrix in (
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
@@ -226,11 +228,34 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
             observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, lift.plant.force]
     measured = np.zeros((len(duration), 6, 1 + (lift.size if onto is None else onto.shape[1])))
     measured[:, :3, 0] = here.rate_rad_s
-    measured[:, 3:, 0] = here.specific_force_m_s2 - offset
+    measured[:, 3:, 0] = here.specific_force_m_s2 - offset + times(by_rate, here.rate_rad_s - about.reference.gyro_bias)
     if about.damped is not None:
         measured[:, 3:, 0] += observation[:, 3:, layout.own(layout.damping)] @ about.reference.damping
     np.negative(felt, out=measured[:, 3:, 1:])
     return observation, measured
+
+
+def _felt_by_rate(about: _About, euler: Array) -> Array:
+    """(K, 3, 3) of the specific force by an error of the rate; ``euler`` is that by ω̇, E = −[ρ]×.
+
+    ``d(ω × (ω × ρ) + ω̇ × ρ) = (2 [ω]× E − E [ω]×) dω + E dω̇``, and ω̇ changes by the gyroscopic coupling. What hangs on a bearing turns
+    under its weight meanwhile, by half a cycle's turn in the mean.
+    """
+    rate, half_s = about.here.rate_rad_s - about.reference.gyro_bias, about.here.executed.duration_s[:, None, None] / 2
+    turn, coupled = cross_matrix(rate), _bounded(about.within.response[:, -6:] @ products_by_rate(rate) * half_s) / half_s
+    found: Array = 2 * turn @ euler + euler @ (coupled - turn)
+    if about.lift.plant.pivoted:
+        moment, force = _by_tilt(about.here, about.lift.plant, about.within, about.reference)
+        found += (force + euler @ about.coupling.own @ moment) * half_s
+    return found
+
+
+def _by_tilt(here: Samples, plant: Plant, within: Within, reference: Reference) -> tuple[Array, Array]:
+    """(K, 3, t) the mean moment, and (K, 3, t) the mean specific force of the centre, by an error of the attitude in the middle."""
+    duration, executed = here.executed.duration_s[:, None], here.executed
+    up = windows(within.motion.up, _bin_s(here, within.motion)).whole / duration
+    push = (executed.rising + executed.falling)[:, 3:] / duration
+    return plant.moment_by_tilt(reference, up, push), plant.force_by_tilt(reference, up, push)
 
 
 def compiled(vehicle: Vehicle) -> bool:
@@ -260,8 +285,7 @@ def _tilting(here: Samples, plant: Plant, within: Within, reference: Reference) 
     up, executed = windows(within.motion.up, _bin_s(here, within.motion)), here.executed
     leaving = plant.moment_by_tilt(reference, up.rising, executed.rising[:, 3:]) @ early
     entering = plant.moment_by_tilt(reference, up.falling, executed.falling[:, 3:]) @ late
-    acted = up.whole / duration[:, None], (executed.rising + executed.falling)[:, 3:] / duration[:, None]
-    whole, force = plant.moment_by_tilt(reference, *acted) @ mean, plant.force_by_tilt(reference, *acted) @ mean
+    whole, force = (part @ mean for part in _by_tilt(here, plant, within, reference))
     return _Tilting(kept, by_error, (leaving[:-1], entering[1:]), whole, force)
 
 

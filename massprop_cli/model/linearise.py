@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.lift import Lift
@@ -27,6 +28,8 @@ class Linear(Steps):
     """(K − 1, n)"""
     measured: Array
     """(K, 6)"""
+    felt: Array
+    """(K, 3) the specific force of these at the measured rates: what mass properties and nuisances explain."""
 
 
 def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Linear:
@@ -48,7 +51,9 @@ def linearise(samples: Source, cycles: slice, reference: Reference, vehicle: Veh
     observation[..., states] = free.observation
     observation[:, 3:, PARAMETERS] = -free.measured[:, 3:, 2:]
     measured = free.measured[..., 0] + free.measured[..., 1]
-    return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured)
+    rate = samples.part(cycles).rate_rad_s - reference.gyro_bias
+    felt = measured[:, 3:] - times(observation[:, 3:, RATE], rate)
+    return Linear(transition, observation, free.moment_to_rate, free.steps, drive, measured, felt)
 
 
 def less_tilt(system: Linear, left: Array, tilt: slice) -> Array:

@@ -87,7 +87,7 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
         told[:3] += (turning**2).sum(0) / gyro**2
         told[3:] += (pushing**2).sum(0) / accel[:, None] ** 2
         growth = np.diff(samples.part(part).rate_rad_s, axis=0)
-        left: Array = system.measured[:, 3:] - times(system.observation[:, 3:, PARAMETERS], theta)
+        left: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], theta)
         left = less_tilt(system, left, tilt) if sloping else left
         felt.add(left[own])
         pushed.add(times(pushing, commanded))

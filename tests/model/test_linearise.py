@@ -43,7 +43,7 @@ def test_about_the_truth_the_model_reproduces_an_exact_flight(kind: str, rise_s:
     growth = np.diff(samples.rate_rad_s[2:80], axis=0)
     np.testing.assert_allclose(system.steps, growth, atol=5e-8)
     expected = times(system.observation[:, 3:, PARAMETERS], parameters(reference(truth(kind))))
-    np.testing.assert_allclose(system.measured[:, 3:], expected, atol=1e-4)
+    np.testing.assert_allclose(system.felt, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -60,7 +60,7 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
             values[i] += sign * size
             shifted = Reference(tensor(values[:6]), values[6:9], float(values[9]))
             other = linearise(samples, slice(2, 80), shifted, used)
-            force = samples.specific_force_m_s2[2:80] - other.measured[:, 3:] + times(other.observation[:, 3:, PARAMETERS], values)
+            force = samples.specific_force_m_s2[2:80] - other.felt + times(other.observation[:, 3:, PARAMETERS], values)
             moved.append((other.steps, force))
         # the implicit step's (1 − A) is solved in the transition: undo it to compare with the plain growth
         solve = system.moment_to_rate @ reference(base).inertia
@@ -70,6 +70,23 @@ def test_derivatives_agree_with_finite_differences(kind: str) -> None:
         scale_force = np.abs(system.observation[:, 3:, i]).max() + 1e-12
         np.testing.assert_allclose(rate_slope / scale_rate, system.transition[:, RATE, i] / scale_rate, atol=0.03)
         np.testing.assert_allclose(force_slope / scale_force, system.observation[:, 3:, i] / scale_force, atol=0.03)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_force_of_an_error_of_the_rate_agrees_with_finite_differences(kind: str) -> None:
+    """The lever arm's own acceleration and the gyroscopic coupling, against the model's own change when the measured rates are moved."""
+    samples, used, about = flown(kind).samples(), flown(kind).used, reference(truth(kind))
+    system = linearise(samples, slice(2, 80), about, used)
+    size, largest = 1e-5, np.abs(system.observation[:, 3:, RATE]).max()
+    assert largest > 0.04
+    for i in range(3):
+        forces = []
+        for sign in (1, -1):
+            rate = samples.rate_rad_s + sign * size * np.eye(3)[i]
+            other = linearise(replace(samples, rate_rad_s=rate), slice(2, 80), about, used)
+            forces.append(times(other.observation[:, 3:, PARAMETERS], parameters(about)) - other.felt)
+        slope = (forces[0] - forces[1]) / (2 * size)
+        np.testing.assert_allclose(slope, system.observation[:, 3:, RATE.start + i], atol=0.004 * largest)
 
 
 def test_rows_do_not_depend_on_later_cycles() -> None:
