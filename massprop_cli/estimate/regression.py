@@ -14,7 +14,7 @@ from massprop_cli.estimate import quantities
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Posed, Response, Rows, Told
-from massprop_cli.estimate.triangle import LOOSE, Run, Triangle
+from massprop_cli.estimate.triangle import LOOSE, PULL, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference
@@ -191,6 +191,8 @@ class Regression(Triangle):
         about = lift.theta(reference)
         scales = lift.scales(theta)
         known = sigma < KNOWN * scales
+        if lift.plant.pivoted:  # what the weight does to it is much where the CG is off by little
+            scales[..., MOMENT] *= PULL["balanced cg"]
         far = known & ((theta - about) ** 2 > most * sigma * scales)
         return np.asarray(far.any(1))
 

@@ -13,6 +13,7 @@
 #define WEIGHED R(0.5)      /* part of a known mass' reciprocal that is one sigma of it on a bearing */
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
 #define HEAVIER R(10)       /* factor on the mass that no step of the search may exceed; of a mass that isn't told, beside where it began */
+#define BALANCED R(0.02)    /* of what turns on a bearing, the CG's distance from there over its natural size */
 #define STEPS 6
 #define STUCK R(3)          /* sigmas of a step that leads to no body: so far from where it should be its values mean nothing */
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
@@ -141,7 +142,7 @@ void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, 
 
 /* Where the search began draws what the data don't tell, by these sigmas. */
 static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]) {
-    mp_real cg = pass->vehicle.bearing ? R(0.02) : R(1);
+    mp_real cg = pass->vehicle.bearing ? BALANCED : R(1);
     int i;
     mp_sizes(&pass->vehicle, theta, out);
     for (i = 0; i < 10; i++) out[i] = mp_max(out[i], pass->centre_sizes[i]) * (i < 6 ? R(0.2) : i < 9 ? cg : R(1));
@@ -275,7 +276,8 @@ int mp_stale(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[1
     mp_scales(&pass->vehicle, theta, scales);
     for (i = 0; i < 10; i++) {
         mp_real apart = theta[i] - pass->reference.theta[i];
-        stale |= sigma[i] < KNOWN * scales[i] && apart * apart > most * sigma[i] * scales[i];
+        mp_real scale = i >= 6 && i < 9 && pass->vehicle.bearing ? BALANCED * scales[i] : scales[i];
+        stale |= sigma[i] < KNOWN * scales[i] && apart * apart > most * sigma[i] * scale;
     }
     return stale;
 }
