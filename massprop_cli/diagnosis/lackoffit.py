@@ -39,8 +39,8 @@ LAGS = (0, 1, 2)
 follows it."""
 SIGNIFICANT = 5.5
 """Normal deviate that a channel must exceed: one of 50 million clean ones does by chance. benchmarks/faults.py moves if it is changed."""
-WANDER = 21
-"""Cycles within which what wanders hardly moves, and pulses begin and end."""
+WANDER, LEAST_WANDER = 21, 3
+"""Cycles within which what wanders hardly moves, and pulses begin and end; the fewest over which a mean is one."""
 SPARE = 3
 """Residuals that there must be for each probe."""
 
@@ -91,8 +91,9 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
     # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives
     tilted = vehicle.on_air_bearing and not samples.attitude_logged
     slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
-    biased = tilted or vehicle.imu.accel_bias_sigma_m_s2 > 0
-    rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow, biased))
+    biased = slow or vehicle.imu.accel_bias_sigma_m_s2 > 0  # a slow torque swings the IMU
+    within = _within(reference, vehicle)
+    rates, forces = _folded(samples, history.cycles, reference, vehicle, (slow * within, biased * within))
     parts = _hidden(rates, share[:, :3], spread), _hidden(forces, share[:, 3:], spread)
     weight = np.stack([share[:, :3].sum(1), share[:, 3:].sum(1)])
     found: Array = np.sqrt((weight * np.stack(parts)).sum(0))
@@ -100,8 +101,18 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
     return found
 
 
-def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, quick: tuple[bool, bool]) -> tuple[_Rows, _Rows]:
-    """Rows of rates and of specific force of a phase, folded part by part; ``quick``: something in them is known to wander."""
+def _within(reference: Reference, vehicle: Resolved) -> int:
+    """Cycles within which what wanders hardly moves: :data:`WANDER`, or fewer where a slow torque soon makes more than the noise."""
+    stated = vehicle.environment
+    if stated.disturbance_walk_n_m == 0:
+        return WANDER
+    turned = vehicle.cycle.period_s * float(np.linalg.norm(np.linalg.inv(reference.inertia), axis=1).max())
+    noise = 2 * vehicle.imu.gyro_noise_rad_s**2 + (turned * stated.disturbance_torque_n_m) ** 2
+    return int(np.clip(noise / (turned * stated.disturbance_walk_n_m) ** 2, LEAST_WANDER, WANDER))
+
+
+def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, quick: tuple[int, int]) -> tuple[_Rows, _Rows]:
+    """Rows of rates and of specific force of a phase, folded part by part; ``quick``: cycles within which they wander little; 0: not."""
     found: list[_Rows] = []
     for part in blocks(cycles):
         # what is quick needs its neighbours
@@ -110,7 +121,8 @@ def _folded(samples: Source, cycles: slice, reference: Reference, vehicle: Resol
         kinds = zip(_rows(samples, wide, reference, vehicle), quick, (last - 1, last - (part.stop < cycles.stop)), strict=True)
         # what wanders is the same under every weight, so it goes before rows are weighted
         now = [
-            (rows.quick(weight) if is_quick else rows).weighted(weight).part(slice(first, end)) for (rows, weight), is_quick, end in kinds
+            (rows.quick(weight, within) if within else rows).weighted(weight).part(slice(first, end))
+            for (rows, weight), within, end in kinds
         ]
         found = [one.joined(other).folded() for one, other in zip(found, now, strict=True)] if found else [one.folded() for one in now]
     rates, forces = found
@@ -186,9 +198,9 @@ class _Rows:
         """These rows, which stand for as many as before."""
         return _Rows(self.table[:, rows], self.count)
 
-    def quick(self, weight: Array) -> _Rows:
-        """Less what wanders, as rows of weights (3, N) show it."""
-        return _Rows(_quick(self.table, weight[..., None] ** 2), self.count)
+    def quick(self, weight: Array, within: int) -> _Rows:
+        """Less what wanders beyond so many rows, as rows of weights (3, N) show it."""
+        return _Rows(_quick(self.table, weight[..., None] ** 2, within), self.count)
 
     def part(self, rows: slice) -> _Rows:
         found = self.table[:, rows]
@@ -228,10 +240,10 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     return found
 
 
-def _quick(values: Array, weight: Array) -> Array:
-    """(3, N, c) less the mean, by ``weight`` (3, N, 1), of the :data:`WANDER` rows around each."""
+def _quick(values: Array, weight: Array, within: int) -> Array:
+    """(3, N, c) less the mean, by ``weight`` (3, N, 1), of the ``within`` rows around each."""
     count = values.shape[1]
-    half = min(WANDER, count - 1) // 2
+    half = min(within, count - 1) // 2
     first = np.maximum(np.arange(count) - half, 0)
     last = np.minimum(np.arange(count) + half + 1, count)
 
