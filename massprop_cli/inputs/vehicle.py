@@ -6,6 +6,7 @@ The models below are the schema (``massprop schema vehicle``). Unknown keys are 
 from __future__ import annotations
 
 import json
+import math
 from functools import cached_property
 from itertools import combinations
 from typing import Annotated, Any, Literal, Self
@@ -180,8 +181,11 @@ class Vehicle(Section):
         return mapping
 
     def in_phase(self, phase: Phase) -> Self:
-        """The vehicle with what is known of it in that phase, and of no other."""
-        return self.model_copy(update={"known": {**self.known, **phase.known}})
+        """The vehicle with what is known of it in that phase, and of no other; by its end, where it is stated to drift."""
+        known = {**self.known, **phase.known}
+        drifted = {name: getattr(self.drift, name) * (phase.end_s - phase.start_s) ** 0.5 for name in known}
+        grown = {name: Known(value=one.value, sigma=math.hypot(one.sigma, drifted[name])) for name, one in known.items()}
+        return self.model_copy(update={"known": grown if any(drifted.values()) else known})
 
     @property
     def on_air_bearing(self) -> bool:
