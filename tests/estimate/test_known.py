@@ -7,6 +7,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.known import DENSEST, belied, heaviest_body
+from massprop_cli.inputs.vehicle import Phase
 from tests import flight
 
 MEAN = np.append(flight.TRUTH[:9], 1 / flight.TRUTH[9])
@@ -35,3 +36,12 @@ def test_a_known_mass_must_be_that_of_a_body_even_where_the_log_does_not_tell_it
     assert against == (("mass",) if wrong else ())
     assert [notice.code for notice in notices] == ["known-mismatch"] * wrong
     assert all(f"known.mass = {mass:g}" in notice.message for notice in notices)
+
+
+def test_what_is_stated_to_drift_is_known_when_its_phase_begins() -> None:
+    """Weighed to 1 g, then for 100 s a walk of 0.02 kg per root second: 0.2 kg by the end, and what doesn't drift as it was."""
+    known = {"mass": {"value": 22.0, "sigma": 1e-3}, "cg_x": {"value": 0.01, "sigma": 1e-4}}
+    vehicle = flight.vehicle(known=known, drift={"mass": 0.02})
+    during = vehicle.in_phase(Phase(name="all", start_s=20.0, end_s=120.0)).known
+    assert during["mass"].sigma == pytest.approx(np.hypot(1e-3, 0.2))
+    assert (during["mass"].value, during["cg_x"].sigma) == (22.0, 1e-4)
