@@ -84,15 +84,20 @@ def _thrust_off(data: Data, draw: np.random.Generator) -> None:
     data["vehicle"]["thrust"]["scale_sigma"] = 0.03
 
 
+def _full(data: Data) -> float:
+    """The largest torque that the vehicle can make about the axis where that is least."""
+    if "jets" in data["vehicle"]:
+        each = np.abs([np.cross(jet["position_m"], jet["force_n"]) for jet in data["vehicle"]["jets"]]).sum(0) / 2
+    else:
+        each = np.asarray(data["actuators"]["max_torque_n_m"])
+    return float(each.min())
+
+
 def _torque(data: Data, draw: np.random.Generator) -> None:
     """White, wandering, steady or periodic, of a thousandth to three hundredths of what the vehicle can."""
     vehicle = data["vehicle"]
     vehicle["environment"].pop("disturbance_torque_n_m", None)
-    if "jets" in vehicle:
-        full = np.abs([np.cross(jet["position_m"], jet["force_n"]) for jet in vehicle["jets"]]).sum(0) / 2
-    else:
-        full = np.asarray(data["actuators"]["max_torque_n_m"])
-    kind, size = str(draw.choice(["torque_n_m", "walk_n_m", "constant_n_m", "periodic_n_m"])), full.min() * drawn_between(draw, 1e-3, 3e-2)
+    kind, size = str(draw.choice(["torque_n_m", "walk_n_m", "constant_n_m", "periodic_n_m"])), _full(data) * drawn_between(draw, 1e-3, 3e-2)
     level = {"torque_n_m": size, "walk_n_m": size / 20}
     data["disturbance"] = {kind: level.get(kind, size * draw.normal(size=3))}
 
@@ -184,6 +189,94 @@ def _table(data: Data, draw: np.random.Generator) -> None:
     data["disturbance"] = {"table_tilt_rad": slope * draw.normal(size=2), "table_hold": draw.uniform(0.3, 1)}
 
 
+def _pushed(data: Data, torque: float, force: float) -> None:
+    """Forces so many times as large, at places that make torques so many times as large."""
+    for jet in data["vehicle"].get("jets", ()):
+        jet["force_n"], jet["position_m"] = np.asarray(jet["force_n"]) * force, np.asarray(jet["position_m"]) * (torque / force)
+    actuators = data.get("actuators", {})
+    for key, factor in (("max_torque_n_m", torque), ("max_force_n", force)):
+        if key in actuators:
+            actuators[key] = np.asarray(actuators[key]) * factor
+
+
+def _weak(data: Data, draw: np.random.Generator) -> None:
+    factor = 1 / drawn_between(draw, 10, 100)
+    _pushed(data, factor, factor)
+
+
+def _sharp(data: Data, _: np.random.Generator) -> None:
+    for key in ("gyro_noise_rad_s", "accel_noise_m_s2"):
+        data["vehicle"]["imu"][key] /= 100
+
+
+def _resized(length: float, weight: float) -> Callable[[Data, np.random.Generator], None]:
+    """The same vehicle of another length and mass, turned as fast; what is felt grows as its length."""
+
+    def change(data: Data, _: np.random.Generator) -> None:
+        vehicle, truth, area = data["vehicle"], data["truth"], weight * length**2
+        imu, environment, sensors = vehicle["imu"], vehicle["environment"], data["sensors"]
+        for name in QUANTITIES:
+            truth[name] *= weight if name == "mass" else length if name.startswith("cg") else area
+        _pushed(data, area, weight * length)
+        for part, key, factor in (
+            (imu, "position_m", length),
+            (imu, "accel_noise_m_s2", length),
+            (imu, "accel_bias_sigma_m_s2", length),
+            (sensors, "accel_bias_m_s2", length),
+            (environment, "disturbance_torque_n_m", area),
+            (environment, "bearing_position_m", length),
+            (environment, "bearing_mass_kg", weight),
+            (data["control"], "rate_gain_n_m_s", area),
+            (data["control"], "attitude_gain_n_m", area),
+        ):
+            if key in part:
+                part[key] = np.asarray(part[key]) * factor
+        for known in vehicle.get("known", {}).values():
+            known |= {key: value * weight for key, value in known.items()}
+
+    return change
+
+
+def _slow_torque(data: Data, draw: np.random.Generator) -> None:
+    environment = data["vehicle"]["environment"]
+    environment.pop("disturbance_torque_n_m", None)
+    environment["disturbance_walk_n_m"] = _full(data) * drawn_between(draw, 1e-4, 1e-2)
+
+
+def _white_torque(data: Data, draw: np.random.Generator) -> None:
+    data["vehicle"]["environment"]["disturbance_torque_n_m"] = _full(data) * drawn_between(draw, 0.03, 0.5)
+
+
+def _biased(data: Data, draw: np.random.Generator) -> None:
+    """As those of small IMUs are before they are calibrated."""
+    vehicle = data["vehicle"]
+    seconds, bearing = data["duration_cycles"] * vehicle["cycle"]["period_s"], vehicle["environment"]["kind"] == "air_bearing"
+    gyro, accel = min(drawn_between(draw, 1e-4, 1e-2), 0.1 / seconds if bearing else 1.0), drawn_between(draw, 1e-2, 0.3)
+    vehicle["imu"] |= {"gyro_bias_sigma_rad_s": gyro, "accel_bias_sigma_m_s2": accel}
+    data["sensors"] |= {"gyro_bias_rad_s": gyro * draw.normal(size=3), "accel_bias_m_s2": accel * draw.normal(size=3)}
+
+
+def _fuel(data: Data, draw: np.random.Generator) -> None:
+    """A thousandth to a tenth of the mass is burnt, which is stated as drift; of what has no jets none is."""
+    vehicle, seconds = data["vehicle"], data["duration_cycles"] * data["vehicle"]["cycle"]["period_s"]
+    if "jets" not in vehicle:
+        return
+    # the plan fires each jet a tenth of the time or so
+    impulse = 0.1 * seconds * float(np.linalg.norm([jet["force_n"] for jet in vehicle["jets"]], axis=1).sum())
+    burnt = data["truth"]["mass"] * drawn_between(draw, 1e-3, 0.05)
+    data["fuel"] = {"specific_impulse_s": impulse / burnt / 9.80665}
+    vehicle["drift"] = {"mass": burnt / seconds**0.5}
+
+
+def _uneven(data: Data, draw: np.random.Generator) -> None:
+    data["vehicle"]["thrust"]["pulse_sigma"] = drawn_between(draw, 0.02, 0.2)
+
+
+def _lag_open(data: Data, draw: np.random.Generator) -> None:
+    data["actuators"] = data.get("actuators", {}) | {"lag_s": data["vehicle"]["cycle"]["period_s"] * drawn_between(draw, 0.2, 5)}
+    data["vehicle"]["thrust"]["lag_s"] = "auto"
+
+
 SIZED = frozenset({"disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit", "cause-unknown"})
 """Codes of noise that was found larger than stated, whatever made it."""
 KINDS = {
@@ -201,5 +294,15 @@ KINDS = {
     "drag": Kind("drag of a size that is stated", _drag),
     "turns-only": Kind("nothing pushes it, the mass is weighed", _turns_only),
     "table": Kind("on a table out of level", _table, free=True),
+    "weak": Kind("pushed by a tenth to a hundredth of that", _weak),
+    "sharp": Kind("with an IMU a hundred times as sharp", _sharp),
+    "large": Kind("20 times the length, 10,000 times the mass", _resized(20, 1e4)),
+    "small": Kind("a tenth of the length, a ten thousandth of the mass", _resized(0.1, 1e-4)),
+    "slow-torque": Kind("a slowly varying torque, stated", _slow_torque),
+    "white-torque": Kind("a white torque of 3 to 50 % of its own, stated", _white_torque),
+    "biased": Kind("gyro and accelerometer have large biases, stated", _biased),
+    "fuel": Kind("it burns fuel, stated", _fuel),
+    "uneven": Kind("pulses err by 2 to 20 %, stated", _uneven),
+    "lag-open": Kind("the thrust's lag is left open", _lag_open),
     "torque": Kind("a torque that nobody stated", _torque, SIZED | {"steady-torque"}),
 }
