@@ -199,9 +199,18 @@ def _pushed(data: Data, torque: float, force: float) -> None:
             actuators[key] = np.asarray(actuators[key]) * factor
 
 
+def _balanced(data: Data, factor: float) -> None:
+    """On a bearing, the CG so many times as far from it, that the weight doesn't beat the jets."""
+    centre = np.asarray(data["vehicle"]["environment"].get("bearing_position_m", np.zeros(3)))
+    if data["vehicle"]["environment"]["kind"] == "air_bearing":
+        for i, name in enumerate(("cg_x", "cg_y", "cg_z")):
+            data["truth"][name] = centre[i] + factor * (data["truth"][name] - centre[i])
+
+
 def _weak(data: Data, draw: np.random.Generator) -> None:
     factor = 1 / drawn_between(draw, 10, 100)
     _pushed(data, factor, factor)
+    _balanced(data, factor)
 
 
 def _sharp(data: Data, _: np.random.Generator) -> None:
@@ -233,6 +242,7 @@ def _resized(length: float, weight: float) -> Callable[[Data, np.random.Generato
                 part[key] = np.asarray(part[key]) * factor
         for known in vehicle.get("known", {}).values():
             known |= {key: value * weight for key, value in known.items()}
+        _balanced(data, min(length, 1.0))
 
     return change
 

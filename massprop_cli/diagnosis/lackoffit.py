@@ -32,7 +32,7 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.system import felt_noise
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.compensate import BLOCK, Samples, Source, blocks
+from massprop_cli.prepare.compensate import BLOCK, Samples, Source, biased_attitude, blocks
 
 LAGS = (0, 1, 2)
 """Cycles by which commands are shifted: pulses that come late or smeared. Not those still to come: a controller's answer to a disturbance
@@ -138,6 +138,11 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
     if plant_of(vehicle).tilt_sigma > 0:
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
+    if biased_attitude(samples.attitude_logged, vehicle):  # the attitude is off by what the bias that was found has made of it
+        block, error = Layout.of(samples, vehicle).tilt, here.attitude_error_rad
+        tilt = error[..., 0] + times(error[..., 1:], reference.gyro_bias)
+        growth -= times(system.transition[:, RATE, block], tilt[:-1])
+        felt -= times(system.observation[:, 3:, block], tilt)
     turning, pushing = _weights(here, system.moment_to_rate, reference, vehicle)
     ignored = here.executed.ignored
     rates = _Rows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])

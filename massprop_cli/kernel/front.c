@@ -210,26 +210,42 @@ static void vertical(const mp_real q[4], const mp_real back[4], mp_real out[3]) 
     for (i = 0; i < 3; i++) out[i] = rotation[2][i];
 }
 
-/* What one more cycle tells of the gyro's bias, and by how much the attitude is off at its end (bias_seen and BiasSeen.off). */
+/* What one more cycle tells of the biases, and by how much the attitude is off at its end (bias_seen and BiasSeen.off). */
 static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean[3][3]) {
-    mp_real seen[2][3], level[3], weighted[3][3], solve[3][3], bias[3], size, sigma = front->vehicle.gyro_bias_sigma;
-    mp_real ridge = (FELT / sigma) * (FELT / sigma);
-    int i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
+    const mp_vehicle *vehicle = &front->vehicle;
+    mp_real seen[2][6], level[3], weighted[36], bias[6], size, sigma = vehicle->gyro_bias_sigma, prior[2];
+    int count = vehicle->accel_bias ? 6 : 3, i, j, felt = !cycle->deaf[1] && mp_dot(cycle->force, cycle->force) > R(0);
+    prior[0] = FELT / sigma;
+    prior[1] = vehicle->accel_bias ? FELT / (vehicle->accel_bias_sigma / vehicle->gravity) : R(0);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
             mp_real before = front->window[i][j];
             front->window[i][j] += mean[i][j] * cycle->duration_s;
             if (i < 2) seen[i][j] = (before + front->window[i][j]) / R(2);
         }
-    mp_times(mean, cycle->force, level);
-    for (i = 0; felt && i < 3; i++) {
-        front->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / front->vehicle.gravity;
-        for (j = 0; j < 3; j++) front->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
+    for (j = 0; j < 3; j++) {
+        seen[0][3 + j] = -mean[1][j];
+        seen[1][3 + j] = mean[0][j];
     }
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) weighted[i][j] = front->information[i][j] + (i == j ? ridge : R(0));
-    mp_inverse((const mp_real(*)[3])weighted, solve);
-    mp_times((const mp_real(*)[3])solve, front->bias_told, bias);
+    mp_times(mean, cycle->force, level);
+    for (i = 0; felt && i < 6; i++) {
+        front->bias_told[i] += (seen[1][i] * level[0] - seen[0][i] * level[1]) / vehicle->gravity;
+        for (j = 0; j < 6; j++) front->information[i][j] += seen[0][i] * seen[0][j] + seen[1][i] * seen[1][j];
+    }
+    for (i = 0; i < count; i++) {
+        for (j = 0; j < count; j++)
+            weighted[i * count + j] = front->information[i][j] + (i == j ? prior[i / 3] * prior[i / 3] : R(0));
+        bias[i] = front->bias_told[i];
+    }
+    if (!mp_cholesky(weighted, count)) return;
+    for (i = 0; i < count; i++) {
+        for (j = 0; j < i; j++) bias[i] -= weighted[i * count + j] * bias[j];
+        bias[i] /= weighted[i * count + i];
+    }
+    for (i = count - 1; i >= 0; i--) {
+        for (j = i + 1; j < count; j++) bias[i] -= weighted[j * count + i] * bias[j];
+        bias[i] /= weighted[i * count + i];
+    }
     size = MP_SQRT(mp_dot(bias, bias));
     for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
     mp_times((const mp_real(*)[3])front->window, bias, front->off);

@@ -56,8 +56,8 @@ typedef struct {
     mp_real turn[3];
     mp_real attitude[4];       /* as integrated */
     mp_real window[3][3];      /* integral of world from body; what the gyro's bias is, and where that has carried the attitude: */
-    mp_real information[3][3]; /* see massprop_cli/prepare/attitude.py */
-    mp_real bias_told[3];
+    mp_real information[6][6]; /* see massprop_cli/prepare/attitude.py */
+    mp_real bias_told[6];
     mp_real off[3];
     mp_real attitude_error[3][4];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
     int pulses[MP_COMMANDS];

@@ -6,8 +6,9 @@ world axes from body axes as integrated is
 
     ε = ∫R dt b
 
-off (rotation vector, world axes), and the specific force, nearly all of it gravity's, points to ε × z beside the vertical z. A
-regression of one on the other, with the stated sigma of b as its prior, gives ε from what came before. Which attitude the estimators are
+off (rotation vector, world axes), and the specific force, nearly all of it gravity's, points to ε × z beside the vertical z, and by the
+accelerometer's own bias β, over gravity, to R β beside that. A regression of one on the others, with the stated sigmas of b and β as its
+prior, gives ε from what came before. Which attitude the estimators are
 linear about does not matter to them in the first order, since they are told how it was carried: it may be rough.
 """
 
@@ -66,27 +67,32 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 
 class BiasSeen(NamedTuple):
-    """What is known of the gyro's bias at a cycle's edge, or at many along a first axis."""
+    """What is known of the biases of gyro and accelerometer at a cycle's edge, or at many along a first axis."""
 
     window: Array
     """(3, 3) ∫R dt, s."""
     information: Array
-    """(3, 3) of the bias, s²."""
+    """(6, 6) of the biases: of the gyro's, s², and of the accelerometer's over gravity."""
     told: Array
-    """(3,) information times bias, s."""
+    """(6,) information times biases."""
 
     @staticmethod
     def none() -> BiasSeen:
         """At a log's beginning."""
-        return BiasSeen(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+        return BiasSeen(np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6))
 
     def at(self, edge: int) -> BiasSeen:
         """Of one of many."""
         return BiasSeen(*(part[edge] for part in self))
 
-    def off(self, sigma: float) -> Array:
-        """(..., 3) rotation vector in world axes by which the integrated attitude is off; ``sigma`` of the bias in rad/s."""
-        bias = np.linalg.solve(self.information + (FELT / sigma) ** 2 * np.eye(3), self.told[..., None])[..., 0]
+    def off(self, sigma: float, tilted: float = 0.0) -> Array:
+        """(..., 3) rotation vector in world axes by which the integrated attitude is off.
+
+        ``sigma`` of the gyro's bias in rad/s, ``tilted`` that of the accelerometer's over gravity.
+        """
+        prior = np.repeat([FELT / sigma, FELT / tilted] if tilted > 0 else [FELT / sigma], 3)
+        own = slice(len(prior))
+        bias = np.linalg.solve(self.information[..., own, own] + np.diag(prior**2), self.told[..., own, None])[..., :3, 0]
         size = np.linalg.norm(bias, axis=-1, keepdims=True)
         off: Array = times(self.window, bias * np.minimum(1.0, FARTHEST * sigma / np.maximum(size, sigma)))
         return off
@@ -101,7 +107,8 @@ def bias_seen(attitude_wxyz: Array, felt: Array, duration_s: Array, begun: BiasS
     window = _summed(begun.window, mean * duration_s[:, None, None])
     level = times(mean, felt)
     # ε × z has no part along z; (ε_x, ε_y) stand in (−f_y, f_x)
-    slope = (window[:-1, :2] + window[1:, :2]) / 2 * np.any(felt, axis=1, keepdims=True)[..., None]
+    slope = np.concatenate([(window[:-1, :2] + window[1:, :2]) / 2, np.stack([-mean[:, 1], mean[:, 0]], 1)], -1)
+    slope *= np.any(felt, axis=1, keepdims=True)[..., None]
     told = times(slope.transpose(0, 2, 1), np.stack([-level[:, 1], level[:, 0]], 1))
     return BiasSeen(window, _summed(begun.information, slope.transpose(0, 2, 1) @ slope), _summed(begun.told, told))
 

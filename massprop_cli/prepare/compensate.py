@@ -167,7 +167,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
         if biased_attitude(aligned.attitude_wxyz is not None, vehicle):
             level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
             found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
-            off = found.off(vehicle.imu.gyro_bias_sigma_rad_s)
+            off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2)
             error = attitude_error(attitude, off, found)[:-1]
             attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
             carried = turns / aligned.duration_s[:, None]

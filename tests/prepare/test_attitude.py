@@ -36,6 +36,22 @@ def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
     assert after[1200] < before[1200] / 20
 
 
+def test_the_bias_of_the_accelerometer_is_none_of_the_gyro() -> None:
+    """30 mg, steady in body axes: taken for a tilt it makes the attitude worse than it was; beside its stated sigma it does little."""
+    true, attitude, turns, felt = flown()
+    found = bias_seen(attitude, felt + [0.03, -0.02, 0.01], np.full(len(turns), CYCLE), BiasSeen.none())
+
+    def left(tilted: float) -> Array:
+        carried, _ = freed(attitude, turns, found.off(1e-3, tilted))
+        size: Array = np.linalg.norm(world_up_b(carried) - world_up_b(true), axis=1)
+        return size
+
+    before = np.linalg.norm(world_up_b(attitude) - world_up_b(true), axis=1)
+    assert left(0.0)[600] > before[600] / 2
+    assert left(0.03)[600] < before[600] / 8
+    assert left(0.03)[1200] < before[1200] / 15
+
+
 def test_what_is_freed_is_carried_by_the_turns_that_are_given() -> None:
     """Integrated once more from its own beginning, by increments that hold the corrections: the same attitude."""
     _, attitude, turns, felt = flown()
