@@ -1,9 +1,16 @@
-"""Delay and lag as one run uses them: as stated, or found in the log where the vehicle file says "auto"; and how uncertain they are."""
+"""Delay and lag as one run uses them, and how uncertain they are.
+
+As stated; as found in the log, where the vehicle file says "auto"; or between the two, where it states them with a sigma.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.delay import Found
@@ -20,14 +27,18 @@ from massprop_cli.prepare.timing import Timing
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 
 
+NARROWER, FARTHEST = 0.5, 4.0
+"""Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
+
+
 def with_timing(stated: Vehicle, detected: Found | None) -> Vehicle:
     """The vehicle with the sigmas of a timing that was found in the log."""
     if detected is None:
         return stated
     cycle, thrust = {}, {}
-    if stated.cycle.command_delay_cycles == "auto":
+    if detected.sigma.delay > 0:
         cycle["command_delay_sigma_cycles"] = detected.sigma.delay
-    if stated.thrust.lag_s == "auto":
+    if detected.sigma.lag > 0:
         thrust["lag_sigma_s"] = detected.sigma.lag_s(stated)
     if cycle and thrust:
         thrust["lag_delay_correlation"] = detected.correlation
@@ -56,25 +67,70 @@ def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing: 
 
 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
-    """What the vehicle file leaves to be found ("auto"); None where it states both delay and lag."""
+    """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
     automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
     unknown = [name for name, auto in automatic.items() if auto]
     if not unknown:
-        return None
+        return _narrowed(log, source.vehicle, say)
     say("finding delay and lag", 0.0)
     given = stated_timing(source.vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
     found = None
     if coarse is not None:
-        samples = Stream.of(log, source.vehicle, coarse)
-        pieces = [cycles for _, cycles in phases_of(log, source.vehicle, samples)]
-        used, _ = noiselevels.with_noise_levels(samples, pieces, source.vehicle)
-        found = delay.detect(log, used, pieces, coarse, unknown)
+        found = _detected(log, source.vehicle, coarse, unknown)
     if found is None:
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise InputError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
             f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
         )
+    return found
+
+
+def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str]) -> Found | None:
+    samples = Stream.of(log, vehicle, start)
+    pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
+    used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
+    return delay.detect(log, used, pieces, start, unknown)
+
+
+def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
+    """What a stated timing and its sigma come to beside what the log shows: the mean by their information.
+
+    None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
+    found again), and where it tells another: then the stated one is what is judged.
+    """
+    given, sigmas = (
+        stated_timing(vehicle),
+        Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s),
+    )
+    unknown = [name for name, sigma in sigmas._asdict().items() if sigma > 0]
+    if not unknown:
+        return None
+    say("finding delay and lag", 0.0)
+    found = _detected(log, vehicle, given, unknown)
+    if found is None:
+        return None
+    own = [Timing._fields.index(name) for name in unknown]
+    moved = np.subtract(found.at, given)[own]
+    stated, shown = _covariance(sigmas, own, vehicle.thrust.lag_delay_correlation), _covariance(found.sigma, own, found.correlation)
+    sharper = np.linalg.eigvals(np.linalg.solve(stated, shown)).real.min() < NARROWER**2
+    if not sharper or moved @ np.linalg.solve(stated + shown, moved) > FARTHEST**2:
+        return None
+    gain = stated @ np.linalg.inv(stated + shown)
+    between = gain @ shown
+    left = np.sqrt(np.diag(between))
+    return replace(
+        found,
+        at=given.moved(unknown, gain @ moved),
+        sigma=Timing(0.0, 0.0).moved(unknown, left),
+        correlation=float(between[0, 1] / left.prod()) if len(own) == 2 else 0.0,
+    )
+
+
+def _covariance(sigmas: Timing, own: list[int], correlation: float) -> Array:
+    """(n, n) of those that are uncertain."""
+    sigma = np.array(sigmas)[own]
+    found: Array = np.outer(sigma, sigma) * np.where(np.eye(len(own)) > 0, 1.0, correlation)
     return found

@@ -114,7 +114,7 @@ def _lag(analysis: Analysis) -> Lag:
     return Lag(
         lag_s=analysis.timing.lag_s(analysis.vehicle),
         source="detected" if automatic else "option" if _overridden(analysis, "thrust.lag_s") else "vehicle",
-        sigma_s=found.sigma.lag * period if automatic and found is not None else None,
+        sigma_s=found.sigma.lag * period if found is not None and found.sigma.lag > 0 else None,
     )
 
 

@@ -316,6 +316,28 @@ def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_resu
     assert again["phases"] == found["phases"]
 
 
+@pytest.mark.parametrize(("stated", "sigma", "heard"), [(1.9, 0.1, True), (2.3, 0.05, False)])
+def test_a_delay_that_is_stated_with_a_sigma_is_narrowed_by_the_log(tmp_path: Path, stated: float, sigma: float, heard: bool) -> None:
+    """2.0 cycles: a sigma off it is found within 0.003 and nothing is warned of, six sigmas off it is a fault; settings give it back."""
+    log, first = (
+        str(short(tmp_path)),
+        ["--set", f"cycle.command_delay_cycles={stated}", "--set", f"cycle.command_delay_sigma_cycles={sigma}"],
+    )
+    found = json.loads(massprop("estimate", log, "--json", *first, "--out", str(tmp_path / "a")).stdout)
+    codes = {notice["code"] for notice in found["warnings"]}
+    assert codes.isdisjoint({"cause-unknown", "contradicted"})
+    assert ("delay-mismatch" in codes) is not heard
+    settings = found["provenance"]["settings"]
+    if not heard:
+        assert (found["delay"]["cycles"], settings["cycle.command_delay_sigma_cycles"]) == (stated, sigma)
+        return
+    assert abs(found["delay"]["cycles"] - 2.0) < 0.003
+    assert abs(found["delay"]["cycles"] - 2.0) < 4 * settings["cycle.command_delay_sigma_cycles"] < 0.01
+    assigned = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    again = json.loads(massprop("estimate", log, "--json", *assigned, "--out", str(tmp_path / "b")).stdout)
+    assert again["phases"] == found["phases"]
+
+
 def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(tmp_path: Path) -> None:
     log = str(short(tmp_path))
     causal, refined = (

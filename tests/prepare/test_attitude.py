@@ -39,7 +39,7 @@ def test_gravity_shows_the_bias_and_the_attitude_is_freed_of_it() -> None:
 def test_the_bias_of_the_accelerometer_is_none_of_the_gyro() -> None:
     """30 mg, steady in body axes: taken for a tilt it makes the attitude worse than it was; beside its stated sigma it does little."""
     true, attitude, turns, felt = flown()
-    found = bias_seen(attitude, felt + [0.03, -0.02, 0.01], np.full(len(turns), CYCLE), BiasSeen.none())
+    found = bias_seen(attitude, felt + np.array([0.03, -0.02, 0.01]), np.full(len(turns), CYCLE), BiasSeen.none())
 
     def left(tilted: float) -> Array:
         carried, _ = freed(attitude, turns, found.off(1e-3, tilted))
