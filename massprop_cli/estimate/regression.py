@@ -36,6 +36,8 @@ FAINT = 0.4
 """Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 INCONSISTENT = 60.0
 """More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
+CLEAR = 0.15
+"""Relative sigma below which a row's 1/m may be orders of magnitude from the estimate it is taken about: by chance it is not so far."""
 EXACT = 1e-3
 """Part of a known mass that is none."""
 KNOWN = 0.1
@@ -111,7 +113,7 @@ class Regression(Triangle):
             centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, bound)
             last = triangle[count + 9, count + 9 :]
-            freed, last[1:2] = self._freed(theta, scale, last[0], last[1:2], (centre - theta) / scale)
+            freed, last[1:2] = self._freed(theta, scale, last[0], last[1:2], (centre - theta) / scale, quantities.UNTOLD)
             last[0] *= freed
             solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
             least, own = self._lightest(theta, centre, scale, triangle, solved[-1]), triangle[: count + 9]
@@ -130,8 +132,8 @@ class Regression(Triangle):
         others = np.concatenate([solved[count - self.uncertain : count], solved[: self.free]])
         return theta, others, response, float(triangle[count + 10, count + 10] ** 2), stuck
 
-    def _freed(self, theta: Array, scale: Array, own: Array, right: Array, drawn: Array) -> tuple[Array, Array]:
-        """What the data alone tell of 1/m, the last unknown of a triangle, where they tell it.
+    def _freed(self, theta: Array, scale: Array, own: Array, right: Array, drawn: Array, faint: float) -> tuple[Array, Array]:
+        """What the data alone tell of 1/m, the last unknown of a triangle, where they tell it to better than ``faint``, relative.
 
         One sigma of what draws it to ``drawn`` is ``scale``, over which both are, and so as small as itself: where a search began at a
         mass many times too large, that would hold it down.
@@ -142,7 +144,7 @@ class Regression(Triangle):
         with np.errstate(divide="ignore", invalid="ignore"):
             alone = right * (own / left)[..., None]
             alone[..., 0] -= drawn[MU] / left
-            told = scale[MU] < quantities.UNTOLD * (theta[MU] * left + scale[MU] * alone[..., 0])
+            told = scale[MU] < faint * (theta[MU] * left + scale[MU] * alone[..., 0])
         told &= self.weighed is None
         return np.where(told, left / own, 1.0), np.where(told[..., None], alone, right)
 
@@ -288,7 +290,7 @@ class Regression(Triangle):
         count = triangles.shape[1] - 10
         own = triangles[:, count:, count:]
         root, right = scale[:, None] * np.linalg.inv(own[..., :10]), own[..., 10:].copy()
-        freed, right[:, MU] = self._freed(theta, scale, own[:, MU, MU], right[:, MU], np.zeros(10))
+        freed, right[:, MU] = self._freed(theta, scale, own[:, MU, MU], right[:, MU], np.zeros(10), CLEAR)
         root[..., MU] /= freed[:, None]
         steps = root @ right
         step = steps[..., :1]

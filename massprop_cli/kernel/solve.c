@@ -9,6 +9,7 @@
 #define LOOSE R(3)          /* one sigma of the coefficients of the gyroscopic coupling while they are free */
 #define FAINT R(0.4)        /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
 #define INCONSISTENT R(60)  /* more chi-square than the coupling's free coefficients would leave by chance */
+#define CLEAR R(0.15)       /* relative sigma below which a row's 1/m may be that far from the estimate: by chance it is not */
 #define EXACT R(1e-3)       /* part of a known mass that is none */
 #define WEIGHED R(0.5)      /* part of a known mass' reciprocal that is one sigma of it on a bearing */
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
@@ -149,16 +150,16 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
     weighed(&pass->vehicle, theta, out);
 }
 
-/* What 1/m, the last unknown of a triangle, is told by the data alone, where they tell it: both it and one sigma of what draws it to
-   `drawn` are over a scale as small as itself, which would hold it down where a search began at a mass many times too large. The factor
-   on the last of the triangle's diagonal, `own`; what stands right of it becomes what it would be. */
+/* What 1/m, the last unknown of a triangle, is told by the data alone, where they tell it to better than `faint`, relative: both it and one
+   sigma of what draws it to `drawn` are over a scale as small as itself, which would hold it down where a search began at a mass many times
+   too large. The factor on the last of the triangle's diagonal, `own`; what stands right of it becomes what it would be. */
 static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real scale[10], mp_real own, mp_real *right,
-                     mp_real drawn) {
+                     mp_real drawn, mp_real faint) {
     mp_real left = own * own - R(1), alone;
     if ((vehicle->bearing && vehicle->known_mass > R(0)) || !(left > R(0))) return R(1);
     left = MP_SQRT(left);
     alone = *right * (own / left) - drawn / left;
-    if (!(scale[9] < MP_UNTOLD_MASS * (theta[9] * left + scale[9] * alone))) return R(1);
+    if (!(scale[9] < faint * (theta[9] * left + scale[9] * alone))) return R(1);
     *right = alone;
     return left / own;
 }
@@ -237,7 +238,8 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real cova
     int i, j, k;
     mp_inverse10(posed->triangle, posed->count + 1, posed->count - 10, root);
     beside(posed, right);
-    share = freed(&pass->vehicle, posed->theta, posed->scale, posed->triangle[AT(posed->count + 1, posed->count - 1)], right + 9, R(0));
+    share = posed->triangle[AT(posed->count + 1, posed->count - 1)];
+    share = freed(&pass->vehicle, posed->theta, posed->scale, share, right + 9, R(0), CLEAR);
     for (i = 0; i < 10; i++) root[i][9] /= share;
     for (i = 0; i < 10; i++) {
         step[i] = R(0);
@@ -333,7 +335,8 @@ static void searched(mp_pass *pass, const mp_run *run, const mp_real from[10], i
         pulled(pass, out->theta, scale);
         posed_of(&pass->vehicle, layout, run, out->theta, scale, pass->centre.theta, bound, pass->room.rows, posed);
         last = posed->triangle + AT(size, count - 1);
-        *last *= freed(&pass->vehicle, out->theta, scale, *last, last + 1, (pass->centre.theta[9] - out->theta[9]) / scale[9]);
+        moved = (pass->centre.theta[9] - out->theta[9]) / scale[9];
+        *last *= freed(&pass->vehicle, out->theta, scale, *last, last + 1, moved, MP_UNTOLD_MASS);
         for (i = 0; i < count; i++) solved[i] = posed->triangle[AT(size, i) + count - i];
         mp_back(posed->triangle, size, count - 1, 1, solved + count - 1);
         solved[count - 1] = mp_max(solved[count - 1], lightest(pass, out->theta, scale[9], *last, solved[count - 1]));
