@@ -267,7 +267,7 @@ def _biased(data: Data, draw: np.random.Generator) -> None:
 
 
 def _fuel(data: Data, draw: np.random.Generator) -> None:
-    """A thousandth to a tenth of the mass is burnt, which is stated as drift; of what has no jets none is."""
+    """A thousandth to a twentieth of the mass or so is burnt, which is stated as drift; of what has no jets none is."""
     vehicle, seconds = data["vehicle"], data["duration_cycles"] * data["vehicle"]["cycle"]["period_s"]
     if "jets" not in vehicle:
         return

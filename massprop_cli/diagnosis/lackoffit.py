@@ -102,7 +102,10 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
 
 
 def _within(reference: Reference, vehicle: Resolved) -> int:
-    """Cycles within which what wanders hardly moves: :data:`WANDER`, or fewer where a slow torque soon makes more than the noise."""
+    """Cycles within which what wanders hardly moves: :data:`WANDER`, or fewer where a slow torque soon makes more than the noise.
+
+    N cycles of a walk of q per cycle have a variance of N (J T q)², noise in a step of the rate 2 σ² and that of a white torque.
+    """
     stated = vehicle.environment
     if stated.disturbance_walk_n_m == 0:
         return WANDER

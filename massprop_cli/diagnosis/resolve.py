@@ -25,8 +25,6 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
-
-
 NARROWER, FARTHEST = 0.5, 4.0
 """Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
 
@@ -96,15 +94,13 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str])
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
-    """What a stated timing and its sigma come to beside what the log shows: the mean by their information.
+    """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P).
 
     None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
     found again), and where it tells another: then the stated one is what is judged.
     """
-    given, sigmas = (
-        stated_timing(vehicle),
-        Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s),
-    )
+    given = stated_timing(vehicle)
+    sigmas = Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s)
     unknown = [name for name, sigma in sigmas._asdict().items() if sigma > 0]
     if not unknown:
         return None
@@ -130,7 +126,7 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
 
 
 def _covariance(sigmas: Timing, own: list[int], correlation: float) -> Array:
-    """(n, n) of those that are uncertain."""
+    """(n, n) of those that are uncertain, cycles²."""
     sigma = np.array(sigmas)[own]
     found: Array = np.outer(sigma, sigma) * np.where(np.eye(len(own)) > 0, 1.0, correlation)
     return found

@@ -238,14 +238,7 @@ static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean
         bias[i] = front->bias_told[i];
     }
     if (!mp_cholesky(weighted, count)) return;
-    for (i = 0; i < count; i++) {
-        for (j = 0; j < i; j++) bias[i] -= weighted[i * count + j] * bias[j];
-        bias[i] /= weighted[i * count + i];
-    }
-    for (i = count - 1; i >= 0; i--) {
-        for (j = i + 1; j < count; j++) bias[i] -= weighted[j * count + i] * bias[j];
-        bias[i] /= weighted[i * count + i];
-    }
+    mp_solved(weighted, count, bias);
     size = MP_SQRT(mp_dot(bias, bias));
     for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
     mp_times((const mp_real(*)[3])front->window, bias, front->off);

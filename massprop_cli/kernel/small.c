@@ -167,6 +167,18 @@ int mp_cholesky(mp_real *a, int n) {
     return 1;
 }
 
+void mp_solved(const mp_real *a, int n, mp_real *b) {
+    int i, j;
+    for (i = 0; i < n; i++) {
+        for (j = 0; j < i; j++) b[i] -= a[i * n + j] * b[j];
+        b[i] /= a[i * n + i];
+    }
+    for (i = n - 1; i >= 0; i--) {
+        for (j = i + 1; j < n; j++) b[i] -= a[j * n + i] * b[j];
+        b[i] /= a[i * n + i];
+    }
+}
+
 /* One column's reflection of six rows, which is nearly all that a cycle folds, in one sweep. */
 static void reflect6(mp_real *restrict own, mp_real *restrict rows, int size, int from, const mp_real part[6], mp_real tau) {
     mp_real *restrict r0 = rows, *restrict r1 = rows + size, *restrict r2 = rows + 2 * size;

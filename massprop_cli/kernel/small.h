@@ -26,6 +26,8 @@ void mp_elements(const mp_real a[3][3], mp_real six[6]);
 void mp_eigen(const mp_real a[3][3], mp_real values[3], mp_real axes[3][3]);
 /* Lower root of a symmetric positive matrix (n, n); 0 where it isn't positive. */
 int mp_cholesky(mp_real *a, int n);
+/* b becomes A^-1 b, of the root that mp_cholesky left in a. */
+void mp_solved(const mp_real *a, int n, mp_real *b);
 /* Rows (count, size), overwritten, folded into a packed triangle. */
 void mp_fold(mp_real *triangle, int size, mp_real *rows, int count);
 /* A (rows, columns) times an orthogonal matrix that makes it lower triangular with a positive diagonal, in place. */

@@ -183,14 +183,7 @@ static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real ste
     }
     memcpy(sensible, step, sizeof sensible);
     if (mp_cholesky(joint, 10)) {
-        for (i = 0; i < 10; i++) {
-            for (j = 0; j < i; j++) left[i] -= joint[10 * i + j] * left[j];
-            left[i] /= joint[11 * i];
-        }
-        for (i = 9; i >= 0; i--) {
-            for (j = i + 1; j < 10; j++) left[i] -= joint[10 * j + i] * left[j];
-            left[i] /= joint[11 * i];
-        }
+        mp_solved(joint, 10, left);
         for (i = 0; i < 10; i++) {
             mp_real sum = R(0);
             for (j = 0; j < 10; j++) sum += covariance[i][j] * (left[j] / pull[j]);

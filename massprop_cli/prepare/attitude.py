@@ -8,8 +8,8 @@ world axes from body axes as integrated is
 
 off (rotation vector, world axes), and the specific force, nearly all of it gravity's, points to ε × z beside the vertical z, and by the
 accelerometer's own bias β, over gravity, to R β beside that. A regression of one on the others, with the stated sigmas of b and β as its
-prior, gives ε from what came before. Which attitude the estimators are
-linear about does not matter to them in the first order, since they are told how it was carried: it may be rough.
+prior, gives ε from what came before. Which attitude the estimators are linear about does not matter to them in the first order, since they
+are told how it was carried: it may be rough.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class BiasSeen(NamedTuple):
     window: Array
     """(3, 3) ∫R dt, s."""
     information: Array
-    """(6, 6) of the biases: of the gyro's, s², and of the accelerometer's over gravity."""
+    """(6, 6) of the biases: of the gyro's (s²) and of the accelerometer's over gravity (1)."""
     told: Array
     """(6,) information times biases."""
 

@@ -13,7 +13,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 
-SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "begun-astray.json").read_text())
+SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "on-the-way.json").read_text())
 """``vehicle-28``: on a bearing, its mass taken for 250 t until it is pushed, late. ``vehicle-58``: noise of the accelerometer wants a
 mass below none. ``vehicle-161``: what is known of one axis wants a moment of inertia below none of another. ``vehicle-20``: in free
 flight, its jets uncertain; ``stated`` is its vehicle file. ``vehicle-28, large``: its mass is taken for a thousand times what it is
