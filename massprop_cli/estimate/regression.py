@@ -188,11 +188,14 @@ class Regression(Triangle):
         return self.stands(run, most)
 
     def _stale(self, theta: Array, sigma: Array, reference: Reference, most: float) -> BoolArray:
-        """(K,) whether θ (K, 10) ± ``sigma`` is so far from a reference, where it is known, that what is of second order shows."""
+        """(K,) whether θ (K, 10) ± ``sigma`` is so far from a reference, where it is known, that what is of second order shows.
+
+        What is small beside the reference is known to be so.
+        """
         lift = self.lift
         about = lift.theta(reference)
         scales = lift.scales(theta)
-        known = sigma < KNOWN * scales
+        known = sigma < KNOWN * np.maximum(scales, lift.scales(about))
         if lift.plant.pivoted:  # what the weight does to it is much where the CG is off by little
             scales[..., MOMENT] *= PULL["balanced cg"]
         far = known & ((theta - about) ** 2 > most * sigma * scales)

@@ -266,13 +266,15 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real cova
 }
 
 int mp_stale(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[10], mp_real most) {
-    mp_real scales[10];
+    mp_real scales[10], begun[10];
     int i, stale = 0;
     mp_scales(&pass->vehicle, theta, scales);
+    mp_scales(&pass->vehicle, pass->reference.theta, begun);
     for (i = 0; i < 10; i++) {
         mp_real apart = theta[i] - pass->reference.theta[i];
         mp_real scale = i >= 6 && i < 9 && pass->vehicle.bearing ? BALANCED * scales[i] : scales[i];
-        stale |= sigma[i] < KNOWN * scales[i] && apart * apart > most * sigma[i] * scale;
+        /* what is small beside the reference is known to be so */
+        stale |= sigma[i] < KNOWN * mp_max(scales[i], begun[i]) && apart * apart > most * sigma[i] * scale;
     }
     return stale;
 }
