@@ -83,7 +83,7 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     """Noise levels and off-line fits, before anything is sized."""
     pieces = [cycles for _, cycles in phases]
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
-    starts = _first(samples, phases, used)
+    starts = _first(samples, phases, used, consider)
     fits, excess = _misfit(samples, phases, starts, used, consider, SIZING)
     gross, settled = np.full(6, np.nan), _stand(fits)
     if not (settled and np.isnan(excess).all()):  # fits that stand and explain the log leave nothing to a look at the rates alone
@@ -171,7 +171,7 @@ def _sized(
     if size and plain.misfit:
         # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
         used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used, noisier)
-        starts = _first(samples, phases, used)
+        starts = _first(samples, phases, used, consider)
         for _ in range(ROUNDS):
             fits, excess = _misfit(samples, phases, starts, used, consider, SIZING, sized=True)
             raised = disturbances.with_disturbances(samples, pieces, excess, used, noisier)
@@ -182,13 +182,20 @@ def _sized(
         fits, excess = _further(samples, phases, fits, used, consider)
     elif fits is not plain.fits and (used != plain.used or not _stand(fits)):
         # from the beginning again, so that the settings that were found give the very same when they are given back
-        fits, excess = _misfit(samples, phases, _first(samples, phases, used), used, consider, offline.SETTLINGS, used != plain.used)
+        fits, excess = _misfit(
+            samples, phases, _first(samples, phases, used, consider), used, consider, offline.SETTLINGS, used != plain.used
+        )
     return used, fits, excess
 
 
-def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Resolved) -> list[Led | None]:
-    """What each phase is fitted about first."""
-    return [_led_up(samples, cycles, beginning(samples, cycles, vehicle), vehicle.in_phase(phase)) for phase, cycles in phases]
+def _first(samples: Source, phases: Sequence[tuple[Phase, slice]], vehicle: Resolved, consider: Consider) -> list[Led | None]:
+    """What each phase is fitted about first: where its first cycles tell of none, what the causal pass comes to, which looks all along."""
+    found = []
+    for phase, cycles in phases:
+        own = vehicle.in_phase(phase)
+        reference = beginning(samples, cycles, vehicle) or engine.replay(samples, cycles, phase, own, consider).reference
+        found.append(_led_up(samples, cycles, reference, own))
+    return found
 
 
 def _fits(
