@@ -108,9 +108,11 @@ class Designs:
             raise InputError(
                 f"{log.path}: {max(cycles.stop - cycles.start, 0)} cycles are too few to say how the motion follows the commands"
             )
-        sides = [self._window(log, vehicle, timing.delay + by, lag_s) for by in (-SHIFT, SHIFT)]
+        # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
+        earliest = max(timing.delay - SHIFT, 0.0)
+        moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
         risen = self._window(log, _slower(vehicle), timing.delay, lag_s) if log.command_kind == "jets" else None
-        parts = list(_columns(samples, sides, risen, vehicle, cycles))
+        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, risen, vehicle, cycles))
         places, at = {}, 0
         for name, growth, _ in parts:
             places[name] = slice(at, at + growth.shape[1])
@@ -184,8 +186,11 @@ class _Part(NamedTuple):
     mean: Array
 
 
-def _columns(samples: Samples, sides: Sequence[_Window], risen: _Window | None, vehicle: Vehicle, cycles: slice) -> list[_Part]:
-    """Each kind: (K − 1, n) growth of the rate, (K, n) means. ``sides``: commands earlier, later; ``risen``: slower thrust."""
+def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Window | None, vehicle: Vehicle, cycles: slice) -> list[_Part]:
+    """Each kind: (K − 1, n) growth of the rate, (K, n) means.
+
+    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``risen``: slower thrust.
+    """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
     lasting = (duration[:-1] + duration[1:]) / 2
@@ -201,9 +206,10 @@ def _columns(samples: Samples, sides: Sequence[_Window], risen: _Window | None, 
         return found
 
     wrench = windowed(executed.rising, executed.impulse), executed.impulse[cycles] / duration
-    early, late = ((windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in sides)
-    later = [(b - a) / (2 * SHIFT) for a, b in zip(early, late, strict=True)]
-    smeared = [(a - 2 * w + b) / SHIFT**2 for a, w, b in zip(early, wrench, late, strict=True)]
+    early, between, late = ((windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in moved)
+    # slope and curvature of the parabola through them
+    smeared = [(a - 2 * m + b) / SHIFT**2 for a, m, b in zip(early, between, late, strict=True)]
+    later = [(b - a) / (2 * SHIFT) + (at - 1) * SHIFT * c for a, b, c in zip(early, late, smeared, strict=True)]
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
