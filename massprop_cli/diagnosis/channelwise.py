@@ -75,11 +75,12 @@ def free_response(
 ) -> Free:
     """What cycles ``piece`` say; :class:`InputError` if they are too few.
 
-    Beside the likeliest disturbance; where some are ``likely``, one of these. With the motion within the cycles that a body
-    ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
+    Beside the likeliest disturbance, where the stated noise doesn't explain the rates or one is stated; where some are ``likely``, one of
+    these. With the motion within the cycles that a body ``theta`` of :mod:`massprop_cli.model.plant` has, if one is given.
     """
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
-    turning, beside = whitened(design.driven, vehicle.imu.gyro_noise_rad_s**2, likely)
+    disturbed = max(vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m) > 0
+    turning, beside = whitened(design.driven, 0.0 if disturbed else vehicle.imu.gyro_noise_rad_s**2, likely)
     return _free(design, turning, beside)
 
 

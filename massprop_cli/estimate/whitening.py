@@ -14,6 +14,8 @@ from massprop_cli.kernel import kernel, pointer
 LEVELS, FINER = (1e-6, 1e-4, 1e-2, 1.0), 10.0
 """Of a disturbance, each tried: the likeliest is taken, and what is so much smaller and larger."""
 TINY = 1e-300
+SAME = 1e-8
+"""Part of a column that others leave of it, below which it is one of them but for rounding."""
 EXPLAINED = 1.3
 """Mean square over the stated noise up to which none is looked for."""
 
@@ -67,18 +69,20 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
     Where some are ``likely`` no others are tried.
     """
     none = Disturbance(rates.coupling, 0.0)
-    best = _likeliest(rates, likely or [none])
     if likely:
+        best = min(each(rates, likely), key=_cost)
         return best.told, (best.beside,)
+    (best,) = each(rates, [none])
     if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
         return best.told, ()
+    distinct = _distinct(best.told.triangle)
     alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
-    best = min(best, _likeliest(rates, alone), key=_cost)
+    best = min(best, *each(rates, alone, distinct), key=_cost)
     walk, white = best.beside
     near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
     near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
     near += [Disturbance(walk, level) for level in LEVELS if walk]
-    best = min(best, _likeliest(rates, near), key=_cost)
+    best = min(best, *each(rates, near, distinct), key=_cost)
     return best.told, (best.beside,)
 
 
@@ -88,22 +92,19 @@ class Beside(NamedTuple):
     beside: Disturbance
     told: Told
     cost: float
-    """−2 log likelihood of free noise levels, with the price of the disturbance."""
+    """−2 log likelihood of free noise levels, restricted to what no coefficients explain, with the price of the disturbance."""
 
 
 def _cost(one: Beside) -> float:
     return one.cost
 
 
-def _likeliest(rates: Driven, disturbances: Sequence[Disturbance]) -> Beside:
-    return min(each(rates, disturbances), key=_cost)
-
-
-def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
+def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray | None = None) -> list[Beside]:
     """What the rates say beside each of several, all gone through together.
 
     A small Kalman filter on rate and torque runs for all columns at once, their unknown beginnings among them; its innovations are white.
-    A torque that does not walk begins as nothing: a steady one is a column of its own.
+    A torque that does not walk begins as nothing: a steady one is a column of its own. ``distinct`` (p,): which columns are no sum of
+    others, the same for all that are compared; by default as the first disturbance has them.
     """
     count = len(rates.rate)
     rows, spread = _innovations(rates, disturbances)
@@ -112,7 +113,17 @@ def each(rates: Driven, disturbances: Sequence[Disturbance]) -> list[Beside]:
         began = 2 if beside.walk > 0 else 1
         white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[rates.used]
         told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
-        found.append(Beside(beside, told, told.cost() + 3 * np.log(count) * sum(level > 0 for level in beside)))
+        price = 3 * np.log(count) * sum(level > 0 for level in beside)
+        distinct = _distinct(told.triangle) if distinct is None else distinct
+        # the determinant of the information on the coefficients, which take of a slow disturbance what is like them (Patterson 1971)
+        taken = 2 * float(np.log(np.abs(np.diag(told.triangle)[distinct])).sum())
+        found.append(Beside(beside, told, told.cost() + 3 * taken + price))
+    return found
+
+
+def _distinct(triangle: Array) -> BoolArray:
+    """(p,) which columns are no sum of those before them."""
+    found: BoolArray = np.abs(np.diag(triangle)) > SAME * np.linalg.norm(triangle, axis=0)
     return found
 
 

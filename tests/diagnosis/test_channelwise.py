@@ -54,7 +54,8 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
 
 def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
     made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
-    told = whitening._likeliest(made.driven, [Disturbance(white=0.25, walk=0.01)]).told
+    (beside,) = whitening.each(made.driven, [Disturbance(white=0.25, walk=0.01)])
+    told = beside.told
     found = np.linalg.solve(told.triangle, told.measured)
     # the rate's own noise, steps summed once, a wandering torque summed twice
     once = np.tril(np.ones((60, 59)), -1)
@@ -64,6 +65,30 @@ def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covarian
     weighted = np.linalg.solve(np.linalg.cholesky(covariance), np.column_stack([columns, made.rate]))
     oracle = np.linalg.lstsq(weighted[:, :-3], weighted[:, -3:], rcond=None)[0][2:]
     np.testing.assert_allclose(found, oracle, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_levels_are_compared_by_the_restricted_likelihood(twice: bool) -> None:
+    """By dense matrices (Patterson & Thompson 1971), of noise levels free for each axis; a column that stands twice counts once."""
+    made, _ = design(np.random.default_rng(5), 0.0, 0.5, cycles=60)
+    levels = (0.0, 0.25, 4.0)
+    once = np.tril(np.ones((60, 59)), -1)
+    expected = []
+    for white in levels:
+        covariance = np.eye(60) + white * once @ once.T
+        began, columns = np.linalg.solve(np.linalg.cholesky(covariance), np.ones((60, 1))), once @ made.growth
+        own, measured = np.split(np.linalg.solve(np.linalg.cholesky(covariance), np.hstack([columns, made.rate])), [2], 1)
+        whole = np.hstack([began, own])
+        left = measured - whole @ np.linalg.lstsq(whole, measured, rcond=None)[0]
+        among = np.linalg.slogdet(whole.T @ whole)[1] - np.linalg.slogdet(began.T @ began)[1]
+        spare = 57 - 2 * twice
+        volume = np.linalg.slogdet(covariance)[1]
+        expected.append((spare * np.log((left**2).sum(0) / spare)).sum() + 3 * (volume + among) + 3 * np.log(60) * (white > 0))
+    growth = np.hstack([made.growth, made.growth]) if twice else made.growth
+    found = whitening.each(made.driven._replace(growth=growth), [Disturbance(white, 0.0) for white in levels])
+    # of a column that stands twice rounding leaves a direction of the noise
+    np.testing.assert_allclose(np.diff([one.cost for one in found]), np.diff(expected), atol=12.0 if twice else 1e-6)
+    assert np.argmin([one.cost for one in found]) == np.argmin(expected) == 1
 
 
 @pytest.mark.skipif(kernel().library is None, reason="no compiled kernel")
