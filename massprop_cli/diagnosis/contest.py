@@ -15,7 +15,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.whitening import Told
-from massprop_cli.model.plant.plant import MU, J
+from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 TINY = 1e-300
 STEPS = 8
@@ -26,6 +26,8 @@ STILL, ROUGHLY = 1e-3, 0.1
 """A change of −2 log likelihood that ends it; where suppositions are but to be ranked."""
 HALF_STEP = 1e-6
 """Of each unknown's expected size, the step of a derivative."""
+LIGHTEST = 0.1
+"""Of 1/m, what a step leaves at the least."""
 LEAST, FARTHEST = 0.03, 0.3
 """A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
 
@@ -145,17 +147,25 @@ def _begun(rows: _Rows, supposed: Sequence[Supposition], theta: Array | None) ->
     """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
     begun = _Beginnings(rows)
     x, sizes = begun.of(supposed)
+    balanced = x.copy()  # where force or weight hardly tell where the CG is, regression may find it anywhere
+    balanced[:, MOMENT] = 0.0
+    x = _least(rows, x, balanced)
     suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
-    if len(suspecting):  # from all channels, or from those that nobody suspects: what leaves less
-        others, own_rows = begun.of([replace(supposed[i], suspects=()) for i in suspecting])[0], rows.of(suspecting)
-        better = (own_rows.left(others) ** 2).sum((1, 2)) < (own_rows.left(x[suspecting]) ** 2).sum((1, 2))
-        x[suspecting[better]] = others[better]
+    if len(suspecting):  # from all channels, or from those that nobody suspects
+        others = begun.of([replace(supposed[i], suspects=()) for i in suspecting])[0]
+        x[suspecting] = _least(rows.of(suspecting), x[suspecting], others)
     if theta is not None:
         others = x.copy()
         others[:, :10] = theta
-        better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
-        x[better] = others[better]
+        x = _least(rows, x, others)
     return x, sizes
+
+
+def _least(rows: _Rows, x: Array, others: Array) -> Array:
+    """(H, nx) of each two beginnings the one that leaves less."""
+    better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
+    found: Array = np.where(better[:, None], others, x)
+    return found
 
 
 class _Descent:
@@ -182,6 +192,8 @@ class _Descent:
         damped = normal + self.damping[which, None, None] * (diagonal[:, :, None] * np.eye(len(self.pulled)))
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         tried = self.x[which] + np.einsum("hxi,hi->hx", self.moves[which], step)
+        # a mass that the log doesn't tell may be any; what it does tell must not wait for it
+        tried[:, MU] = np.maximum(tried[:, MU], LIGHTEST * self.x[which][:, MU])
         wrong = ~is_body(tried[:, :10])
         tried[wrong] = self.x[which][wrong]
         with np.errstate(over="ignore", invalid="ignore"):  # a step so long that it can't be computed is none

@@ -84,9 +84,12 @@ def _look(case: Case, piece: slice, free: Free, theta: Array | None) -> Look:
 
 
 def about_its_body(look: Look) -> Look:
-    """The look with the motion within the cycles that its own body as stated has, where that explains more."""
+    """The look with the motion within the cycles that its own body as stated has, where that explains more and leaves less.
+
+    What hardly is a body, where the log tells of none, moves so much that only a torque explains it.
+    """
     again = looked(look.case, look.piece, theta=look.stated.value("theta"))
-    return again if again is not None and again.cost < look.cost else look
+    return again if again is not None and again.cost < look.cost and again.misfit < look.misfit else look
 
 
 def beside_a_torque(look: Look) -> Look:
@@ -136,9 +139,11 @@ class Look:
 
     @cached_property
     def freedom(self) -> int:
-        """How many squares of chance are expected of what is left: equations of the triangles less the body's ten."""
-        ranks = [int(np.linalg.matrix_rank(told.triangle)) for told in (self.free.gyro, self.free.accelerometer)]
-        return max(3 * sum(ranks) - 10, 1)
+        """How many squares of chance are expected of what is left: equations of the triangles less the body's ten.
+
+        A column that others are the sum of leaves an equation, too: of some direction of the noise.
+        """
+        return max(3 * sum(len(told.triangle) for told in (self.free.gyro, self.free.accelerometer)) - 10, 1)
 
     @property
     def excess(self) -> float:
