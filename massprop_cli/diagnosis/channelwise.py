@@ -25,6 +25,8 @@ from massprop_cli.prepare.timing import Timing
 
 SLOW = 12
 """Half-waves over a stretch in which the specific force may wander where gyro noise is integrated to an attitude."""
+NEARER = tuple(10 ** (k / 4) for k in range(-4, 5) if k)
+"""Times the level of a torque that was found among a few, a hundred times apart."""
 RESOLUTION = 1e-4
 """Part of its signal below which a misfit is none: the motion within a cycle is taken as linear."""
 
@@ -84,10 +86,23 @@ def free_response(
     return _free(design, turning, beside)
 
 
-def beside_torques(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array, designs: Designs | None = None) -> list[Free]:
-    """The same beside each torque, wandering or white, that is ever tried."""
+def beside_torques(
+    log: Log,
+    vehicle: Vehicle,
+    timing: Timing,
+    piece: slice,
+    theta: Array,
+    designs: Designs | None = None,
+    near: Disturbance | None = None,
+) -> list[Free]:
+    """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
-    tried = [Disturbance(design.driven.coupling, walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
+    if near is None:
+        tried = [Disturbance(design.driven.coupling, walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
+    elif near.walk > 0:
+        tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
+    else:
+        tried = [near._replace(white=near.white * by) for by in NEARER]
     return [_free(design, one.told, (one.beside,)) for one in each(design.driven, tried)]
 
 

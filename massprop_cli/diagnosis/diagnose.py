@@ -210,7 +210,7 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
 def _by_wander(trial: Trial, look: Look) -> bool:
     """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
     beside = (trial.look or look).free.beside
-    return bool(_codes(trial) & {"accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+    return bool(_codes(trial) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -94,19 +94,31 @@ def about_its_body(look: Look) -> Look:
 
 def beside_a_torque(look: Look) -> Look:
     """The look beside the torque, wandering or white, beside which its body as stated explains most; itself where it does so without."""
-    theta = look.stated.value("theta")
-    best = look
-    for free in sorted(beside_torques(*look.case[:3], look.piece, theta, look.case.designs), key=free_cost):
-        if free_cost(free) >= best.cost:
+    best = _likeliest_beside(look, look)
+    near = best.free.beside[0] if best.free.beside else None
+    return best if near is None else _likeliest_beside(best, look, near)
+
+
+def _likeliest_beside(best: Look, look: Look, near: Disturbance | None = None) -> Look:
+    """Of torques of a few levels, or ``near`` one, or what was the ``best``."""
+    theta, cost = look.stated.value("theta"), partial(free_cost, noise=look.noise)
+    for free in sorted(beside_torques(*look.case[:3], look.piece, theta, look.case.designs, near), key=cost):
+        if cost(free) >= best.cost:
             break  # no body leaves less than free coefficients
         one = _look(look.case, look.piece, free, theta)
-        best = one if one.cost < best.cost else best
+        explains = one.cost < best.cost and (one.close or one.misfit < look.misfit)
+        best = one if explains else best
     return best
 
 
-def free_cost(free: Free) -> float:
-    """−2 log likelihood of free noise levels and free coefficients."""
-    return float((_counts(free) * np.log(free.variance)).sum()) + free.gyro.volume + free.accelerometer.volume
+def free_cost(free: Free, noise: Array) -> float:
+    """−2 log likelihood of free noise levels and free coefficients, beyond that of ``noise`` (6,) alone.
+
+    With another delay the log holds a cycle more or less of which the commands are known: so that is worth nothing. A torque that wanders
+    has the price of its beginnings, as a steady one has of its axes.
+    """
+    begun = 3 * float(np.log(free.gyro.spare)) * sum(one.walk > 0 for one in free.beside)
+    return float((_counts(free) * np.log(free.variance / noise)).sum()) + free.gyro.volume + free.accelerometer.volume + begun
 
 
 def _counts(free: Free) -> Array:
@@ -163,7 +175,7 @@ class Look:
     @cached_property
     def free_cost(self) -> float:
         """−2 log likelihood of free noise levels and free coefficients."""
-        return free_cost(self.free)
+        return free_cost(self.free, self.noise)
 
     @property
     def cost(self) -> float:

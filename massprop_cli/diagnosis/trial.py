@@ -180,7 +180,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
         found = replace(found, x=x)
         case = applied(look.case, found, look.free.fired) or case
     much = mended.misfit < PART * look.misfit
-    fits = mended.close and (much or not mended.loud) and not _no_drift(found)
+    fits = mended.close and (much or not mended.loud) and not _no_drift(found) and not any(map(_nothing, found.parts))
     # noise that was stated too small may be all that is wrong with a log that fits as it is
     fits = fits and (not (look.fits and look.noisy) or _gained(look, mended) > PROMISED * (look.cost - mended.cost))
     excess = mended.score(mended.stated.chi_square, found)
@@ -192,6 +192,11 @@ def _gained(look: Look, mended: Look) -> float:
     """By how much −2 log likelihood of free noise levels is less once mended, of a fit as exact as the estimator is."""
     before, after = look.exact, mended.exact
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
+
+
+def _nothing(part: Fitted) -> bool:
+    """Whether its values are none but by chance: then the log fits for what else was found on the way to them."""
+    return bool(part.unknowns and not at_once(part) and ((part.moved / part.spread) ** 2).sum() < CLEAR)
 
 
 def _no_drift(found: Fitted) -> bool:

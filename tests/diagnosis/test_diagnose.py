@@ -109,6 +109,16 @@ def test_a_fault_is_named(keys: list[str], mistake: Mistake, code: str, words: s
     assert {notice.code for notice in notices} - {"unphysical-inertia"} == {code}
 
 
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", [3, 4, 5, 6])
+def test_a_delay_is_as_certain_as_it_is_said_to_be(seed: int) -> None:
+    """With a delay above 4 a log holds a cycle less of which the commands are known, whose likelihood was missed: 7 sigma below 4."""
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "actuators.delay_cycles=4.0"]), [seed])
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", "")).detected
+    assert found is not None
+    assert abs(found.at.delay - 4.0) < 4 * found.sigma.delay < 0.002
+
+
 @pytest.mark.parametrize("logs", [1, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 def test_clean_logs_raise_no_warning(name: str, logs: int) -> None:

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from massprop_cli.diagnosis import change
+from massprop_cli.diagnosis.causes import listed
+from massprop_cli.diagnosis.channelwise import _free
+from massprop_cli.diagnosis.contest import fitted
 from massprop_cli.diagnosis.cures import Case
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.diagnose import _changed
-from massprop_cli.diagnosis.look import Look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.diagnosis.look import Look, _look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.diagnosis.trial import _nothing
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
+from massprop_cli.estimate.whitening import each
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
@@ -47,6 +52,30 @@ def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str, se
     # noise is what it is stated to be
     assert 0.8 < (look.free.pure / look.noise).min() < (look.free.pure / look.noise).max() < 1.25
     assert look.stated.value("theta")[9] == pytest.approx(1 / (25.0 if name == "testbed" else 22.0), rel=0.05)
+
+
+@pytest.mark.parametrize("walk", [3e-4, 1e-3, 3e-3])
+def test_a_torque_that_wanders_is_found_at_the_level_that_explains_most(walk: float) -> None:
+    """Of levels a hundred times apart the nearest costs up to 100 in −2 log likelihood more, and a gyro's scale took the difference."""
+    look = look_at("free-flyer", 2, *PLAN, f"disturbance.walk_n_m={walk}")
+    found = beside_a_torque(look)
+    (level,), theta = found.free.beside, look.stated.value("theta")
+    assert level.walk > 0
+    tried = [level._replace(walk=level.walk * by) for by in 10.0 ** np.linspace(-1.5, 1.5, 13)]
+    design = Designs().of(*look.case[:3], look.piece, theta)
+    for one in each(design.driven, tried):
+        other = _look(look.case, look.piece, _free(design, one.told, (one.beside,)), theta)
+        assert found.cost < other.cost + 4
+
+
+@pytest.mark.parametrize("thrust", [1.0, 0.9])
+def test_a_cause_whose_values_are_chance_is_none(thrust: float) -> None:
+    look = look_at("free-flyer", 4, *PLAN, f'actuators.failures=[{{jet="roll_p1", thrust={thrust}}}]')
+    every = listed(look.model, look.names, True)
+    supposed = [one for one in every if (one.code, one.subject) == ("thrust-scale", ("roll_p1",)) and not one.start]
+    (found,) = fitted(look.model, look.free, look.free.variance, supposed)
+    assert found.factors[0] == pytest.approx(thrust, abs=2e-3)
+    assert _nothing(found) is (thrust == 1.0)
 
 
 @pytest.mark.parametrize(("keys", "seed", "changed"), [(DOCKED, 3, True), (["disturbance.walk_n_m=0.01"], 2, False)])
