@@ -77,22 +77,32 @@ class Regression(Triangle):
         return ring
 
     def improved(self, run: Run) -> Run:
-        """With the estimate that the triangle gives; what the data don't tell stays near where the search began."""
-        lift = self.lift
-        theta, bound, most = lift.theta(run.estimate), run.bound, np.inf
+        """With the estimate that the triangle gives; what the data don't tell stays near where the search began.
+
+        A search that is stuck begins there anew.
+        """
+        found, chi_square = self._improved(run, self.lift.theta(run.estimate))
+        if found.stuck:
+            anew, left = self._improved(run, self.lift.theta(run.centre))
+            found = anew if left < chi_square else found
+        return found
+
+    def _improved(self, run: Run, theta: Array) -> tuple[Run, float]:
+        """By a search from ``theta``, and chi-square of what that leaves."""
+        lift, bound, most = self.lift, run.bound, np.inf
         response: Array | None = None
         if not bound:
             theta, others, response, chi_square, stuck = self._searched(run, theta, bound=False)
             bound, most = self._each_axis_is_known(run, theta), chi_square + INCONSISTENT
-        tied, begun, _, chi_square, tied_stuck = self._searched(run, theta, bound=True)
-        if bound or chi_square < most:
-            theta, others, response, stuck = tied, begun, None, tied_stuck
+        tied, begun, _, left, tied_stuck = self._searched(run, theta, bound=True)
+        if bound or left < most:
+            theta, others, response, chi_square, stuck = tied, begun, None, left, tied_stuck
         layout, reference = Layout.of(self.samples, self.vehicle), run.reference
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
         estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping)
-        return replace(run, estimate=estimate, bound=bound, stuck=stuck)
+        return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
 
     def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
         """The states of a block in the last cycle; what they were ``before`` where there are none yet."""

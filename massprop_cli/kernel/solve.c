@@ -365,17 +365,18 @@ static int each_axis_is_known(mp_pass *pass, const mp_run *run, const mp_real th
     return known;
 }
 
-void mp_improve(mp_pass *pass, mp_run *run) {
+/* The estimate by a search from `theta`, and chi-square of what that leaves. */
+static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     const mp_layout *layout = &pass->layout;
     found loose, tied;
     const found *best = &tied;
     mp_real bias[3], tied_phi[MP_COEFFICIENTS];
     int bound = run->bound, free = !run->bound, i, c, m = layout->beginnings, n = layout->coefficients;
     if (free) {
-        searched(pass, run, pass->estimate.theta, 0, &loose);
+        searched(pass, run, theta, 0, &loose);
         bound = each_axis_is_known(pass, run, loose.theta);
     }
-    searched(pass, run, free ? loose.theta : pass->estimate.theta, 1, &tied);
+    searched(pass, run, free ? loose.theta : theta, 1, &tied);
     if (free && !bound && !(tied.chi_square < loose.chi_square + INCONSISTENT)) best = &loose;
     memcpy(bias, pass->reference.bias, sizeof bias);
     if (layout->at_bias >= 0 && run->begun) {
@@ -390,4 +391,20 @@ void mp_improve(mp_pass *pass, mp_run *run) {
     mp_body(&pass->vehicle, best->theta, bias, best == &loose ? loose.phi : NULL, &pass->estimate);
     run->bound = bound;
     run->stuck = best->stuck;
+    return best->chi_square;
+}
+
+void mp_improve(mp_pass *pass, mp_run *run) {
+    int bound = run->bound, first;
+    mp_real chi_square = improved(pass, run, pass->estimate.theta);
+    mp_reference estimate;
+    if (!run->stuck) return;
+    /* a search that is stuck begins anew */
+    estimate = pass->estimate;
+    first = run->bound;
+    run->bound = bound;
+    if (improved(pass, run, pass->centre.theta) < chi_square) return;
+    pass->estimate = estimate;
+    run->bound = first;
+    run->stuck = 1;
 }

@@ -19,7 +19,8 @@ mass below none. ``vehicle-161``: what is known of one axis wants a moment of in
 flight, its jets uncertain; ``stated`` is its vehicle file. ``vehicle-28, large``: its mass is taken for a thousand times what it is
 until it is pushed. ``slow torque``: stated, and on a bearing what the weight shows of the CG stands beside it. ``vehicle-35, sharp``:
 its gyro has a bias within the stated sigma, and its accelerometer's noise is 14 micro-m/s². ``vehicle-282, weak``: a wrench moves it, so
-its inertia is taken for an eightieth of what it is."""
+its inertia is taken for an eightieth of what it is. ``vehicle-26, pushed on and on``: one axis alone is driven for long, and a search went
+astray that no step led back from: nothing was told in the end, and its CG 170 m away before."""
 
 
 @pytest.mark.numerical
