@@ -2,7 +2,9 @@
 
 Inertia and mass are proportional to the thrust that the vehicle file claims. With a common relative thrust error κ ~ N(0, scale_sigma²)
 the reported quantities are (1 + κ) times what the filter finds, so κ adds ``scale_sigma² θ θᵀ`` to their covariance; a quantity
-known from elsewhere (a weighed mass) is then a measurement of the whole set, and calibrates the scale through that covariance.
+known from elsewhere (a weighed mass) is then a measurement of the whole set, and calibrates the scale through that covariance. The CG
+doesn't depend on κ but where a part m_b of the mass doesn't turn with a bearing: what the weight shows is (m − m_b)(c − b), of which m and
+the product are (1 + κ) times what the filter finds and m_b isn't.
 
 Where there are wheels, the filter itself follows the scale as far as these tell it (:mod:`massprop_cli.model.momentum`), and its inertia
 is the one that answers to the wheels' columns; the reported one has the wheels in it as the vehicle file says.
@@ -51,11 +53,20 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
         values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
     else:
-        proportional = np.concatenate([values[:, :6], np.zeros((len(values), 3)), values[:, 9:]], 1)
+        proportional = np.concatenate([values[:, :6], _cg_by_scale(values, vehicle), values[:, 9:]], 1)
         full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full
+
+
+def _cg_by_scale(values: Array, vehicle: Vehicle) -> Array:
+    """(K, 3) CG by κ, where the log tells the mass: ``−(c − b) m_b / (m − m_b)``."""
+    if vehicle.bearing_mass_kg == 0:
+        return np.zeros((len(values), 3))
+    share = vehicle.bearing_mass_kg / (values[:, 9:] - vehicle.bearing_mass_kg)
+    found: Array = np.where(share > 0, -share * (values[:, 6:9] - np.array(vehicle.environment.bearing_position_m)), 0.0)
+    return found
 
 
 def alone(vehicle: Vehicle) -> Vehicle:

@@ -48,6 +48,10 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
         slope[i] = i < 9 ? R(1) : weighed ? R(-1) / (mu * mu) : R(0);
         part[i] = i >= 6 && i < 9 ? R(0) : out->value[i];
     }
+    /* what of the mass doesn't turn isn't proportional to the thrust */
+    if (vehicle->bearing && weighed && out->value[9] > vehicle->bearing_mass)
+        for (i = 0; i < 3; i++)
+            part[6 + i] = (vehicle->centre[i] - out->value[6 + i]) * (vehicle->bearing_mass / (out->value[9] - vehicle->bearing_mass));
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) {
             out->covariance[i][j] = row.covariance[i][j] * slope[i] * slope[j];

@@ -36,6 +36,26 @@ def test_thrust_scale_widens_inertia_and_mass_in_proportion_and_leaves_the_cg() 
     np.testing.assert_allclose(added, 0.05**2 * np.outer(theta, theta), atol=1e-12)
 
 
+def test_a_weighed_mass_tells_the_cg_of_what_turns_where_a_part_does_not() -> None:
+    """The first moment is what the log tells in terms of the thrust; by hand, of thrust that is 1 % weaker than stated, and weighed."""
+    bearing, part, true = np.array([0.02, -0.01, 0.03]), 3.0, flight.TRUTH
+    environment = {"bearing_position_m": bearing.tolist(), "bearing_mass_kg": part}
+    stated = flight.vehicle("air_bearing", environment=environment, thrust={"scale_sigma": 0.02})
+    weighed = flight.vehicle(
+        "air_bearing", environment=environment, thrust={"scale_sigma": 0.02}, known={"mass": {"value": true[9], "sigma": 1e-6}}
+    )
+    moment, mass = (true[9] - part) * (true[6:9] - bearing) / 0.99, true[9] / 0.99
+    found = np.concatenate([true[:6] / 0.99, bearing + moment / (mass - part), [1 / mass]])[None]
+    exact = 1e-12 * covariance()
+    values, full = quantities(found, exact, weighed)
+    np.testing.assert_allclose(values[0, 6:9] - bearing, true[6:9] - bearing, rtol=1e-4)
+    np.testing.assert_allclose(values[0, :6], true[:6], rtol=1e-6, atol=1e-9)
+    _, wide = quantities(found, exact, stated)
+    off = np.abs(found[0, 6:9] - true[6:9])
+    np.testing.assert_allclose(np.sqrt(np.diag(wide[0])[6:9]), 2 * off, rtol=0.05)
+    assert (np.sqrt(np.diag(full[0])[6:9]) < 1e-2 * off).all()
+
+
 def test_a_weighed_mass_is_a_measurement_of_the_whole_set() -> None:
     """Against conditioning a joint Gaussian by sampling its regression: inertia follows the mass by its covariance."""
     used = flight.vehicle(thrust={"scale_sigma": 0.05}, known={"mass": {"value": 21.0, "sigma": 0.01}})
