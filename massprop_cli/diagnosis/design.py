@@ -206,10 +206,7 @@ def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Wind
         return found
 
     wrench = windowed(executed.rising, executed.impulse), executed.impulse[cycles] / duration
-    early, between, late = ((windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in moved)
-    # slope and curvature of the parabola through them
-    smeared = [(a - 2 * m + b) / SHIFT**2 for a, m, b in zip(early, between, late, strict=True)]
-    later = [(b - a) / (2 * SHIFT) + (at - 1) * SHIFT * c for a, b, c in zip(early, late, smeared, strict=True)]
+    later, smeared = _parabola([(windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in moved], at)
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
@@ -238,6 +235,13 @@ def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Wind
     if vehicle.on_air_bearing and executed.attitude_wxyz is None:
         parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
     return parts
+
+
+def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:
+    """Slope and curvature, by a cycle's delay, of what commands do at three delays ``SHIFT`` apart, where it is ``at`` one of them."""
+    early, between, late = moved
+    curvature: list[Array] = [(a - 2 * b + c) / SHIFT**2 for a, b, c in zip(early, between, late, strict=True)]
+    return [(c - a) / (2 * SHIFT) + (at - 1) * SHIFT * bent for a, c, bent in zip(early, late, curvature, strict=True)], curvature
 
 
 def _lagging(vehicle: Vehicle, growth: Array, mean: Array) -> list[_Part]:
