@@ -287,6 +287,44 @@ def _lag_open(data: Data, draw: np.random.Generator) -> None:
     data["vehicle"]["thrust"]["lag_s"] = "auto"
 
 
+def _on_and_on(data: Data, draw: np.random.Generator) -> None:
+    """Roll by turns, then one turn or push at a time that lasts."""
+    bearing, part = data["vehicle"]["environment"]["kind"] == "air_bearing", data["duration_cycles"] // 8
+    axes = ("roll", "pitch", "yaw") if bearing else ("roll", "pitch", "yaw", "x", "y", "z")
+    data["plan"] = [{"motion": "random", "axes": ["roll"], "every_cycles": 5, "max_cycles": 4, "start_cycle": 0, "end_cycle": part - 3}] + [
+        {
+            "motion": "steady",
+            "axes": [str(draw.choice(axes))],
+            "level": float(draw.uniform(-1, 1)),
+            "start_cycle": i * part + 1,
+            "end_cycle": (i + 1) * part - 3,
+        }
+        for i in range(1, 8)
+    ]
+
+
+def _calibrated(data: Data, draw: np.random.Generator) -> None:
+    """Thrust that is stated to be a fifth uncertain, of a vehicle that was weighed."""
+    data["actuators"] = data.get("actuators", {}) | {"scale": max(1 + 0.2 * draw.normal(), 0.4)}
+    data["vehicle"]["thrust"]["scale_sigma"] = 0.2
+    mass = data["truth"]["mass"]
+    data["vehicle"].setdefault("known", {})["mass"] = {"value": mass * (1 + 1e-3 * draw.normal()), "sigma": 1e-3 * mass}
+
+
+def _far_out(data: Data, draw: np.random.Generator) -> None:
+    """Its CG as far from O as the vehicle is large; in free flight."""
+    truth, away = data["truth"], draw.normal(size=3)
+    away *= (truth["ixx"] / truth["mass"]) ** 0.5 * draw.uniform(0.3, 1.5) / np.linalg.norm(away)
+    for i, name in enumerate(("cg_x", "cg_y", "cg_z")):
+        truth[name] += float(away[i])
+
+
+def _low_passed(data: Data, draw: np.random.Generator) -> None:
+    """Gyro and accelerometer lag by a tenth of a cycle to three, stated."""
+    period, imu = data["vehicle"]["cycle"]["period_s"], data["vehicle"]["imu"]
+    imu |= {key: period * drawn_between(draw, 0.1, 3) for key in ("gyro_lag_s", "accel_lag_s")}
+
+
 SIZED = frozenset({"disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit", "cause-unknown"})
 """Codes of noise that was found larger than stated, whatever made it."""
 KINDS = {
@@ -314,5 +352,9 @@ KINDS = {
     "fuel": Kind("it burns fuel, stated", _fuel),
     "uneven": Kind("pulses err by 2 to 20 %, stated", _uneven),
     "lag-open": Kind("the thrust's lag is left open", _lag_open),
+    "on-and-on": Kind("turns and pushes that last", _on_and_on),
+    "calibrated": Kind("thrust uncertain by a fifth, the mass weighed", _calibrated),
+    "far-out": Kind("the CG as far out as the vehicle is large", _far_out, free=True),
+    "low-passed": Kind("gyro and accelerometer lag, stated", _low_passed),
     "torque": Kind("a torque that nobody stated", _torque, SIZED | {"steady-torque"}),
 }
