@@ -11,6 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
+from massprop_cli.estimate.quantities import by_scale
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
@@ -82,10 +83,10 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
     The reported θ is the log's own estimate times 1 + κ, κ ~ N(0, scale_sigma²), conditioned on the known quantities z = H θ + ε,
     ε ~ N(0, R) (:mod:`massprop_cli.estimate.quantities`). The gain of that conditioning is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺
     (Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15), so κ leaves (θ̃ − K H θ̃) κ and ε leaves K ε, where θ̃
-    is θ with zeros for the CG, which the thrust scale doesn't move.
+    is the derivative of θ by κ.
     """
     values = np.array([np.nan if item.value is None else item.value for item in phase.estimates.values()])
-    scaled = _scaled(values)
+    scaled = by_scale(values, used)
     variance = (used.thrust.scale_sigma * scaled) ** 2
     known = [(QUANTITIES.index(name), sigma) for name, (_, sigma) in phase.known.items()]
     if known:
@@ -101,13 +102,11 @@ def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array 
     """(10,) of the docked object; None with known quantities, whose share in both phases isn't told."""
     if docked.known or any(phase.known for phase in found.phases):
         return None
-    return used.thrust.scale_sigma * np.abs(_scaled(np.array([_number(item) for item in docked.estimates.values()])))
+    # no part of it stays behind with a bearing, so the scale has no say in its CG
+    proportional = np.array([0.0 if name in CG else _number(item) for name, item in docked.estimates.items()])
+    share: Array = used.thrust.scale_sigma * np.abs(proportional)
+    return share
 
 
 def _number(item: EstimateItem) -> float:
     return np.nan if item.value is None else item.value
-
-
-def _scaled(values: Array) -> Array:
-    """(10,) with zeros where the thrust scale has no say."""
-    return np.array([0.0 if name in CG else value for name, value in zip(QUANTITIES, values, strict=True)])

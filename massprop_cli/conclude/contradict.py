@@ -22,6 +22,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.quantities import by_scale
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -152,8 +153,7 @@ def by_misfit(
 
 def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
     """(10,) variance of each value without the thrust's stated scale."""
-    values = conclusion.values
-    scaled = np.array([name in PROPORTIONAL for name in QUANTITIES]) * vehicle.thrust.scale_sigma * values
+    scaled = vehicle.thrust.scale_sigma * by_scale(conclusion.values, vehicle)
     sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     variance: Array = np.maximum(sigma**2 - scaled**2, 0.0)
     return variance

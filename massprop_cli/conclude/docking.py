@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.verdict import NO_PART, PLANAR, Conclusion, Estimate, Verdict
-from massprop_cli.estimate.quantities import condition
+from massprop_cli.estimate.quantities import by_scale, condition
 from massprop_cli.inputs.vehicle import Vehicle
 
 SIGNIFICANT = 3.0
@@ -76,7 +76,7 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     joint[:10, :10], joint[10:, 10:] = (conclusion.bare[1] for conclusion in pair)
     apart = np.tile(_without_part(vehicle), 2)  # nothing else depends on these
     values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
-    scaled = values * np.tile([name not in CG for name in QUANTITIES], 2)
+    scaled = by_scale(values.reshape(2, 10), vehicle).ravel()
     if not thesis:
         joint = joint + vehicle.thrust.scale_sigma**2 * np.outer(scaled, scaled)
         for half, conclusion in enumerate(pair):

@@ -14,6 +14,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.estimate.regression import HEAVIER
 from massprop_cli.estimate.whitening import Told
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
@@ -26,8 +27,6 @@ STILL, ROUGHLY = 1e-3, 0.1
 """A change of −2 log likelihood that ends it; where suppositions are but to be ranked."""
 HALF_STEP = 1e-6
 """Of each unknown's expected size, the step of a derivative."""
-LIGHTEST = 0.1
-"""Of 1/m, what a step leaves at the least."""
 LEAST, FARTHEST = 0.03, 0.3
 """A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
 
@@ -193,7 +192,7 @@ class _Descent:
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         tried = self.x[which] + np.einsum("hxi,hi->hx", self.moves[which], step)
         # a mass that the log doesn't tell may be any; what it does tell must not wait for it
-        tried[:, MU] = np.maximum(tried[:, MU], LIGHTEST * self.x[which][:, MU])
+        tried[:, MU] = np.maximum(tried[:, MU], self.x[which][:, MU] / HEAVIER)
         wrong = ~is_body(tried[:, :10])
         tried[wrong] = self.x[which][wrong]
         with np.errstate(over="ignore", invalid="ignore"):  # a step so long that it can't be computed is none

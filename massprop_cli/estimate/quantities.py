@@ -53,19 +53,25 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
         values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
     else:
-        proportional = np.concatenate([values[:, :6], _cg_by_scale(values, vehicle), values[:, 9:]], 1)
+        proportional = by_scale(values, vehicle)
         full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
     for name, known in vehicle.known.items():
         values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
     return values, full
 
 
-def _cg_by_scale(values: Array, vehicle: Vehicle) -> Array:
-    """(K, 3) CG by κ, where the log tells the mass: ``−(c − b) m_b / (m − m_b)``."""
-    if vehicle.bearing_mass_kg == 0:
-        return np.zeros((len(values), 3))
-    share = vehicle.bearing_mass_kg / (values[:, 9:] - vehicle.bearing_mass_kg)
-    found: Array = np.where(share > 0, -share * (values[:, 6:9] - np.array(vehicle.environment.bearing_position_m)), 0.0)
+def by_scale(values: Array, vehicle: Vehicle) -> Array:
+    """(…, 10) derivative by κ of the ten quantities (…, 10): kg m², m, kg.
+
+    Inertia and mass are proportional to the thrust; of the CG it is ``−(c − b) m_b / (m − m_b)`` where the mass is told, else nothing.
+    """
+    found = values.copy()
+    found[..., 6:9] = 0.0
+    part = vehicle.bearing_mass_kg
+    if part > 0:
+        turning = values[..., 9:] - part
+        away = values[..., 6:9] - np.array(vehicle.environment.bearing_position_m)
+        found[..., 6:9] = np.where(turning > 0, -away * part / turning, 0.0)
     return found
 
 

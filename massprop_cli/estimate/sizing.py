@@ -93,17 +93,11 @@ def _left(piece: _Piece, levels: Sequence[tuple[float, float]]) -> tuple[Array, 
     """(L,) what is left beside each over the stated noise, the log determinants, and how many squares of chance are expected of it."""
     rates, weights = piece.driven, piece.weights
     beside = [Disturbance(rates.coupling + w * white**2, w * walk**2) for white, walk in levels for w in weights]
-    told = [one.told for one in each(rates, beside)]
-    left = np.array([t.left[i] for t, i in zip(told, np.arange(len(told)) % 3, strict=True)]) / piece.noise**2
-    volume = np.array([t.volume / 3 + _determinant(t.triangle) for t in told])
-    spare = np.array([float(t.spare) for t in told])
+    tried = each(rates, beside)
+    left = np.array([one.told.left[i % 3] for i, one in enumerate(tried)]) / piece.noise**2
+    volume = np.array([one.told.volume / 3 + one.taken for one in tried])
+    spare = np.array([float(one.told.spare) for one in tried])
     return left.reshape(-1, 3).sum(1), volume.reshape(-1, 3).sum(1), spare.reshape(-1, 3).sum(1)
-
-
-def _determinant(triangle: Array) -> float:
-    """2 log |det| of a triangle, without columns that are nothing."""
-    diagonal = np.abs(np.diag(triangle))
-    return 2 * float(np.log(diagonal[diagonal > 0]).sum())
 
 
 def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:

@@ -91,6 +91,9 @@ class Beside(NamedTuple):
 
     beside: Disturbance
     told: Told
+    taken: float
+    """Log determinant of the information on the coefficients, which take of a slow disturbance what is like them (Patterson & Thompson
+    1971); for noise of unit variance, of each axis."""
     cost: float
     """−2 log likelihood of free noise levels, restricted to what no coefficients explain, with the price of the disturbance."""
 
@@ -115,9 +118,8 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
         told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
         price = 3 * np.log(count) * sum(level > 0 for level in beside)
         distinct = _distinct(told.triangle) if distinct is None else distinct
-        # the determinant of the information on the coefficients, which take of a slow disturbance what is like them (Patterson 1971)
         taken = 2 * float(np.log(np.abs(np.diag(told.triangle)[distinct])).sum())
-        found.append(Beside(beside, told, told.cost() + 3 * taken + price))
+        found.append(Beside(beside, told, taken, told.cost() + 3 * taken + price))
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.quantities import by_scale
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.plan.motions import Motion
@@ -74,7 +75,7 @@ class Wanted:
         sizes = sizes * self.beyond
         bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])
         for g, body in enumerate(self.bodies):
-            proportional = np.concatenate([body[:6], np.zeros(3), body[9:]])
+            proportional = by_scale(body, self.vehicle)
             bound[..., g, :, :] += self.vehicle.thrust.scale_sigma**2 * np.outer(proportional, proportional)
         for name, known in self.vehicle.known.items():
             column = bound[..., QUANTITIES.index(name)]

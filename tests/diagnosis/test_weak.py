@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 from massprop_cli import flow
-from massprop_cli.diagnosis.cures import Case
-from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.look import about_its_body, busiest, looked
-from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
+from tests.diagnosis.test_look import look_of
 
 SCENARIOS = json.loads((Path(__file__).parent.parent / "data" / "weak.json").read_text())
 """``untold``, ``unbalanced``: on a bearing, where the vertical hardly moves, so that regression finds a CG metres away. ``no mass``: the
@@ -32,13 +27,8 @@ def flown(name: str, seed: int = 0) -> simulate.Flight:
 
 @pytest.mark.parametrize("name", list(SCENARIOS))
 def test_what_a_clean_log_leaves_of_the_free_coefficients_is_chance(name: str) -> None:
-    """Of these it was 1.4 to 20,000 times pure error, and a turned IMU, a dead jet or a steady torque explained it."""
-    flight = flown(name)
-    log, timing = flight.log(0), Timing(float(flight.vehicle.cycle.command_delay_cycles), 0.0)
-    used, _ = with_noise_levels(Stream.of(log, flight.vehicle, timing), [slice(5, log.cycles)], flight.vehicle)
-    look = looked(*busiest(Case(log, used, timing, Designs()), slice(5, log.cycles)))
-    assert look is not None
-    look = about_its_body(look)
+    """It was 2 to 20,000 times pure error, and more where the CG is untold; a turned IMU, a jet or a steady torque explained it."""
+    look = look_of(flown(name))
     assert look.misfit < 1 + 6 * np.sqrt(2 / look.freedom)
 
 

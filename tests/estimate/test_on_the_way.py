@@ -37,6 +37,6 @@ def test_no_value_on_the_way_is_further_off_than_its_sigma_says(name: str) -> No
     with np.errstate(invalid="ignore"):
         z = np.abs(history.values - flown.truth[0][0]) / history.sigmas
     given = z[np.isfinite(z)]
-    assert len(given) > 600
+    assert len(given) > (1000 if name == "vehicle-282, weak" else 3000)  # which tells nothing for most of the log
     assert given.max() < 4
     assert (given < 1.96).mean() > 0.9
