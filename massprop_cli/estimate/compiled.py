@@ -91,7 +91,9 @@ def rows_of(told: Array) -> Rows:
 
 def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Reference | None:
     """The present estimate; None where there is none."""
-    found = np.empty(16 + 3 * channels)
+    found = np.empty(19 + 3 * channels)
     if not library.mp_host_reference(memory, pointer(found)):
         return None
-    return Reference(found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], response=found[16:].reshape(3, -1))
+    return Reference(
+        found[:9].reshape(3, 3), found[9:12], float(found[12]), found[13:16], acceleration=found[16:19], response=found[19:].reshape(3, -1)
+    )

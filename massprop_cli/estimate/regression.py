@@ -101,7 +101,8 @@ class Regression(Triangle):
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
-        estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping)
+        pushed = self._state(run, layout.torque, theta, others, reference.acceleration)
+        estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
         return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
 
     def _state(self, run: Run, block: slice, theta: Array, others: Array, before: Array) -> Array:
@@ -189,7 +190,18 @@ class Regression(Triangle):
         if np.any((run.estimate.gyro_bias - reference.gyro_bias) ** 2 * elapsed > most * self.vehicle.imu.gyro_noise_rad_s):
             return False
         theta, scale, triangle = self._about(run)
-        return not self._stale(theta[None], self._sigma_of(triangle, scale)[None], reference, most).any()
+        sigma = self._sigma_of(triangle, scale)
+        return self._told_by_torque(run, theta, sigma) <= most and not self._stale(theta[None], sigma[None], reference, most).any()
+
+    def _told_by_torque(self, run: Run, theta: Array, sigma: Array) -> float:
+        """What the accelerometer seems to tell of the CG by a steady torque that isn't the reference's, over what is known of it.
+
+        Of ``ω̇ × c`` in the specific force, c is told by the reference's ω̇.
+        """
+        turning = run.estimate.acceleration - run.reference.acceleration
+        lever = theta[MU] if self.lift.plant.pivoted else 1.0
+        count, noise = run.at - self.cycles.start, self.vehicle.noise[3:].min()
+        return float(count * (turning @ turning) * (lever * sigma[MOMENT].max() / noise) ** 2)
 
     def still(self, run: Run, most: float) -> bool:
         """Whether another pass would change nothing. In free flight the response is linear in 1/m, so that it is the same about any."""

@@ -36,6 +36,7 @@ static void reference_of(const double *from, int channels, mp_reference *out) {
     from = mp_copied(out->cg, from, 3);
     from = mp_copied(&out->mu, from, 1);
     from = mp_copied(out->bias, from, 3);
+    from = mp_copied(out->acceleration, from, 3);
     for (i = 0; i < 3; i++) from = mp_copied(out->phi[i], from, channels);
 }
 
@@ -95,7 +96,7 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
         if (layout->at_accel >= 0) observation[(3 + i) * n + layout->at_accel + i] = 1.0;
         for (j = 0; j < 3; j++) {
             observation[(3 + i) * n + j] = (double)here->by_rate[i][j];
-            if (layout->at_torque >= 0) observation[(3 + i) * n + layout->at_torque + j] = (double)here->by_torque[i][j];
+            if (layout->at_torque >= 0) observation[(3 + i) * n + layout->at_torque + j] = (double)here->euler[i][j];
             if (layout->at_tilt >= 0) observation[(3 + i) * n + layout->at_tilt + j] = (double)here->by_tilt[i][j];
         }
     }

@@ -58,7 +58,7 @@ static void left(const mp_layout *layout, const mp_filter *filter, const mp_moti
         for (j = 0; j < 3; j++) {
             for (c = 0; c < width; c++) pushing[c] -= here->by_rate[i][j] * filter->mean[j][c];
             if (layout->at_torque >= 0)
-                for (c = 0; c < width; c++) pushing[c] -= here->by_torque[i][j] * filter->mean[layout->at_torque + j][c];
+                for (c = 0; c < width; c++) pushing[c] -= here->euler[i][j] * filter->mean[layout->at_torque + j][c];
             if (layout->at_tilt >= 0)
                 for (c = 0; c < width; c++) pushing[c] -= here->by_tilt[i][j] * filter->mean[layout->at_tilt + j][c];
         }
@@ -93,7 +93,7 @@ static void joined(const mp_layout *layout, mp_filter *filter, const mp_leap *le
             if (layout->at_accel >= 0) pushing[j] += states[(layout->at_accel + i) * columns + j];
             for (k = 0; k < 3; k++) {
                 pushing[j] += here->by_rate[i][k] * states[k * columns + j];
-                if (layout->at_torque >= 0) pushing[j] += here->by_torque[i][k] * states[(layout->at_torque + k) * columns + j];
+                if (layout->at_torque >= 0) pushing[j] += here->euler[i][k] * states[(layout->at_torque + k) * columns + j];
                 if (layout->at_tilt >= 0) pushing[j] += here->by_tilt[i][k] * states[(layout->at_tilt + k) * columns + j];
             }
         }

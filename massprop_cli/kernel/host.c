@@ -211,14 +211,15 @@ long mp_host_flown(mp_flight *flight, long count, long stride, const double *row
     return done;
 }
 
-/* (16 + 3 x channels) inertia, CG, mu, gyro bias, phi of the present estimate; 0 while there is none. */
+/* (19 + 3 x channels) inertia, CG, mu, gyro bias, acceleration by a slow torque, phi of the present estimate; 0 while there is none. */
 int mp_host_reference(const mp_pass *pass, double *out) {
     int i, j, channels = pass->layout.channels;
     for (i = 0; i < 9; i++) out[i] = (double)pass->estimate.inertia[i / 3][i % 3];
     for (i = 0; i < 3; i++) {
         out[9 + i] = (double)pass->estimate.cg[i];
         out[13 + i] = (double)pass->estimate.bias[i];
-        for (j = 0; j < channels; j++) out[16 + i * channels + j] = (double)pass->estimate.phi[i][j];
+        out[16 + i] = (double)pass->estimate.acceleration[i];
+        for (j = 0; j < channels; j++) out[19 + i * channels + j] = (double)pass->estimate.phi[i][j];
     }
     out[12] = (double)pass->estimate.mu;
     return pass->started;

@@ -94,7 +94,7 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
     mean_s = (from->duration_s + into->duration_s) / R(2);
     if (layout->at_torque >= 0)
         for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = out->to_rate[i][j] * mean_s;
+            for (j = 0; j < 3; j++) out->transition[i][layout->at_torque + j] = out->solve[i][j] * mean_s;
     if (layout->at_tilt >= 0) {
         mp_real by[3][3], leaving_tilt[3][3], entering_tilt[3][3], kept[3][3], by_error[3][3], turn[3], lost[3], added[3];
         int t = layout->at_tilt;
@@ -127,7 +127,8 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         q += 3;
     }
     if (vehicle->slow_torque) {
-        for (i = 0; i < 3; i++) out->process[layout->at_torque + i][q + i] = vehicle->torque_walk;
+        for (i = 0; i < 3; i++)
+            for (j = 0; j < 3; j++) out->process[layout->at_torque + i][q + j] = inverse[i][j] * vehicle->torque_walk;
         q += 3;
     }
     if (vehicle->pulses) {

@@ -240,7 +240,8 @@ void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]
     for (i = 0; i < 10; i++) out[i] = theta[i];
 }
 
-void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real *phi, mp_reference *out) {
+void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real acceleration[3],
+             const mp_real *phi, mp_reference *out) {
     mp_real found[10], made[MP_COEFFICIENTS];
     int channels = vehicle->bearing ? 15 : 12, i, j;
     mp_parameters(vehicle, theta, found);
@@ -251,6 +252,7 @@ void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real b
     for (i = 0; i < 3; i++) {
         out->cg[i] = found[6 + i];
         out->bias[i] = bias[i];
+        out->acceleration[i] = acceleration[i];
         for (j = 0; j < channels; j++) out->phi[i][j] = (phi == NULL ? made : phi)[i * channels + j];
     }
     out->mu = theta[9];
@@ -277,5 +279,5 @@ void mp_body_of(const mp_vehicle *vehicle, const mp_real given[3][3], const mp_r
     mp_inverse((const mp_real(*)[3])inertia, inverse);
     mp_elements((const mp_real(*)[3])inverse, theta);
     theta[9] = mu;
-    mp_body(vehicle, theta, still, NULL, out);
+    mp_body(vehicle, theta, still, still, NULL, out);
 }

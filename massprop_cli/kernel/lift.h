@@ -5,7 +5,8 @@
 #include "massprop.h"
 
 /* The body of a theta; `phi` (3, channels) NULL: what theta makes it. */
-void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real *phi, mp_reference *out);
+void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real acceleration[3],
+             const mp_real *phi, mp_reference *out);
 /* The body of mass properties about the CG. */
 void mp_body_of(const mp_vehicle *vehicle, const mp_real inertia[3][3], const mp_real cg[3], mp_real mu, mp_reference *out);
 /* phi, and its derivative by theta unless NULL. */

@@ -70,7 +70,7 @@ typedef struct {
     mp_real accel_noise[3];
     mp_real gyro_bias_sigma;
     mp_real accel_bias_sigma;
-    mp_real slow_torque_sigma; /* N m, of where it begins */
+    mp_real slow_torque_sigma; /* rad/s^2, of what it turns by where it begins */
     mp_real torque_noise;      /* N m, white, of a cycle */
     mp_real torque_walk;       /* N m per cycle */
     mp_real prior_scale;       /* prior sigma over natural sizes */
@@ -105,6 +105,7 @@ typedef struct {
     mp_real cg[3];
     mp_real mu;
     mp_real bias[3];       /* of the gyro, rad/s */
+    mp_real acceleration[3]; /* by a slow torque, rad/s^2 */
     mp_real phi[3][MP_CHANNELS];
 } mp_reference;
 
@@ -125,7 +126,6 @@ typedef struct {
     mp_real mean[MP_CHANNELS];  /* what phi multiplies, mean over the cycle */
     mp_real own[3][4];          /* specific force by mu, and by c or mu kappa */
     mp_real by_rate[3][3];      /* specific force by an error of the rate */
-    mp_real by_torque[3][3];    /* specific force by a slow torque */
     mp_real by_tilt[3][3];      /* specific force by an error of attitude */
     mp_real pulse_root[3][3];   /* root of the moment that pulses err by, N m s */
     mp_real noise[6][6];        /* lower root of the measurements' noise */

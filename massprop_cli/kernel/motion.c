@@ -235,7 +235,7 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     for (i = 0; i < 3; i++) {
         mp_real sum = R(0);
         for (j = 0; j < channels; j++) sum += about->phi[i][j] * out->mean[j];
-        dot[i] = sum;
+        dot[i] = sum + about->acceleration[i];
     }
     mp_tensor(out->mean + channels - 6, centripetal);
     trace = centripetal[0][0] + centripetal[1][1] + centripetal[2][2];
@@ -362,11 +362,8 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
     for (i = 0; i < 3; i++) out->measured[i] += known[i];
 }
 
-/* What slow torques and errors of attitude do to the specific force. */
-static void by_nuisances(const mp_vehicle *vehicle, const mp_layout *layout, const mp_reference *about, mp_motion *out) {
-    mp_real inverse[3][3];
-    mp_tensor(about->theta, inverse);
-    if (layout->at_torque >= 0) mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])inverse, out->by_torque);
+/* What errors of attitude do to the specific force. */
+static void by_tilt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_reference *about, mp_motion *out) {
     if (layout->at_tilt >= 0) by_attitude(vehicle, about, out, R(0.5), out->by_tilt);
 }
 
@@ -473,6 +470,6 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
     felt(vehicle, layout, cycle, about, bins, out);
     by_rate(vehicle, layout, about, out);
-    by_nuisances(vehicle, layout, about, out);
+    by_tilt(vehicle, layout, about, out);
     noise_of(vehicle, cycle, about, out);
 }

@@ -279,6 +279,21 @@ int mp_stale(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[1
     return stale;
 }
 
+/* What the accelerometer seems to tell of the CG by a steady torque that isn't the reference's, over what is known of it: of w' x c in the
+   specific force, c is told by the reference's w'. */
+static mp_real told_by_torque(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[10]) {
+    const mp_real *noise = pass->vehicle.accel_noise;
+    mp_real widest = mp_max(sigma[6], mp_max(sigma[7], sigma[8])), turning = R(0);
+    int i;
+    for (i = 0; i < 3; i++) {
+        mp_real apart = pass->estimate.acceleration[i] - pass->reference.acceleration[i];
+        turning += apart * apart;
+    }
+    if (pass->vehicle.bearing) widest *= theta[9];
+    widest /= mp_min(noise[0], mp_min(noise[1], noise[2]));
+    return R(pass->run.at) * turning * (widest * widest);
+}
+
 int mp_stands(const mp_pass *pass, const mp_posed *posed) {
     mp_real sigma[10], elapsed = pass->end_s - pass->begun_s;
     int i;
@@ -287,7 +302,7 @@ int mp_stands(const mp_pass *pass, const mp_posed *posed) {
         if (apart * apart * elapsed > STALE * pass->vehicle.gyro_noise) return 0;
     }
     sigmas_of(posed, sigma);
-    return !mp_stale(pass, posed->theta, sigma, STALE);
+    return told_by_torque(pass, posed->theta, sigma) <= STALE && !mp_stale(pass, posed->theta, sigma, STALE);
 }
 
 /* What a search ended with. */
@@ -365,13 +380,25 @@ static int each_axis_is_known(mp_pass *pass, const mp_run *run, const mp_real th
     return known;
 }
 
+/* Three states in the last cycle; as they were where there are none. */
+static void state_of(const mp_layout *layout, const mp_run *run, int at, const mp_real *phi, const mp_real *beginnings, mp_real out[3]) {
+    int i, c, n = layout->coefficients;
+    if (at < 0 || !run->begun) return;
+    for (i = 0; i < 3; i++) {
+        const mp_real *mean = run->filter.mean[at + i];
+        out[i] = mean[0];
+        for (c = 0; c < n; c++) out[i] += mean[1 + c] * phi[c];
+        for (c = 0; c < layout->beginnings; c++) out[i] += mean[1 + n + c] * beginnings[c];
+    }
+}
+
 /* The estimate by a search from `theta`, and chi-square of what that leaves. */
 static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     const mp_layout *layout = &pass->layout;
     found loose, tied;
     const found *best = &tied;
-    mp_real bias[3], tied_phi[MP_COEFFICIENTS];
-    int bound = run->bound, free = !run->bound, i, c, m = layout->beginnings, n = layout->coefficients;
+    mp_real bias[3], acceleration[3], phi[MP_COEFFICIENTS];
+    int bound = run->bound, free = !run->bound;
     if (free) {
         searched(pass, run, theta, 0, &loose);
         bound = each_axis_is_known(pass, run, loose.theta);
@@ -379,16 +406,11 @@ static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     searched(pass, run, free ? loose.theta : theta, 1, &tied);
     if (free && !bound && !(tied.chi_square < loose.chi_square + INCONSISTENT)) best = &loose;
     memcpy(bias, pass->reference.bias, sizeof bias);
-    if (layout->at_bias >= 0 && run->begun) {
-        mp_coefficients(&pass->vehicle, best->theta, tied_phi, NULL);
-        for (i = 0; i < 3; i++) {
-            const mp_real *mean = run->filter.mean[layout->at_bias + i];
-            bias[i] = mean[0];
-            for (c = 0; c < n; c++) bias[i] += mean[1 + c] * tied_phi[c];
-            for (c = 0; c < m; c++) bias[i] += mean[1 + n + c] * best->beginnings[c];
-        }
-    }
-    mp_body(&pass->vehicle, best->theta, bias, best == &loose ? loose.phi : NULL, &pass->estimate);
+    memcpy(acceleration, pass->reference.acceleration, sizeof acceleration);
+    mp_coefficients(&pass->vehicle, best->theta, phi, NULL);
+    state_of(layout, run, layout->at_bias, phi, best->beginnings, bias);
+    state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
+    mp_body(&pass->vehicle, best->theta, bias, acceleration, best == &loose ? loose.phi : NULL, &pass->estimate);
     run->bound = bound;
     run->stuck = best->stuck;
     return best->chi_square;

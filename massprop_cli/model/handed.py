@@ -25,7 +25,7 @@ class Begun(NamedTuple):
     accel_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The same of the specific force, along each body axis."""
     slow_torque_sigma: float = 0.0
-    """Of where a slowly varying torque begins, N m."""
+    """Of the angular acceleration by a slowly varying torque where it begins, rad/s²."""
     reach_m: float = 0.0
     """Of the farthest jet."""
 

@@ -1,10 +1,10 @@
 """Where each state stands: the ten mass properties, the cycle-mean rate, and the nuisances that a vehicle file asks for.
 
-In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), slowly varying
-disturbance torque (3), damping of the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at the
-start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it); on a table, what the accelerometer
-feels of its slope in the middle of the cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of all thrust and
-of each wheel.
+In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), angular acceleration
+by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at
+the start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it); on a table, what the
+accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of
+all thrust and of each wheel.
 """
 
 from __future__ import annotations

@@ -171,7 +171,7 @@ def _coupling(here: Samples, lift: Lift, within: Within, damping: Array) -> _Cou
 def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> tuple[Array, Array]:
     """(K − 1, n, n) transition and (K − 1, n, 1 + c) drive of the states."""
     here, layout, lift, reference = about.here, about.layout, about.lift, about.reference
-    (leaving, entering, _, solve, to_rate), duration = about.coupling, here.executed.duration_s
+    (leaving, entering, own, solve, to_rate), duration = about.coupling, here.executed.duration_s
     rate = here.rate_rad_s - reference.gyro_bias
     turning, torque, damping, tilt = (layout.own(block) for block in (RATE, layout.torque, layout.damping, layout.tilt))
     transition = np.zeros((len(step), layout.states, layout.states))
@@ -186,7 +186,7 @@ def _rotation(about: _About, step: Array, known: Array, onto: Array | None) -> t
     else:
         drive[:, turning, 1:] = solve @ _by_axis(step, onto)
     if layout.has(layout.torque):
-        transition[:, turning, torque] = to_rate * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
+        transition[:, turning, torque] = solve @ _turned_about(own) * ((duration[:-1] + duration[1:]) / 2)[:, None, None]
     if about.damped is not None:
         transition[:, turning, damping] = to_rate @ about.damped.step
         drive[:, turning, 0] -= transition[:, turning, damping] @ reference.damping
@@ -213,7 +213,7 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     for rows, block, matrix in (
         (slice(0, 3), layout.gyro_bias, np.eye(3)),
         (slice(3, 6), layout.accel_bias, np.eye(3)),
-        (slice(3, 6), layout.torque, euler @ own),
+        (slice(3, 6), layout.torque, euler @ _turned_about(own)),
     ):
         if layout.has(block):
             observation[:, rows, layout.own(block)] = matrix
@@ -233,6 +233,11 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
         measured[:, 3:, 0] += observation[:, 3:, layout.own(layout.damping)] @ about.reference.damping
     np.negative(felt, out=measured[:, 3:, 1:])
     return observation, measured
+
+
+def _turned_about(own: Array) -> Array:
+    """(3, 3) of an angular acceleration to that of the axes which the body turns about, ``own`` being J."""
+    return np.diag(np.diag(own) > 0).astype(float)
 
 
 def _felt_by_rate(about: _About, euler: Array) -> Array:
@@ -267,7 +272,8 @@ def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, v
     """The same by the compiled kernel."""
     theta = lift.theta(reference)
     response = response_of(reference, lift, theta)
-    about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], reference.gyro_bias, response.ravel())
+    motion = (reference.gyro_bias, reference.acceleration, response.ravel())
+    about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion)
     numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
     return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
 
@@ -335,7 +341,7 @@ def _felt(
 ) -> tuple[Array, Array, Array]:
     """The specific force: (K, 3, 3) by angular acceleration, (K, 3, N or c) by the coefficients, (K, 3) the rest."""
     plant, channels = lift.plant, lift.channels
-    rate_dot = times(response, whole)
+    rate_dot = times(response, whole) + reference.acceleration
     square = tensor(whole[:, -6:])  # the mean of ω ωᵀ
     centripetal = square - np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     turning = Turning(whole, rate_dot, centripetal, centripetal + cross_matrix(rate_dot))

@@ -22,10 +22,8 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider, fed
 from massprop_cli.prepare.compensate import Mounted, Samples, Source, biased_attitude
 
-STEADY = 1e3
-"""A slowly varying torque may begin at this many of its changes per cycle, or at what the jets can do."""
 WIDE = 1e3
-"""rad/s; of a rate of which nothing is known."""
+"""rad/s, rad/s²; of a rate, and of what a steady torque makes of it, of which nothing is known."""
 DEAF = 1e8
 """By how much louder the noise is of a reading that is not used."""
 
@@ -108,14 +106,13 @@ def _begun(here: Samples, samples: Source, vehicle: Resolved) -> Array:
 
 
 def prior(samples: Mounted, vehicle: Vehicle) -> Array:
-    """(n,) one sigma of each state in the first cycle about zero; wide for the rate, which that cycle measures."""
+    """(n,) one sigma of each state in the first cycle about zero; wide for the rate, which that cycle measures, and for a steady torque."""
     layout = Layout.of(samples, vehicle)
-    jets = np.linalg.norm(vehicle.jet_wrench[:, :3], axis=1) if vehicle.jets else np.zeros(1)
     sigma = np.zeros(layout.size)
     sigma[RATE] = WIDE
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
-    sigma[layout.torque] = max(STEADY * vehicle.environment.disturbance_walk_n_m, float(jets.max()))
+    sigma[layout.torque] = WIDE
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
     sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
     sigma[layout.scale] = scale_sigmas(vehicle)
@@ -140,7 +137,8 @@ def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolve
         roots.append(_in_rate(free.moment_to_rate * impulse, states))
     if torque.stop > torque.start:
         walk = np.zeros((len(duration) - 1, states, 3))
-        walk[:, torque.start - RATE.start : torque.stop - RATE.start] = vehicle.environment.disturbance_walk_n_m * np.eye(3)
+        plant = plant_of(vehicle)
+        walk[:, layout.own(torque)] = plant.turning(plant.theta(reference)) * vehicle.environment.disturbance_walk_n_m
         roots.append(walk)
     measurement = np.zeros((len(duration), 6, 6))
     measurement[:] = np.diag(vehicle.noise)

@@ -40,6 +40,8 @@ class Reference:
     """Relative errors of scales (:mod:`massprop_cli.model.momentum`), as far as they have been found; empty: none."""
     damping: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) torque against the rate about each axis over it, as far as it has been found, N m s."""
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) angular acceleration by a slowly varying torque, as far as it has been found, rad/s²."""
     response: Array | None = None
     """(3, C) the matrix Φ where the log tells it better than the inertia; None: what these make it."""
 
