@@ -67,7 +67,7 @@ def fitted(behind: Sequence[Behind], pieces: Sequence[Piece]) -> Joint | None:
         chosen = zip(behind, members, strange, strict=True)
         members = [_member(one, logs.sized(one.result, one.ready.stated)) if odd else member for one, member, odd in chosen]
         found = _fit(members) or found
-    values, covariance = quantities(found.mean[None], found.covariance[None], alone(members[0].vehicle))
+    values, covariance = quantities(found.told, alone(members[0].vehicle))
     values, covariance = with_shared(*_told(values[0], covariance[0]), pieces)
     chi_square, freedom = (sum(part) for part in zip(*found.apart, strict=True))
     untold = tuple(np.full(10, np.nan) for _ in pieces)

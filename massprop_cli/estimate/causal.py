@@ -63,7 +63,7 @@ class Causal:
             return rows
         self._spare = spare
         self._ends(run)
-        return rows.ending(*regression.row(self.run)) if self.started else rows
+        return rows.ending(regression.row(self.run)) if self.started else rows
 
     def _ends(self, run: Run) -> None:
         """A block, with ``run``: the estimate anew, and cycles taken in again where it has moved."""

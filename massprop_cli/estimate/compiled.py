@@ -23,7 +23,7 @@ from massprop_cli.prepare.compensate import Mounted, Source
 
 CHUNK = 512
 """Cycles handed over at a time."""
-TOLD = 128
+TOLD = 131
 """Numbers that come back of each."""
 
 
@@ -86,7 +86,7 @@ def table(samples: Mounted, vehicle: Resolved) -> Array:
 
 def rows_of(told: Array) -> Rows:
     """(K, TOLD) numbers of the kernel's rows."""
-    return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:116], told[:, 116:122], told[:, 122:])
+    return Rows(told[:, :10], told[:, 10:110].reshape(-1, 10, 10), told[:, 110:113], told[:, 113:119], told[:, 119:125], told[:, 125:])
 
 
 def reference_of(library: ctypes.CDLL, memory: object, channels: int) -> Reference | None:

@@ -16,6 +16,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.regression import Regression
+from massprop_cli.estimate.rows import Parameters
 from massprop_cli.estimate.triangle import Run
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.plant import Reference
@@ -40,10 +41,7 @@ class Member(NamedTuple):
 class Joint(NamedTuple):
     """What all members say together."""
 
-    mean: Array
-    """(10,) state parameters."""
-    covariance: Array
-    """(10, 10)"""
+    told: Parameters
     reference: Reference
     stands: bool
     """Whether another pass would change nothing."""
@@ -75,11 +73,10 @@ class Jointly(Regression):
             reference, bound = run.estimate, run.bound
             phi, _ = self.lift.coefficients(self.lift.theta(reference))
             biases = [_bias(own, one, phi) for own, one in zip(self.members, runs, strict=True)]
-        mean, covariance = self.row(run)
         stands, theta = self.still(run, offline.SETTLED), self.lift.theta(run.estimate)
         corner = self._posed(run, theta, self._scale(theta))[-1 - self.assumed, -1 - self.assumed]
         apart = tuple(self._apart(own, one, run) for own, one in zip(self.members, runs, strict=True))
-        return Joint(mean, covariance, run.estimate, stands, float(corner**2), apart)
+        return Joint(self.row(run), run.estimate, stands, float(corner**2), apart)
 
     @staticmethod
     def _through(own: Regression, reference: Reference, bound: bool) -> Run:

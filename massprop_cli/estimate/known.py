@@ -7,6 +7,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.quantities import quantities
+from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Quantity, Vehicle
 
@@ -16,13 +17,13 @@ DENSEST = 22590.0
 """kg/m³, osmium: of a given mass no body has less inertia than a ball of it."""
 
 
-def belied(mean: Array, covariance: Array, vehicle: Vehicle, phase: str) -> tuple[tuple[Quantity, ...], tuple[Notice, ...]]:
-    """Known quantities that the log does not bear out, and what is said; ``mean`` (10,), ``covariance`` (10, 10) are the log's alone."""
+def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[tuple[Quantity, ...], tuple[Notice, ...]]:
+    """Known quantities that the log does not bear out, and what is said; ``told`` is what the log alone says, one row."""
     said: dict[Quantity, str] = {}
-    for name, z in discrepancies(mean, covariance, vehicle).items():
+    for name, z in discrepancies(told, vehicle).items():
         if abs(z) > MISMATCH:
             said[name] = f"lies {abs(z):.3g} sigmas from what the log alone says; check it, the thrust, and thrust.scale_sigma"
-    heaviest = heaviest_body(mean, covariance, vehicle)
+    heaviest = heaviest_body(told, vehicle)
     weighed = vehicle.known.get("mass")
     if weighed is not None and "mass" not in said and weighed.value - MISMATCH * weighed.sigma > heaviest:
         said["mass"] = f"is more than {heaviest:.3g} kg, of which the densest matter already has more inertia than the log shows; check it"
@@ -32,30 +33,30 @@ def belied(mean: Array, covariance: Array, vehicle: Vehicle, phase: str) -> tupl
     return tuple(said), tuple(notices)
 
 
-def discrepancies(mean: Array, covariance: Array, vehicle: Vehicle) -> dict[Quantity, float]:
+def discrepancies(told: Parameters, vehicle: Vehicle) -> dict[Quantity, float]:
     """How many sigmas each known quantity lies from what the log alone says of it; a mass that it doesn't tell by its reciprocal."""
-    values, full = _alone(mean, covariance, vehicle)
+    values, full = _alone(told, vehicle)
     found: dict[Quantity, float] = {}
     for name, known in vehicle.known.items():
         i = QUANTITIES.index(name)
         off, variance = known.value - values[i], full[i, i] + known.sigma**2
         if name == "mass" and np.isnan(values[i]):
-            off, variance = mean[i] - 1 / known.value, covariance[i, i] + (known.sigma / known.value**2) ** 2
+            off, variance = told.mean[0, i] - 1 / known.value, told.covariance[0, i, i] + (known.sigma / known.value**2) ** 2
         found[name] = float(off / np.sqrt(variance))
     return {name: z for name, z in found.items() if np.isfinite(z)}
 
 
-def heaviest_body(mean: Array, covariance: Array, vehicle: Vehicle) -> float:
+def heaviest_body(told: Parameters, vehicle: Vehicle) -> float:
     """Mass [kg] above which no matter is so dense as to have as little inertia as the log shows; NaN where it shows none.
 
     A ball of density ρ and mass m has ``∫ r² dm = 3/5 m R²``, ``m = 4/3 π ρ R³``, the least of all bodies; that integral is half the trace.
     """
-    values, full = _alone(mean, covariance, vehicle)
+    values, full = _alone(told, vehicle)
     moments = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz")]
     most = (values[moments].sum() + MISMATCH * np.sqrt(full[np.ix_(moments, moments)].sum())) / 2
     return float(np.maximum(most / 0.6, 0.0) ** 0.6 * (4 / 3 * np.pi * DENSEST) ** 0.4 + vehicle.bearing_mass_kg)
 
 
-def _alone(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array, Array]:
-    values, full = quantities(mean[None], covariance[None], vehicle.model_copy(update={"known": {}}))
+def _alone(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
+    values, full = quantities(told, vehicle.model_copy(update={"known": {}}))
     return values[0], full[0]

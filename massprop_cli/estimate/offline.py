@@ -66,15 +66,14 @@ def settle(
         rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
         part = slice(before.at - cycles.start, after.at - cycles.start)
         left.value[part], left.sigma[part] = residual(regression, before, taken, last.run)
-        told.add(rows.ending(*regression.row(last.run)) if after.at == cycles.stop else rows)
+        told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
     return Settled(replace(told.history(samples, phase, last.run.estimate), residual=left), last.stands, last.run.bound)
 
 
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:
     """(10,) what so many passes from ``reference`` on give, and no more of it."""
     regression = Regression(samples, cycles, vehicle, Consider())
-    mean, covariance = regression.row(_last_pass(regression, reference, passes, bound=False).run)
-    found: Array = quantities(mean[None], covariance[None], vehicle)[0][0]
+    found: Array = quantities(regression.row(_last_pass(regression, reference, passes, bound=False).run), vehicle)[0][0]
     return found
 
 

@@ -17,21 +17,28 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
+from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
+HARDLY = 0.4
+"""A relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
+MOMENTS = [0, 3, 5]
+"""Where I_xx, I_yy, I_zz stand."""
+_FIRST, _SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 FAINT = 0.03
 """... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second
 order in m = 1/μ is this part of a sigma."""
 
 
-def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array, Array]:
+def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     """(K, 10) values and (K, 10, 10) covariances of ixx … mass from those of the state parameters ixx … cg_z, 1/m.
 
     Mass is NaN where its reciprocal is not known well enough to say anything. On a bearing the CG then is too, unless the mass is known
     from elsewhere: what the weight's moment says of it is its distance from the bearing times the mass.
     """
+    mean, covariance, relative = told
     mu = mean[:, 9].copy()
     sigma = np.sqrt(covariance[:, 9, 9])
     faint = FAINT if vehicle.on_air_bearing and "mass" in vehicle.known else UNTOLD
@@ -41,7 +48,7 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
         known = vehicle.known["mass"]
         weighed = 1 / known.value, np.hypot(known.sigma / known.value, vehicle.thrust.scale_sigma) / known.value
         mean, covariance = mean.copy(), covariance.copy()
-        mean[untold], covariance[untold] = _condition(mean[untold], covariance[untold], 9, *weighed)
+        mean[untold], covariance[untold], _ = _condition(mean[untold], covariance[untold], covariance[untold], 9, *weighed)
     mu[untold] = np.nan
     values: Array = mean.copy()
     values[:, 9] = 1 / mu
@@ -49,15 +56,35 @@ def quantities(mean: Array, covariance: Array, vehicle: Vehicle) -> tuple[Array,
     jacobian[:, 9] = -1 / mu**2
     if vehicle.on_air_bearing and "mass" not in vehicle.known:
         values[untold, 6:9] = jacobian[untold, 6:9] = np.nan
-    full: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
+    data: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
     if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
         values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
+        shared = np.zeros_like(data)
     else:
         proportional = by_scale(values, vehicle)
-        full = full + vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
+        shared = vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
+    full: Array = data + shared
+    before = _moments(data)
     for name, known in vehicle.known.items():
-        values, full = _condition(values, full, QUANTITIES.index(name), known.value, known.sigma)
-    return values, full
+        values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
+    # an axis is no more uncertain than what is known leaves it
+    kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
+    wider = _curved(relative * np.sqrt(np.maximum(kept, 0.0)))
+    return values, full + data * (wider[:, :, None] * wider[:, None, :] - 1)
+
+
+def _moments(covariance: Array) -> Array:
+    """(K, 3) variance of the moments of inertia."""
+    return np.diagonal(covariance, 0, 1, 2)[:, MOMENTS]
+
+
+def _curved(relative: Array) -> Array:
+    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
+    near = 1 / (1 - 2 * np.minimum(relative, HARDLY))
+    factor = np.sqrt(np.maximum(near, near * (relative / HARDLY) ** 2))
+    found = np.ones((len(relative), 10))
+    found[:, :6] = factor[:, _FIRST] * factor[:, _SECOND]
+    return found
 
 
 def by_scale(values: Array, vehicle: Vehicle) -> Array:
@@ -87,16 +114,22 @@ def condition(value: Array, covariance: Array, slope: Array, measured: float, ex
     return value + gain * (measured - expected), covariance - np.outer(gain, across)
 
 
-def _condition(values: Array, covariance: Array, index: int, value: float, sigma: float) -> tuple[Array, Array]:
-    """Condition every row on one quantity measured as ``value`` ± ``sigma``; rows that can't say anything of it take it as it is."""
-    values, covariance = values.copy(), covariance.copy()
+def _condition(values: Array, covariance: Array, data: Array, index: int, value: float, sigma: float) -> tuple[Array, Array, Array]:
+    """Condition every row on one quantity measured as ``value`` ± ``sigma``; rows that can't say anything of it take it as it is.
+
+    ``data`` (K, 10, 10) is the part of the covariance that the log's noise makes.
+    """
+    values, covariance, data = values.copy(), covariance.copy(), data.copy()
     untold = np.isnan(values[:, index])
-    column = covariance[:, :, index]
+    column = np.where(untold[:, None], 0.0, covariance[:, :, index])
     gain = np.where(untold[:, None], 0.0, column / (covariance[:, index, index] + sigma**2)[:, None])
     values = values + gain * np.where(untold, 0.0, value - values[:, index])[:, None]
-    covariance = covariance - gain[:, :, None] * np.where(untold[:, None], 0.0, column)[:, None, :]
+    covariance = covariance - gain[:, :, None] * column[:, None, :]
+    data = data - gain[:, :, None] * np.where(untold[:, None], 0.0, data[:, index])[:, None, :]
+    data = data - np.where(untold[:, None], 0.0, data[:, :, index])[:, :, None] * gain[:, None, :]
     values[untold, index] = value
-    covariance[untold, index, :] = 0.0
-    covariance[untold, :, index] = 0.0
+    for part in (covariance, data):
+        part[untold, index, :] = 0.0
+        part[untold, :, index] = 0.0
     covariance[untold, index, index] = sigma**2
-    return values, covariance
+    return values, covariance, data

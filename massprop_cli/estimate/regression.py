@@ -13,7 +13,7 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, root_bes
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
-from massprop_cli.estimate.rows import Posed, Response, Rows, Told
+from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, Told
 from massprop_cli.estimate.triangle import LOOSE, PULL, Run, Triangle
 from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
@@ -32,8 +32,6 @@ STALE = 0.1
 """Largest second-order error of what is linear about the reference, in sigmas, before it is renewed."""
 ASTRAY = 0.4
 """... and of a value given on the way, before a block is ended for it."""
-FAINT = 0.4
-"""Relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 INCONSISTENT = 60.0
 """More chi-square than the gyroscopic coupling's eighteen free coefficients would leave by chance: the search has got lost."""
 CLEAR = 0.15
@@ -223,15 +221,13 @@ class Regression(Triangle):
         far = known & ((theta - about) ** 2 > most * sigma * scales)
         return np.asarray(far.any(1))
 
-    def row(self, run: Run) -> tuple[Array, Array]:
-        """(10,) and (10, 10) the estimate of a run."""
+    def row(self, run: Run) -> Parameters:
+        """The estimate of a run, one row."""
         theta, scale, whole = self._about(run)
         triangle = whole[None, : self._nuisances(run.bound) + 10]
         told = self._sensed(run, theta, scale, triangle)
-        mean, covariance = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
-        if run.stuck:
-            mean, covariance = np.full_like(mean, np.nan), np.full_like(covariance, np.nan)
-        return mean[0], covariance[0]
+        found = self._told(run, theta, scale, triangle, told, () if run.state is None else (run.state,))
+        return Rows.untold(1).parameters if run.stuck else found
 
     def _about(self, run: Run) -> tuple[Array, Array, Array]:
         """(10,) θ of a run's estimate, its prior's sigmas, and the triangle about them."""
@@ -290,9 +286,9 @@ class Regression(Triangle):
         """Estimates after each cycle of a block, about the one before it; of what is not told, innovations alone."""
         reference, count = before.estimate, self._nuisances(before.bound)
         each, triangles = posed.rows, posed.triangles
-        mean, covariance = np.full((len(each), 10), np.nan), np.full((len(each), 10, 10), np.nan)
+        found = Rows.untold(len(each)).parameters
         if posed.told is not None and not before.stuck:
-            mean, covariance = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
+            found = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
         ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
         unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
         spread = root_beside_unit(ahead)
@@ -308,7 +304,7 @@ class Regression(Triangle):
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
         for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
             innovation[ignored, part], sigma[ignored, part], normalised[ignored, part] = np.nan, np.nan, np.nan
-        return Rows(mean, covariance, innovation, sigma, normalised)
+        return Rows(*found, innovation, sigma, normalised)
 
     def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:
         """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""
@@ -332,14 +328,13 @@ class Regression(Triangle):
         sensible = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return Told(root, steps, self.lift.nearest(theta, sensible[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))
 
-    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, told: Told, states: tuple[State, ...]) -> tuple[Array, Array]:
-        """(K, 10) and (K, 10, 10) state parameters of triangles (K, n + 10, n + 11 + e) about ``theta``."""
+    def _told(self, run: Run, theta: Array, scale: Array, triangles: Array, told: Told, states: tuple[State, ...]) -> Parameters:
+        """The state parameters of K triangles (K, n + 10, n + 11 + e) about ``theta``."""
         count = triangles.shape[1] - 10
         # I and c are curved in θ: each row is turned into them where it stands, but for what the data don't tell
         root, step, at, sigma = told
         slopes = self.lift.slopes(at)
         mean = self.lift.parameters(at) + np.einsum("kij,kj->ki", slopes, theta + step[..., 0] - at)
-        slopes = _curved(at, sigma)[..., None] * slopes
         root, shift = slopes @ root, slopes @ step[..., 1:]
         apart = slopes * self._split(run, at, sigma)[:, None, :]
         covariance = root @ root.transpose(0, 2, 1) + apart @ apart.transpose(0, 2, 1)
@@ -361,7 +356,8 @@ class Regression(Triangle):
         if self.consider.covariance.any():
             shift = shift[..., : len(self.consider.covariance)]
             covariance = covariance + shift @ self.consider.covariance @ shift.transpose(0, 2, 1)
-        return mean, covariance
+        relative = sigma[:, MOMENTS] / np.maximum(at[:, MOMENTS], np.finfo(float).tiny)
+        return Parameters(mean, covariance, np.minimum(relative, 1e6))
 
     def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
         """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
@@ -370,14 +366,3 @@ class Regression(Triangle):
         found = np.zeros_like(theta)
         found[:, MOMENT] = (theta - self.lift.theta(run.reference))[:, MOMENT] * np.maximum(relative[:, [1, 2, 0]], relative[:, [2, 0, 1]])
         return found
-
-
-def _curved(theta: Array, sigma: Array) -> Array:
-    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
-    relative = sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny)
-    near = 1 / (1 - 2 * np.minimum(relative, FAINT))
-    factor = np.sqrt(np.maximum(near, near * (np.minimum(relative, 1e6) / FAINT) ** 2))
-    found = np.ones_like(theta)
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-        found[:, k] = factor[:, i] * factor[:, j]
-    return found

@@ -31,14 +31,30 @@ class Response:
         return self.gram[1:, 1:]
 
 
+class Parameters(NamedTuple):
+    """State parameters of K rows."""
+
+    mean: Array
+    """(K, 10)"""
+    covariance: Array
+    """(K, 10, 10) linear in θ."""
+    relative: Array
+    """(K, 3) sigmas of J_xx, J_yy and J_zz over these: by so much I = J⁻¹ is curved."""
+
+    @staticmethod
+    def of(mean: Array, covariance: Array) -> Parameters:
+        """Of what is linear."""
+        return Parameters(mean, covariance, np.zeros((len(mean), 3)))
+
+
 @dataclass(frozen=True)
 class Rows:
     """Estimates after each of K cycles; NaN where nothing can be said."""
 
     mean: Array
-    """(K, 10) state parameters."""
+    """As those of :class:`Parameters`."""
     covariance: Array
-    """(K, 10, 10)"""
+    relative: Array
     innovation: Array
     """(K, 6) torque [N m] and force [N]."""
     sigma: Array
@@ -49,17 +65,21 @@ class Rows:
     @staticmethod
     def untold(count: int) -> Rows:
         """Of so many cycles of which nothing is said."""
-        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (6,), (6,), (6,))))
+        return Rows(*(np.full((count, *shape), np.nan) for shape in ((10,), (10, 10), (3,), (6,), (6,), (6,))))
 
     def last(self) -> Rows:
         """The last row alone."""
         return Rows(*(getattr(self, part.name)[-1:] for part in fields(self)))
 
-    def ending(self, value: Array, spread: Array) -> Rows:
+    @property
+    def parameters(self) -> Parameters:
+        """What is estimated."""
+        return Parameters(self.mean, self.covariance, self.relative)
+
+    def ending(self, found: Parameters) -> Rows:
         """With another estimate in the last row."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[-1], covariance[-1] = value, spread
-        return replace(self, mean=mean, covariance=covariance)
+        mean, covariance, relative = (np.concatenate([own[:-1], new]) for own, new in zip(self.parameters, found, strict=True))
+        return replace(self, mean=mean, covariance=covariance, relative=relative)
 
 
 class Told(NamedTuple):

@@ -36,9 +36,9 @@ class Told:
             return
         part = slice(self.count, self.count + len(rows.mean))
         self.normalised[part] = rows.normalised
-        self.count, self.last = part.stop, (rows.mean[-1], rows.covariance[-1])
+        self.count, self.last = part.stop, rows.last().parameters
         here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
-        values, full = quantities(rows.mean[own], rows.covariance[own], self.vehicle)
+        values, full = quantities(rows.parameters if self.every else self.last, self.vehicle)
         variance = np.einsum("kii->ki", full)
         # where what is known is orders of magnitude more than the log tells, rounding may leave nothing of a variance
         left = variance > 0
@@ -48,12 +48,12 @@ class Told:
 
     def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
         """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""
-        vehicle, cycles, (mean, covariance) = self.vehicle, self.cycles, self.last
+        vehicle, cycles = self.vehicle, self.cycles
         if self.count != cycles.stop - cycles.start:
             raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
-        _, full = quantities(mean[None], covariance[None], vehicle)
-        bare = quantities(mean[None], covariance[None], alone(vehicle))
-        against, notices = belied(mean, covariance, vehicle, phase.name)
+        _, full = quantities(self.last, vehicle)
+        bare = quantities(self.last, alone(vehicle))
+        against, notices = belied(self.last, vehicle, phase.name)
         sizes: Array = np.full(10, np.nan)
         share: Array = np.zeros((10, 6))
         drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)

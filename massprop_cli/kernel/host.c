@@ -7,7 +7,7 @@
 #include "flight.h"
 #include "small.h"
 
-#define TOLD 128 /* numbers of a row: mean 10, covariance 100, innovation 6, its sigma 6, normalised 6 */
+#define TOLD 131 /* numbers of a row: mean 10, covariance 100, relative 3, innovation 6, its sigma 6, normalised 6 */
 
 SHARED size_t mp_host_size(void);
 SHARED int mp_host_begin(mp_pass *pass, const double *table);
@@ -135,10 +135,11 @@ static void written(const mp_row *row, double *out) {
     int i;
     for (i = 0; i < 10; i++) out[i] = row->told ? (double)row->mean[i] : (double)NAN;
     for (i = 0; i < 100; i++) out[10 + i] = row->told ? (double)row->covariance[i / 10][i % 10] : (double)NAN;
+    for (i = 0; i < 3; i++) out[110 + i] = row->told ? (double)row->relative[i] : (double)NAN;
     for (i = 0; i < 6; i++) {
-        out[110 + i] = row->expected[i / 3] ? (double)row->innovation[i] : (double)NAN;
-        out[116 + i] = row->expected[i / 3] ? (double)row->sigma[i] : (double)NAN;
-        out[122 + i] = row->expected[i / 3] ? (double)row->normalised[i] : (double)NAN;
+        out[113 + i] = row->expected[i / 3] ? (double)row->innovation[i] : (double)NAN;
+        out[119 + i] = row->expected[i / 3] ? (double)row->sigma[i] : (double)NAN;
+        out[125 + i] = row->expected[i / 3] ? (double)row->normalised[i] : (double)NAN;
     }
 }
 

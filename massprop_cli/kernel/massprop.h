@@ -163,7 +163,8 @@ typedef struct {
     int told;      /* whether anything is said of the parameters */
     int expected[2]; /* whether rates, whether forces were expected */
     mp_real mean[10];
-    mp_real covariance[10][10];
+    mp_real covariance[10][10]; /* linear in theta */
+    mp_real relative[3];   /* sigmas of J_xx, J_yy, J_zz over these: by so much I = J^-1 is curved */
     mp_real innovation[6]; /* torque [N m] and force [N] */
     mp_real sigma[6];
     mp_real normalised[6];

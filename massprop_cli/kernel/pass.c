@@ -184,7 +184,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     if (pass->started) {
         mp_judge(&pass->layout, &pass->posed, pass->room.ordered, pass->room.ahead, row->normalised, unexplained, spread);
         innovated(pass, cycle, root, unexplained, spread, row);
-        astray = mp_tell(pass, &pass->posed, row->mean, row->covariance) && pass->spare >= 0;
+        astray = mp_tell(pass, &pass->posed, row) && pass->spare >= 0;
         row->told = !run->stuck;
     }
     mp_fold(run->triangle, pass->layout.width, pass->room.ordered, 6);
@@ -196,7 +196,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     length = run->at - pass->block_begin;
     looked(pass, length);
     if (!pass->started) return MP_OK;
-    (void)mp_tell(pass, &pass->posed, row->mean, row->covariance);
+    (void)mp_tell(pass, &pass->posed, row);
     row->told = !run->stuck;
     return MP_OK;
 }

@@ -7,7 +7,6 @@
 #include "small.h"
 
 #define LOOSE R(3)          /* one sigma of the coefficients of the gyroscopic coupling while they are free */
-#define FAINT R(0.4)        /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
 #define INCONSISTENT R(60)  /* more chi-square than the coupling's free coefficients would leave by chance */
 #define CLEAR R(0.15)       /* relative sigma below which a row's 1/m may be that far from the estimate: by chance it is not */
 #define EXACT R(1e-3)       /* part of a known mass that is none */
@@ -19,7 +18,7 @@
 #define STUCK R(3)          /* sigmas of a step that leads to no body: so far from where it should be its values mean nothing */
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
 
-static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
+static const int MOMENTS[3] = {0, 3, 5};
 
 static int nuisances(const mp_layout *layout, int bound) { return layout->beginnings + (bound ? 0 : 18); }
 
@@ -193,19 +192,6 @@ static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real ste
     mp_nearest(posed->theta, sensible, out);
 }
 
-/* By how much wider the sigmas of I = J^-1 are than its slope makes them. */
-static void curved(const mp_real theta[10], const mp_real sigma[10], mp_real out[10]) {
-    mp_real factor[3];
-    int i;
-    for (i = 0; i < 3; i++) {
-        mp_real relative = sigma[MOMENTS[i]] / mp_max(theta[MOMENTS[i]], MP_TINY);
-        mp_real near = R(1) / (R(1) - R(2) * mp_min(relative, FAINT)), far = mp_min(relative, R(1e6)) / FAINT;
-        factor[i] = MP_SQRT(mp_max(near, near * (far * far)));
-    }
-    for (i = 0; i < 6; i++) out[i] = factor[FIRST[i]] * factor[SECOND[i]];
-    for (i = 6; i < 10; i++) out[i] = R(1);
-}
-
 /* Error of c or kappa, as its product with J is split about the reference: its own move, where another axis' J is faint. */
 static void split(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[10], mp_real out[10]) {
     mp_real relative[3];
@@ -226,8 +212,9 @@ static void outer10(mp_real a[10][10], mp_real out[10][10]) {
         }
 }
 
-int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real covariance[10][10]) {
-    mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], wider[10], apart[10], moved[10][10], share;
+int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row) {
+    mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], apart[10], moved[10][10], share;
+    mp_real *mean = row->mean, (*covariance)[10] = row->covariance;
     int i, j, k;
     mp_inverse10(posed->triangle, posed->count + 1, posed->count - 10, root);
     beside(posed, right);
@@ -246,13 +233,9 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real cova
     sensed(pass, posed, step, covariance, at);
     mp_slopes(&pass->vehicle, at, slopes);
     mp_parameters(&pass->vehicle, at, mean);
-    curved(at, sigma, wider);
     split(pass, at, sigma, apart);
     for (i = 0; i < 10; i++)
-        for (j = 0; j < 10; j++) {
-            mean[i] += slopes[i][j] * (posed->theta[j] + step[j] - at[j]);
-            slopes[i][j] *= wider[i];
-        }
+        for (j = 0; j < 10; j++) mean[i] += slopes[i][j] * (posed->theta[j] + step[j] - at[j]);
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) {
             moved[i][j] = R(0);
@@ -262,6 +245,7 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_real mean[10], mp_real cova
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++)
             for (k = 6; k < 9; k++) covariance[i][j] += slopes[i][k] * apart[k] * (slopes[j][k] * apart[k]);
+    for (i = 0; i < 3; i++) row->relative[i] = mp_min(sigma[MOMENTS[i]] / mp_max(at[MOMENTS[i]], MP_TINY), R(1e6));
     return mp_stale(pass, at, sigma, ASTRAY);
 }
 

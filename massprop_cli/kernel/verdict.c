@@ -5,13 +5,16 @@
 
 #include "small.h"
 
+#define HARDLY R(0.4)  /* relative sigma of J up to which that of I = 1/J is taken from the interval of two sigma */
 #define PRIOR R(0.5)   /* prior sigma over the natural size */
 #define HALVED R(0.5)  /* a quantity is informed once its sigma is below this part of the prior's */
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
 
-/* Conditioned on one quantity measured elsewhere. */
-static void condition(mp_real value[10], mp_real covariance[10][10], int index, mp_real measured, mp_real variance) {
+static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
+
+/* Conditioned on one quantity measured elsewhere; `data`: the part of the covariance that the log's noise makes. */
+static void condition(mp_real value[10], mp_real covariance[10][10], mp_real data[10][10], int index, mp_real measured, mp_real variance) {
     mp_real column[10], gain[10], off = measured - value[index];
     int i, j;
     for (i = 0; i < 10; i++) column[i] = covariance[i][index];
@@ -20,27 +23,68 @@ static void condition(mp_real value[10], mp_real covariance[10][10], int index, 
         value[i] += gain[i] * off;
         for (j = 0; j < 10; j++) covariance[i][j] -= gain[i] * column[j];
     }
+    if (data == NULL) return;
+    for (j = 0; j < 10; j++) column[j] = data[index][j];
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) data[i][j] -= gain[i] * column[j];
+    for (i = 0; i < 10; i++) column[i] = data[i][index];
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) data[i][j] -= column[i] * gain[j];
 }
 
 /* Takes a quantity that the row can't say anything of as it is. */
-static void taken(mp_values *out, int index, mp_real value, mp_real variance) {
+static void taken(mp_values *out, mp_real data[10][10], int index, mp_real value, mp_real variance) {
     int i;
-    for (i = 0; i < 10; i++) out->covariance[index][i] = out->covariance[i][index] = R(0);
+    for (i = 0; i < 10; i++) {
+        out->covariance[index][i] = out->covariance[i][index] = R(0);
+        data[index][i] = data[i][index] = R(0);
+    }
     out->value[index] = value;
     out->covariance[index][index] = variance;
     out->told[index] = 1;
 }
 
+/* By how much wider the sigmas of I = J^-1 are than its slope makes them. */
+static void curved(const mp_real relative[3], mp_real wider[10]) {
+    mp_real factor[3];
+    int i;
+    for (i = 0; i < 3; i++) {
+        mp_real near = R(1) / (R(1) - R(2) * mp_min(relative[i], HARDLY)), far = relative[i] / HARDLY;
+        factor[i] = MP_SQRT(mp_max(near, near * (far * far)));
+    }
+    for (i = 0; i < 10; i++) wider[i] = i < 6 ? factor[FIRST[i]] * factor[SECOND[i]] : R(1);
+}
+
+/* Conditioned on all that is known from elsewhere, and then wider where I is curved: an axis is no more uncertain than what is known
+   leaves it. `data`: the part of the covariance that the log's noise makes. */
+static void finished(const mp_rule *rule, const mp_row *row, mp_real data[10][10], mp_values *out) {
+    mp_real relative[3], before[3], wider[10];
+    int i, j;
+    for (i = 0; i < 3; i++) before[i] = mp_max(data[MOMENTS[i]][MOMENTS[i]], MP_TINY);
+    for (i = 0; i < rule->known; i++) {
+        mp_real variance = rule->known_sigma[i] * rule->known_sigma[i];
+        if (out->told[rule->known_index[i]]) {
+            condition(out->value, out->covariance, data, rule->known_index[i], rule->known_value[i], variance);
+        } else {
+            taken(out, data, rule->known_index[i], rule->known_value[i], variance);
+        }
+    }
+    for (i = 0; i < 3; i++) relative[i] = row->relative[i] * MP_SQRT(mp_max(data[MOMENTS[i]][MOMENTS[i]] / before[i], R(0)));
+    curved(relative, wider);
+    for (i = 0; i < 10; i++)
+        for (j = 0; j < 10; j++) out->covariance[i][j] += data[i][j] * (wider[i] * wider[j] - R(1));
+}
+
 static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_row *from, mp_values *out) {
     mp_row row = *from;
-    mp_real mu = row.mean[9], slope[10], part[10], scale = rule->thrust_sigma * rule->thrust_sigma;
+    mp_real mu = row.mean[9], slope[10], part[10], data[10][10], scale = rule->thrust_sigma * rule->thrust_sigma;
     int i, j, known = -1, weighed;
     for (i = 0; i < rule->known; i++)
         if (rule->known_index[i] == 9) known = i;
     weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (vehicle->bearing && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
     if (!weighed && known >= 0) { /* inertia and CG are linear in its reciprocal */
         mp_real mass = rule->known_value[known], relative = rule->known_sigma[known] / mass;
-        condition(row.mean, row.covariance, 9, R(1) / mass, (relative * relative + scale) / (mass * mass));
+        condition(row.mean, row.covariance, NULL, 9, R(1) / mass, (relative * relative + scale) / (mass * mass));
     }
     for (i = 0; i < 10; i++) {
         out->told[i] = i < 6 || weighed || (i < 9 && (!vehicle->bearing || known >= 0));
@@ -54,17 +98,10 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
             part[6 + i] = (vehicle->centre[i] - out->value[6 + i]) * (vehicle->bearing_mass / (out->value[9] - vehicle->bearing_mass));
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) {
-            out->covariance[i][j] = row.covariance[i][j] * slope[i] * slope[j];
-            out->covariance[i][j] += scale * part[i] * part[j];
+            data[i][j] = row.covariance[i][j] * slope[i] * slope[j];
+            out->covariance[i][j] = data[i][j] + scale * part[i] * part[j];
         }
-    for (i = 0; i < rule->known; i++) {
-        mp_real variance = rule->known_sigma[i] * rule->known_sigma[i];
-        if (out->told[rule->known_index[i]]) {
-            condition(out->value, out->covariance, rule->known_index[i], rule->known_value[i], variance);
-        } else {
-            taken(out, rule->known_index[i], rule->known_value[i], variance);
-        }
-    }
+    finished(rule, &row, data, out);
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 

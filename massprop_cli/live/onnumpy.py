@@ -66,7 +66,7 @@ class OnNumPy:
         if stop - first > 1:
             with np.errstate(all="ignore"):
                 rows, reference = self._passed(flown, slice(first, stop))
-        values, covariance = quantities(rows.mean, rows.covariance, self.leg.own)
+        values, covariance = quantities(rows.parameters, self.leg.own)
         sigmas = np.sqrt(np.einsum("kii->ki", covariance))
         return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], reference)[None])
 

@@ -15,6 +15,7 @@ from massprop_cli.campaign.pooled import pooled
 from massprop_cli.campaign.rows import Row
 from massprop_cli.campaign.summary import summary
 from massprop_cli.estimate.quantities import quantities
+from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.tolerancefile import Gate
 from tests import flight, recorded
 
@@ -126,13 +127,13 @@ def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_
         mean, covariance = own.copy(), np.tile(np.diag(spread**2), (2, 1, 1))
         mean[:, 9] = 1 / own[:, 9]
         covariance[:, 9, 9] = (spread[9] / own[:, 9] ** 2) ** 2
-        draws.append(quantities(mean, covariance, mine)[0] - flight.TRUTH)
+        draws.append(quantities(Parameters.of(mean, covariance), mine)[0] - flight.TRUTH)
     errors = np.array(draws)
     mean = flight.TRUTH[None].copy()
     mean[:, 9] = 1 / 22.0
     covariance = np.diag(spread**2)[None].copy()
     covariance[0, 9, 9] = (spread[9] / 22.0**2) ** 2
-    values, after = quantities(mean, covariance, used)
+    values, after = quantities(Parameters.of(mean, covariance), used)
     estimates = {
         name: {"value": float(value), "sigma": float(sigma)}
         for name, value, sigma in zip(QUANTITIES, values[0], np.sqrt(np.diag(after[0])), strict=True)

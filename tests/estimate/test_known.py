@@ -7,6 +7,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.known import DENSEST, belied, heaviest_body
+from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Phase
 from tests import flight
 
@@ -20,7 +21,7 @@ def of(relative: float) -> Array:
 
 def test_no_body_has_less_inertia_than_a_ball_of_the_densest_matter() -> None:
     """Oracle: the ball's radius from its mass, and 2/5 m R² thrice for the trace."""
-    bound = heaviest_body(MEAN, of(0.01) * 1e-12, flight.vehicle())
+    bound = heaviest_body(Parameters.of(MEAN[None], 1e-12 * of(0.01)[None]), flight.vehicle())
     radius = (bound / (4 / 3 * np.pi * DENSEST)) ** (1 / 3)
     assert 3 * 2 / 5 * bound * radius**2 == pytest.approx(MEAN[0] + MEAN[3] + MEAN[5], rel=1e-6)
 
@@ -32,7 +33,7 @@ def test_no_body_has_less_inertia_than_a_ball_of_the_densest_matter() -> None:
 def test_a_known_mass_must_be_that_of_a_body_even_where_the_log_does_not_tell_it(mass: float, relative: float, wrong: bool) -> None:
     """Where 1/m is known to 200 % alone, 22 to 200 kg are as good as each other; 1 g and 1e25 kg are not."""
     vehicle = flight.vehicle(known={"mass": {"value": mass, "sigma": 1e-4 * mass}})
-    against, notices = belied(MEAN, of(relative), vehicle, "all")
+    against, notices = belied(Parameters.of(MEAN[None], of(relative)[None]), vehicle, "all")
     assert against == (("mass",) if wrong else ())
     assert [notice.code for notice in notices] == ["known-mismatch"] * wrong
     assert all(f"known.mass = {mass:g}" in notice.message for notice in notices)

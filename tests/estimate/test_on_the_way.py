@@ -20,7 +20,9 @@ flight, its jets uncertain; ``stated`` is its vehicle file. ``vehicle-28, large`
 until it is pushed. ``slow torque``: stated, and on a bearing what the weight shows of the CG stands beside it. ``vehicle-35, sharp``:
 its gyro has a bias within the stated sigma, and its accelerometer's noise is 14 micro-m/s². ``vehicle-282, weak``: a wrench moves it, so
 its inertia is taken for an eightieth of what it is. ``vehicle-26, pushed on and on``: one axis alone is driven for long, and a search went
-astray that no step led back from: nothing was told in the end, and its CG 170 m away before."""
+astray that no step led back from: nothing was told in the end, and its CG 170 m away before. ``vehicle-40, slow torque``: a weight off
+the bearing holds up what the torque may be. ``vehicle-18, known``: its mass, two moments and a product are known before the log
+tells them."""
 
 
 @pytest.mark.numerical

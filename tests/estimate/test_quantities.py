@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from massprop_cli.estimate.quantities import quantities
+from massprop_cli.estimate.rows import Parameters
 from tests import flight
 
 MEAN = np.append(flight.TRUTH[:9], 1 / flight.TRUTH[9])[None]
@@ -15,7 +17,7 @@ def covariance() -> np.ndarray:
 
 
 def test_mass_and_its_sigma_follow_from_the_reciprocal() -> None:
-    values, full = quantities(MEAN, covariance(), flight.vehicle())
+    values, full = quantities(Parameters.of(MEAN, covariance()), flight.vehicle())
     np.testing.assert_allclose(values[0], flight.TRUTH)
     assert abs(np.sqrt(full[0, 9, 9]) - 22**2 * np.sqrt(covariance()[0, 9, 9])) < 1e-12
 
@@ -23,14 +25,14 @@ def test_mass_and_its_sigma_follow_from_the_reciprocal() -> None:
 def test_a_reciprocal_that_is_not_known_gives_no_mass() -> None:
     wide = covariance()
     wide[0, 9, 9] = (0.5 / 22) ** 2
-    values, _ = quantities(MEAN, wide, flight.vehicle())
+    values, _ = quantities(Parameters.of(MEAN, wide), flight.vehicle())
     assert np.isnan(values[0, 9])
     assert np.isfinite(values[0, :9]).all()
 
 
 def test_thrust_scale_widens_inertia_and_mass_in_proportion_and_leaves_the_cg() -> None:
-    _, plain = quantities(MEAN, covariance(), flight.vehicle())
-    _, scaled = quantities(MEAN, covariance(), flight.vehicle(thrust={"scale_sigma": 0.05}))
+    _, plain = quantities(Parameters.of(MEAN, covariance()), flight.vehicle())
+    _, scaled = quantities(Parameters.of(MEAN, covariance()), flight.vehicle(thrust={"scale_sigma": 0.05}))
     added = scaled[0] - plain[0]
     theta = np.concatenate([flight.TRUTH[:6], np.zeros(3), flight.TRUTH[9:]])
     np.testing.assert_allclose(added, 0.05**2 * np.outer(theta, theta), atol=1e-12)
@@ -47,10 +49,10 @@ def test_a_weighed_mass_tells_the_cg_of_what_turns_where_a_part_does_not() -> No
     moment, mass = (true[9] - part) * (true[6:9] - bearing) / 0.99, true[9] / 0.99
     found = np.concatenate([true[:6] / 0.99, bearing + moment / (mass - part), [1 / mass]])[None]
     exact = 1e-12 * covariance()
-    values, full = quantities(found, exact, weighed)
+    values, full = quantities(Parameters.of(found, exact), weighed)
     np.testing.assert_allclose(values[0, 6:9] - bearing, true[6:9] - bearing, rtol=1e-4)
     np.testing.assert_allclose(values[0, :6], true[:6], rtol=1e-6, atol=1e-9)
-    _, wide = quantities(found, exact, stated)
+    _, wide = quantities(Parameters.of(found, exact), stated)
     off = np.abs(found[0, 6:9] - true[6:9])
     np.testing.assert_allclose(np.sqrt(np.diag(wide[0])[6:9]), 2 * off, rtol=0.05)
     assert (np.sqrt(np.diag(full[0])[6:9]) < 1e-2 * off).all()
@@ -59,8 +61,8 @@ def test_a_weighed_mass_tells_the_cg_of_what_turns_where_a_part_does_not() -> No
 def test_a_weighed_mass_is_a_measurement_of_the_whole_set() -> None:
     """Against conditioning a joint Gaussian by sampling its regression: inertia follows the mass by its covariance."""
     used = flight.vehicle(thrust={"scale_sigma": 0.05}, known={"mass": {"value": 21.0, "sigma": 0.01}})
-    prior_values, prior = quantities(MEAN, covariance(), flight.vehicle(thrust={"scale_sigma": 0.05}))
-    values, full = quantities(MEAN, covariance(), used)
+    prior_values, prior = quantities(Parameters.of(MEAN, covariance()), flight.vehicle(thrust={"scale_sigma": 0.05}))
+    values, full = quantities(Parameters.of(MEAN, covariance()), used)
     gain = prior[0, :, 9] / (prior[0, 9, 9] + 1e-4)
     np.testing.assert_allclose(values[0], prior_values[0] + gain * (21.0 - prior_values[0, 9]), rtol=1e-12)
     information = np.linalg.inv(prior[0])
@@ -71,6 +73,20 @@ def test_a_weighed_mass_is_a_measurement_of_the_whole_set() -> None:
 def test_a_known_quantity_that_the_log_can_not_tell_is_taken_as_known() -> None:
     wide = covariance()
     wide[0, 9, 9] = (0.5 / 22) ** 2
-    values, full = quantities(MEAN, wide, flight.vehicle(known={"mass": {"value": 21.0, "sigma": 0.01}}))
+    values, full = quantities(Parameters.of(MEAN, wide), flight.vehicle(known={"mass": {"value": 21.0, "sigma": 0.01}}))
     assert values[0, 9] == 21.0
     assert np.sqrt(full[0, 9, 9]) == 0.01
+
+
+def test_an_axis_that_is_known_is_no_more_curved_than_what_is_known_leaves_it() -> None:
+    """What the log tells of an axis only together with another: by conditioning a Gaussian, wider by what is left of its sigma alone."""
+    used = flight.vehicle(known={"izz": {"value": 2.4, "sigma": 0.0024}})
+    inertia, loose = MEAN[0, [0, 3, 5]], np.diag(covariance()[0]).copy()
+    joint = np.diag(loose)
+    joint[np.ix_([0, 5], [0, 5])] = np.outer([0.3, 1.0], [0.3, 1.0]) * (2.0 * inertia[2]) ** 2 + np.diag([1e-8, 0.0])
+    relative = np.sqrt(np.diag(joint)[[0, 3, 5]]) / inertia
+    values, full = quantities(Parameters(MEAN, joint[None], relative[None]), used)
+    assert values[0, 0] - MEAN[0, 0] == pytest.approx(0.3 * (2.4 - MEAN[0, 5]), rel=1e-3)
+    assert np.sqrt(full[0, 5, 5]) == pytest.approx(0.0024, rel=3e-3)
+    left = np.hypot(0.3 * 0.0024, 1e-4)
+    assert np.sqrt(full[0, 0, 0]) == pytest.approx(left / (1 - 2 * left / MEAN[0, 0]), rel=3e-3)

@@ -53,7 +53,7 @@ def sigmas_about(flight: simulate.Flight, offset: Array) -> Array:
     regression = Regression(stream, slice(2, log.cycles), resolved(vehicle), Consider())
     begun = regression.begin(Reference(tensor(truth[:6]), truth[6:9] + offset, 1 / truth[9], acceleration=held))
     run, _ = regression.take(replace(begun, bound=True), log.cycles)
-    found: Array = np.sqrt(np.diag(regression.row(run)[1]))
+    found: Array = np.sqrt(np.diag(regression.row(run).covariance[0]))
     return found
 
 
