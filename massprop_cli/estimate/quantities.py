@@ -20,12 +20,12 @@ from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
 
-UNTOLD = 0.2
-"""A relative sigma of 1/m above this says nothing about m, as five sigmas of it are chance too rare to happen; ..."""
+UNTOLD = 0.3
+"""A relative sigma of 1/m above this says nothing about m; ..."""
 HARDLY = 0.4
 """A relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
-RECIPROCALS = [0, 3, 5, 9]
-"""Where I_xx, I_yy, I_zz and m stand, which follow from their reciprocals."""
+MOMENTS = [0, 3, 5]
+"""Where I_xx, I_yy, I_zz stand."""
 _FIRST, _SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 FAINT = 0.03
 """... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second
@@ -64,30 +64,26 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
         proportional = by_scale(values, vehicle)
         shared = vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
     full: Array = data + shared
-    before = _of_reciprocals(data)
+    before = _moments(data)
     for name, known in vehicle.known.items():
         values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
     # an axis is no more uncertain than what is known leaves it
-    kept = np.where(before > 0, np.maximum(_of_reciprocals(data), 0.0), 0.0) / np.where(before > 0, before, 1.0)
-    wider = _curved(np.column_stack([relative, np.where(untold, 0.0, sigma / mu)]) * np.sqrt(kept))
+    kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
+    wider = _curved(relative * np.sqrt(np.maximum(kept, 0.0)))
     return values, full + data * (wider[:, :, None] * wider[:, None, :] - 1)
 
 
-def _of_reciprocals(covariance: Array) -> Array:
-    """(K, 4) variances."""
-    return np.diagonal(covariance, 0, 1, 2)[:, RECIPROCALS]
+def _moments(covariance: Array) -> Array:
+    """(K, 3) variance of the moments of inertia."""
+    return np.diagonal(covariance, 0, 1, 2)[:, MOMENTS]
 
 
 def _curved(relative: Array) -> Array:
-    """(K, 10) by how much wider the sigmas of I = J⁻¹ and m = μ⁻¹ are than slopes make them: half the interval that J ± 2 sigma leads to.
-
-    ``relative`` (K, 4) are the sigmas of J_xx, J_yy, J_zz and μ over these.
-    """
+    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
     near = 1 / (1 - 2 * np.minimum(relative, HARDLY))
     factor = np.sqrt(np.maximum(near, near * (relative / HARDLY) ** 2))
     found = np.ones((len(relative), 10))
     found[:, :6] = factor[:, _FIRST] * factor[:, _SECOND]
-    found[:, 9] = factor[:, 3] * factor[:, 3]
     return found
 
 

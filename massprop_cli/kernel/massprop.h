@@ -39,7 +39,7 @@ typedef double mp_real;
 #define MP_PROCESS 12
 #define MP_PACKED(n) ((n) * ((n) + 1) / 2)
 
-#define MP_UNTOLD_MASS ((mp_real)0.2) /* a relative sigma of 1/m above this says nothing about m; */
+#define MP_UNTOLD_MASS ((mp_real)0.3) /* a relative sigma of 1/m above this says nothing about m; */
 #define MP_FAINT_MASS ((mp_real)0.03) /* above this, on a bearing, a known mass tells it */
 #define MP_BLOCK 16       /* cycles between looks at the estimate where it has just moved, */
 #define MP_LONGEST 128    /* and at most */

@@ -11,7 +11,7 @@
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
 
-static const int RECIPROCALS[4] = {0, 3, 5, 9}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
+static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
 /* Conditioned on one quantity measured elsewhere; `data`: the part of the covariance that the log's noise makes. */
 static void condition(mp_real value[10], mp_real covariance[10][10], mp_real data[10][10], int index, mp_real measured, mp_real variance) {
@@ -44,23 +44,23 @@ static void taken(mp_values *out, mp_real data[10][10], int index, mp_real value
     out->told[index] = 1;
 }
 
-/* By how much wider the sigmas of I = J^-1 and m = 1/mu are than slopes make them. */
-static void curved(const mp_real relative[4], mp_real wider[10]) {
-    mp_real factor[4];
+/* By how much wider the sigmas of I = J^-1 are than its slope makes them. */
+static void curved(const mp_real relative[3], mp_real wider[10]) {
+    mp_real factor[3];
     int i;
-    for (i = 0; i < 4; i++) {
+    for (i = 0; i < 3; i++) {
         mp_real near = R(1) / (R(1) - R(2) * mp_min(relative[i], HARDLY)), far = relative[i] / HARDLY;
         factor[i] = MP_SQRT(mp_max(near, near * (far * far)));
     }
-    for (i = 0; i < 10; i++) wider[i] = i < 6 ? factor[FIRST[i]] * factor[SECOND[i]] : i < 9 ? R(1) : factor[3] * factor[3];
+    for (i = 0; i < 10; i++) wider[i] = i < 6 ? factor[FIRST[i]] * factor[SECOND[i]] : R(1);
 }
 
 /* Conditioned on all that is known from elsewhere, and then wider where I is curved: an axis is no more uncertain than what is known
-   leaves it. `data`: the part of the covariance that the log's noise makes, `own` the relative sigma of mu. */
-static void finished(const mp_rule *rule, const mp_row *row, mp_real own, mp_real data[10][10], mp_values *out) {
-    mp_real relative[4], before[4], wider[10];
+   leaves it. `data`: the part of the covariance that the log's noise makes. */
+static void finished(const mp_rule *rule, const mp_row *row, mp_real data[10][10], mp_values *out) {
+    mp_real relative[3], before[3], wider[10];
     int i, j;
-    for (i = 0; i < 4; i++) before[i] = mp_max(data[RECIPROCALS[i]][RECIPROCALS[i]], MP_TINY);
+    for (i = 0; i < 3; i++) before[i] = mp_max(data[MOMENTS[i]][MOMENTS[i]], MP_TINY);
     for (i = 0; i < rule->known; i++) {
         mp_real variance = rule->known_sigma[i] * rule->known_sigma[i];
         if (out->told[rule->known_index[i]]) {
@@ -69,10 +69,7 @@ static void finished(const mp_rule *rule, const mp_row *row, mp_real own, mp_rea
             taken(out, data, rule->known_index[i], rule->known_value[i], variance);
         }
     }
-    for (i = 0; i < 4; i++) {
-        mp_real kept = mp_max(data[RECIPROCALS[i]][RECIPROCALS[i]] / before[i], R(0));
-        relative[i] = (i < 3 ? row->relative[i] : own) * MP_SQRT(kept);
-    }
+    for (i = 0; i < 3; i++) relative[i] = row->relative[i] * MP_SQRT(mp_max(data[MOMENTS[i]][MOMENTS[i]] / before[i], R(0)));
     curved(relative, wider);
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) out->covariance[i][j] += data[i][j] * (wider[i] * wider[j] - R(1));
@@ -104,7 +101,7 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
             data[i][j] = row.covariance[i][j] * slope[i] * slope[j];
             out->covariance[i][j] = data[i][j] + scale * part[i] * part[j];
         }
-    finished(rule, &row, weighed ? MP_SQRT(from->covariance[9][9]) / mu : R(0), data, out);
+    finished(rule, &row, data, out);
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
