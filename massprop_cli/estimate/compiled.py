@@ -18,7 +18,6 @@ from massprop_cli.model.lifted import vehicle_numbers
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import prior
 from massprop_cli.prepare.compensate import Mounted, Source
 
 CHUNK = 512
@@ -78,10 +77,8 @@ class Pass:
 
 def table(samples: Mounted, vehicle: Resolved) -> Array:
     """All that is constant, in the order of ``mp_host_begin``."""
-    layout = Layout.of(samples, vehicle)
-    own = layout.of_all(prior(samples, vehicle))[layout.torque]
     gyro, (x, y, z) = vehicle.imu.gyro_noise_rad_s, vehicle.noise[3:].tolist()
-    return vehicle_numbers(layout, vehicle, handed.Begun(gyro, (x, y, z), float(own[0]) if own.size else 0.0, reach(vehicle)))
+    return vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun(gyro, (x, y, z), reach(vehicle)))
 
 
 def rows_of(told: Array) -> Rows:

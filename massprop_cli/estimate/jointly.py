@@ -42,6 +42,7 @@ class Joint(NamedTuple):
     """What all members say together."""
 
     told: Parameters
+    """One row."""
     reference: Reference
     stands: bool
     """Whether another pass would change nothing."""

@@ -6,6 +6,9 @@ known from elsewhere (a weighed mass) is then a measurement of the whole set, an
 doesn't depend on κ but where a part m_b of the mass doesn't turn with a bearing: what the weight shows is (m − m_b)(c − b), of which m and
 the product are (1 + κ) times what the filter finds and m_b isn't.
 
+What is known conditions a Gaussian, linear in the slopes of I = J⁻¹. Where the log hardly tells J, I ± 2 sigma is wider than these make it;
+that comes last, by what is then left of J's sigma: widened before, each axis by its own factor, gains would be wrong by their ratios.
+
 Where there are wheels, the filter itself follows the scale as far as these tell it (:mod:`massprop_cli.model.momentum`), and its inertia
 is the one that answers to the wheels' columns; the reported one has the wheels in it as the vehicle file says.
 """
@@ -79,7 +82,10 @@ def _moments(covariance: Array) -> Array:
 
 
 def _curved(relative: Array) -> Array:
-    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to."""
+    """(K, 10) by how much wider the sigmas of I = J⁻¹ are than its slope makes them: half the interval that J ± 2 sigma leads to.
+
+    ``relative`` (K, 3): sigmas of J_xx, J_yy, J_zz over these.
+    """
     near = 1 / (1 - 2 * np.minimum(relative, HARDLY))
     factor = np.sqrt(np.maximum(near, near * (relative / HARDLY) ** 2))
     found = np.ones((len(relative), 10))

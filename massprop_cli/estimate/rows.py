@@ -35,9 +35,9 @@ class Parameters(NamedTuple):
     """State parameters of K rows."""
 
     mean: Array
-    """(K, 10)"""
+    """(K, 10) ixx … izz about the CG [kg m²], CG from O [m], 1/m [1/kg]; body axes."""
     covariance: Array
-    """(K, 10, 10) linear in θ."""
+    """(K, 10, 10) by slopes alone."""
     relative: Array
     """(K, 3) sigmas of J_xx, J_yy and J_zz over these: by so much I = J⁻¹ is curved."""
 
@@ -52,9 +52,11 @@ class Rows:
     """Estimates after each of K cycles; NaN where nothing can be said."""
 
     mean: Array
-    """As those of :class:`Parameters`."""
+    """(K, 10) as of :class:`Parameters`, and so the next two."""
     covariance: Array
+    """(K, 10, 10)"""
     relative: Array
+    """(K, 3)"""
     innovation: Array
     """(K, 6) torque [N m] and force [N]."""
     sigma: Array

@@ -1,4 +1,4 @@
-/* The kernel over arrays, for the ground: numbers in double precision by rows, whatever the kernel's own precision. No part of what flies. */
+/* The kernel over arrays, for the ground: numbers in double precision by rows, whatever the kernel's own precision. None of it flies. */
 #ifndef MASSPROP_HOST_H
 #define MASSPROP_HOST_H
 

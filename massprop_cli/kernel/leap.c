@@ -6,7 +6,7 @@
 #include "small.h"
 
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
-#define WIDE R(1e3) /* rad/s, of a rate of which nothing is known */
+#define WIDE R(1e3) /* rad/s, rad/s^2, of a rate, and of what a steady torque makes of it, of which nothing is known */
 
 static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
@@ -30,7 +30,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
         end += 3;
     }
     if (vehicle->slow_torque) {
-        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->slow_torque_sigma;
+        for (i = 0; i < 3; i++) layout->prior[end + i] = WIDE;
         layout->at_torque = end;
         end += 3;
     }

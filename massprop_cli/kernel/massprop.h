@@ -70,7 +70,6 @@ typedef struct {
     mp_real accel_noise[3];
     mp_real gyro_bias_sigma;
     mp_real accel_bias_sigma;
-    mp_real slow_torque_sigma; /* rad/s^2, of what it turns by where it begins */
     mp_real torque_noise;      /* N m, white, of a cycle */
     mp_real torque_walk;       /* N m per cycle */
     mp_real prior_scale;       /* prior sigma over natural sizes */
@@ -224,7 +223,7 @@ typedef struct {
     long block_begin, block_end;
     mp_real begun_s;
     mp_real end_s;
-    mp_real attitude_error[3][4]; /* rad, from the attitude to the true one at the start of the first cycle: known, and by the gyro's bias */
+    mp_real attitude_error[3][4]; /* rad, from the attitude to the true one at the first cycle's start: known, and by the gyro's bias */
     mp_reference reference, estimate, centre;
     mp_real centre_sizes[10];
     mp_start start;

@@ -283,8 +283,8 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     }
 }
 
-/* Derivative of the specific force at the bearing, g u + mu (F - (F . u) u), by an error of attitude at the start of a cycle. `up` and `force`
- * are means or integrals under a window, whose middle is a `part` of the cycle's turn later. */
+/* Derivative of the specific force at the bearing, g u + mu (F - (F . u) u), by an error of attitude at the start of a cycle. `up` and
+ * `force` are means or integrals under a window, whose middle is a `part` of the cycle's turn later. */
 static void force_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_real up[3], const mp_real force[3],
                           const mp_real turn[3], mp_real part, mp_real out[3][3]) {
     mp_real size = MP_SQRT(mp_dot(up, up)), unit[3], across[3], along, by[3][3], later[3][3];
@@ -360,11 +360,6 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
     }
     mp_times((const mp_real(*)[3])out->by_rate, out->rate, known);
     for (i = 0; i < 3; i++) out->measured[i] += known[i];
-}
-
-/* What errors of attitude do to the specific force. */
-static void by_tilt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_reference *about, mp_motion *out) {
-    if (layout->at_tilt >= 0) by_attitude(vehicle, about, out, R(0.5), out->by_tilt);
 }
 
 /* (3, 6) moment about the centre, and specific force at the IMU, of a wrench. */
@@ -470,6 +465,6 @@ void mp_motion_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_c
     integrals(vehicle, layout, cycle, about, bins, rates, ups, out, whole);
     felt(vehicle, layout, cycle, about, bins, out);
     by_rate(vehicle, layout, about, out);
-    by_tilt(vehicle, layout, about, out);
+    if (layout->at_tilt >= 0) by_attitude(vehicle, about, out, R(0.5), out->by_tilt);
     noise_of(vehicle, cycle, about, out);
 }

@@ -24,8 +24,6 @@ class Begun(NamedTuple):
     """Noise of a cycle's mean rate."""
     accel_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The same of the specific force, along each body axis."""
-    slow_torque_sigma: float = 0.0
-    """Of the angular acceleration by a slowly varying torque where it begins, rad/s²."""
     reach_m: float = 0.0
     """Of the farthest jet."""
 
@@ -59,7 +57,7 @@ def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: Begun) -> A
     numbers = (
         *(vehicle.on_air_bearing, *states, vehicle.estimator.bins_per_cycle, thrust.pulse_sigma > 0),
         *(*imu.position_m, begun.gyro_rad_s, *begun.accel_m_s2),
-        *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2, begun.slow_torque_sigma),
+        *(imu.gyro_bias_sigma_rad_s, imu.accel_bias_sigma_m_s2),
         *(environment.disturbance_torque_n_m, environment.disturbance_walk_n_m, vehicle.estimator.prior_scale),
         *(begun.reach_m, known.value if known else 0.0),
         *(*environment.bearing_position_m, environment.bearing_mass_kg, environment.gravity_m_s2),
