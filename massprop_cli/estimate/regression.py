@@ -99,7 +99,9 @@ class Regression(Triangle):
         bias = self._state(run, layout.gyro_bias, theta, others, reference.gyro_bias)
         scale = self._state(run, layout.scale, theta, others, reference.scale)
         damping = self._state(run, layout.damping, theta, others, reference.damping)
-        pushed = self._state(run, layout.torque, theta, others, reference.acceleration)
+        # until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much
+        told = bound or lift.plant.pivoted
+        pushed = self._state(run, layout.torque, theta, others, reference.acceleration) if told else reference.acceleration
         estimate = replace(lift.reference(theta, bias), response=response, scale=scale, damping=damping, acceleration=pushed)
         return replace(run, estimate=estimate, bound=bound, stuck=stuck), chi_square
 

@@ -393,7 +393,8 @@ static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     memcpy(acceleration, pass->reference.acceleration, sizeof acceleration);
     mp_coefficients(&pass->vehicle, best->theta, phi, NULL);
     state_of(layout, run, layout->at_bias, phi, best->beginnings, bias);
-    state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
+    /* until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much */
+    if (bound || pass->vehicle.bearing) state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
     mp_body(&pass->vehicle, best->theta, bias, acceleration, best == &loose ? loose.phi : NULL, &pass->estimate);
     run->bound = bound;
     run->stuck = best->stuck;

@@ -70,7 +70,16 @@ def same_reference(own: Reference | None, other: Reference | None) -> None:
     """What the equations are linearised about in the end, every part of it."""
     assert own is not None
     assert other is not None
-    for name in ("inertia", "cg", "mu", "gyro_bias", "scale", "damping", *(["response"] if other.response is not None else [])):
+    for name in (
+        "inertia",
+        "cg",
+        "mu",
+        "gyro_bias",
+        "acceleration",
+        "scale",
+        "damping",
+        *(["response"] if other.response is not None else []),
+    ):
         ours, theirs = np.asarray(getattr(own, name), dtype=float), np.asarray(getattr(other, name), dtype=float)
         assert ours.shape == theirs.shape, name
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6 * max(1.0, np.abs(theirs).max(initial=0.0)), err_msg=name)
