@@ -17,13 +17,13 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import baseline as baselines
 from massprop_cli.campaign import discover, joining, location, run, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor

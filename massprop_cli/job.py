@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from massprop_cli import flow
 from massprop_cli.base import exits, files
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.flow import Analysis, Progress
 from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement

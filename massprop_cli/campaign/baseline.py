@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from massprop_cli import UNITS
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import location, summary
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.campaign.pooled import INFORMED, Pool, pooled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
 from massprop_cli.campaign.pooled import Group, Pool, Pooled
 from massprop_cli.report import vocabulary

@@ -6,11 +6,11 @@ Without scripts it is a plain table. Same campaign, same bytes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from urllib.parse import quote
 
 from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import figures
 from massprop_cli.campaign.outcome import CHECKED, STATES, Body, Outcome, Value, contradicted, state
 from massprop_cli.campaign.place import RESULTS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from massprop_cli.base import foldername
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.require import Requirement
 
 

@@ -16,12 +16,11 @@ u_i² = s_i² − c_i², is the log's own. With weights w_i = 1/u_i² and W = Σ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 
 OUTLYING = 4.0
 """Sigmas beyond which a log is an outlier."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from pydantic import Field
 
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
 from massprop_cli.campaign.outcome import Item, Value
 from massprop_cli.campaign.rows import Row

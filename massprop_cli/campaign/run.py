@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import joining, outcome, summary
 from massprop_cli.campaign.joining import Joining
 from massprop_cli.campaign.outcome import Outcome

@@ -9,10 +9,10 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Protocol
 
 from massprop_cli.base import exits, onethread
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import work, worker
 from massprop_cli.campaign.plan import Job
 from massprop_cli.campaign.work import Produced

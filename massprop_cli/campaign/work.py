@@ -6,13 +6,13 @@ import hashlib
 import re
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from massprop_cli import __version__
 from massprop_cli.base import exits, files
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import line
 from massprop_cli.campaign import location, outcome

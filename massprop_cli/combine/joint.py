@@ -12,12 +12,12 @@ a log tells that a thousand times better than mass or s, and a straight line thr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.model.plant import BearingBody, Reference
 

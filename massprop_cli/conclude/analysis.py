@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Assumption, Examined
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.docking import Docked

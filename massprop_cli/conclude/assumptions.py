@@ -8,13 +8,13 @@ itself misfit, which says whether it would notice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.granted import AXES, Taken, granted
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.history import History

@@ -12,13 +12,13 @@ does not bear out, and a misfit without a name: what the model leaves still foll
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.verdict import NO_PART, PLANAR, Conclusion, Estimate, Verdict
 from massprop_cli.estimate.quantities import by_scale, condition

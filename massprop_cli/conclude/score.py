@@ -8,12 +8,12 @@ test of what is left in all, which drowns one direction among thousands of cycle
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.granted import ACCELEROMETER, GYRO

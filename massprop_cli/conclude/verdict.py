@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle

@@ -11,11 +11,11 @@ the triangles and the log is not gone through again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
 from massprop_cli.estimate.whitening import LEVELS, Disturbance, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log

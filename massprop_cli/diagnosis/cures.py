@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.design import Designs, level_of

@@ -7,12 +7,12 @@ A coarse search asks which whole delay and which lag let commands explain the mo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, fit, response
 from massprop_cli.estimate.initial import first_reference

@@ -6,12 +6,12 @@ What commands do is the same under every supposition about jets' places and stre
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.estimate.whitening import Driven

@@ -9,12 +9,13 @@ acted on.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain, islice
 
 import numpy as np
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import causes, change, delay
 from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of

@@ -6,11 +6,10 @@ and extra unknowns such as a shift of the delay or a factor on a jet's thrust. Q
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import Linear, linearise

@@ -15,12 +15,12 @@ visible: the least-squares error that a residual of size √Q, aligned with the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once

@@ -8,11 +8,10 @@ only what the process noise adds, and starts at zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.kalman import State, predict, update
 from massprop_cli.model.system import System
 

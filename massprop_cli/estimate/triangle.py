@@ -10,11 +10,12 @@ coupling, J Γ(I), stays free of the inertia until the commands alone tell each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
 from massprop_cli.model.lift import Lift

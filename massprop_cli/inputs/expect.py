@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -17,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.require import Stated as Required

@@ -7,10 +7,10 @@ counted here before: cells by the footer, values and bytes by the header of ever
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from massprop_cli.base import limits
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import thrift

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import PlainValidator
 
 from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError, UsageError
 
 ALL = "all"

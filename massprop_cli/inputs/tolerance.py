@@ -6,12 +6,12 @@ A number is absolute in the quantity's unit; texts are ``"2 %"``, ``"4 sigma"`` 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import PlainValidator
 
 from massprop_cli import UNITS
+from massprop_cli.base.dataclass import dataclass
 
 _TEXT = re.compile(r"\s*\+?((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _SIGMA = ("sigma", "sigmas", "σ")

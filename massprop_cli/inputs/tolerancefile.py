@@ -6,7 +6,7 @@ would read as the value that an expect file has there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +15,7 @@ from pydantic_core import PydanticCustomError
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base import configfile
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import expect
 from massprop_cli.inputs.section import Section

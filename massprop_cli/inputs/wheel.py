@@ -10,13 +10,14 @@ opposite of. All moments on body and wheels together:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.section import NonNegative, Positive, Real, Section, Vector
 
 

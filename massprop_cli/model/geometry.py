@@ -8,13 +8,14 @@ whatever the log tells of them is used, and what it doesn't tell is in every sig
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
 

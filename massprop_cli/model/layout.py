@@ -9,11 +9,10 @@ all thrust and of each wheel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.momentum import scale_sigmas
 from massprop_cli.model.plant import plant_of

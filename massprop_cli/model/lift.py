@@ -6,11 +6,10 @@ to a body, and where in φ the gyroscopic coupling stands.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.model.plant.plant import MOMENT, MU, J, Plant, Reference
 

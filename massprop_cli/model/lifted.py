@@ -15,12 +15,12 @@ rate, from which the state's departs by noise, and by what the gyro's bias is be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, inverse, tensor, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel

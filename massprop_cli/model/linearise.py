@@ -5,11 +5,10 @@ Its state x stands as :mod:`massprop_cli.model.layout` has it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout

@@ -9,11 +9,12 @@ that the regression finds beside the mass properties: an error of it may show in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation, times
 from massprop_cli.inputs.telemetry import Log

@@ -7,11 +7,10 @@ more states.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import MU, RATE, Layout
 from massprop_cli.model.lift import Lift

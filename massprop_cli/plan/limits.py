@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.motion import to_world, vertical
 from massprop_cli.testbed.simulate import Flight

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.testbed.timeline import AXES, TURNS, Axis, Segment
 
 SHARES = {"alternating": (12, 6, 2), "random": (12,), "steady": (1,)}

@@ -9,12 +9,13 @@ cycle, which belongs to the step into the next cycle) and the *falling* half (1 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle

@@ -6,12 +6,13 @@ then the wheel's share relative to the body, or all of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.result.schema import Assumption, DockedObject, PhaseItem, Result
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.result.schema import DockedObject, EstimateItem, Matrix, PhaseItem
 

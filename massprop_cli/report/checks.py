@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.result.schema import Delay, Innovations, Lag
 
 CHANNELS = ("rate X", "rate Y", "rate Z", "specific force X", "specific force Y", "specific force Z")

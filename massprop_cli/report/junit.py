@@ -9,9 +9,9 @@ could not be used is an error.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.escape import line
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.labels import labels

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli import QUANTITIES
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.docking import difference_slope
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.report.assumptions import TOLD

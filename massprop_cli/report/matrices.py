@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli import CG, INERTIA
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report import body, digits
 from massprop_cli.result.judge import INFORMED
 from massprop_cli.result.schema import DockedObject, PhaseItem

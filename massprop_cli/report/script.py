@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING
+
+from massprop_cli.base.dataclass import dataclass
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report import assumptions, digits, limiting, vocabulary
 from massprop_cli.report.missing import reason
 from massprop_cli.result.judge import INFORMED, contradiction

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from massprop_cli.base import escape, files, limits
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 
 TEXTS = {"html": "report.html", "md": "report.md", "csv": "report.csv", "junit": "report.junit.xml"}

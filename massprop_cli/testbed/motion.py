@@ -10,12 +10,12 @@ second order; the bins of a cycle are solved together by fixed-point iteration, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 
 TOLERANCE = 1e-11
 """Iteration ends for a member when its rates change by less than this times (1 rad/s + their size)."""

@@ -6,7 +6,6 @@ The models below are the schema (``massprop schema scenario``). Unknown keys are
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from massprop_cli.base import configfile
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.section import Positive

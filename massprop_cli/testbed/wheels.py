@@ -6,11 +6,10 @@ A wheel of spin inertia J turns about its axis a at W relative to the body, whic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 from massprop_cli.testbed.scenario import Scenario
 

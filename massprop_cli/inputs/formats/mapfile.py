@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, StringConstraints, field_validator, model_validator
 
 from massprop_cli.base import configfile
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats.recording import maps_beside
 from massprop_cli.inputs.section import Positive, Real, Section
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import columns

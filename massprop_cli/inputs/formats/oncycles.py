@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
 from massprop_cli.inputs.formats.mapfile import Records

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.configfile import nearest
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.formats.recording import Recording, Stream
 
 _MARKS = (

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, lever_arm, mean_rotation, parallel_axis, rotation, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, elements, inertia_regressor, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning, Whole

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.model.plant.free import FreeBody
 from massprop_cli.model.plant.plant import MOMENT, MU, J, Reference
 

@@ -12,12 +12,13 @@ Arrays of motion are per bin, (K, B, ...): B equal parts of each of K cycles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix
 
 J, MOMENT, MU = slice(0, 6), slice(6, 9), 9

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Columns, Covered, covered, extent

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 
 BUCKETS = 150
 """Parts of a series, each drawn by its least and its largest value; about what a panel's width can show."""

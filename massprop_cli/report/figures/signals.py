@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent

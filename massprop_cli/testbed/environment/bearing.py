@@ -8,11 +8,10 @@ moment about the CG of jets and reaction, the base's horizontal acceleration and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.testbed.motion import CycleMotion, Dynamics, Held, Loose, State, Wrench, apply, cross, dot, lever, outer_square, vertical
 
 

@@ -7,11 +7,10 @@ accelerometer, which follows too, feels nothing of it; of what something holds o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.testbed.motion import CycleMotion, Dynamics, Held, Loose, State, Wrench, cross, to_world
 
 YAW = np.array([0.0, 0.0, 1.0])

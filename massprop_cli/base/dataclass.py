@@ -1,0 +1,61 @@
+"""``@dataclass(frozen=True)`` as the standard library has it, made in a third of the time.
+
+A program that starts for one log makes a hundred classes first, and the library writes and compiles six functions for each. Here it
+writes ``__init__`` alone; what compares, hashes, shows and refuses to change is the same for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass
+else:
+    import dataclasses
+
+    Made = TypeVar("Made")
+
+    def dataclass(*, frozen: Literal[True]) -> Callable[[type[Made]], type[Made]]:  # noqa: ARG001
+        """A class whose instances are set once, as they are made."""
+
+        def made(plain: type[Made]) -> type[Made]:
+            for name in ("__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__"):
+                if name not in vars(plain):
+                    setattr(plain, name, vars(_Frozen)[name])
+            return dataclasses.dataclass(eq=False, repr=False)(plain)
+
+        return made
+
+
+class _Frozen:
+    """What all of them share."""
+
+    __dataclass_fields__: dict[str, Any]
+
+    def __eq__(self, other: object) -> bool:
+        return _compared(self) == _compared(other) if type(self) is type(other) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(_compared(self))
+
+    def __repr__(self) -> str:
+        shown = (f"{name}={getattr(self, name)!r}" for name, item in self.__dataclass_fields__.items() if item.repr)
+        return f"{type(self).__qualname__}({', '.join(shown)})"
+
+    def __setattr__(self, name: str, value: object) -> None:
+        own = self.__dict__
+        if name in own or name not in self.__dataclass_fields__:
+            raise FrozenInstanceError(f"cannot assign to field {name!r}")
+        own[name] = value
+
+    def __delattr__(self, name: str) -> None:
+        raise FrozenInstanceError(f"cannot delete field {name!r}")
+
+
+def _compared(record: Any) -> tuple[Any, ...]:
+    return tuple(getattr(record, name) for name, item in record.__dataclass_fields__.items() if item.compare)
+
+
+__all__ = ["dataclass"]
