@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -156,18 +157,26 @@ def units(model: Model) -> list[Supposition]:
 def mountings(model: Model) -> list[Supposition]:
     """The IMU turned by right angles, mirrored or transposed; either sensor of it alone."""
     none, mounting = np.zeros((len(model.stated), 0)), model.mounting
-    found: list[Supposition] = []
     # along the body's axes the true mounting is ``turn``; else its own axes are others; the rates were read through the stated one
     by_body = [mounting @ turn.T for turn in _signed_permutations()]
     own = [mounting @ turn @ mounting.T for turn in _signed_permutations()]
+    different: dict[bytes, tuple[str, Array]] = {}
     for words, read in [("the transpose of what is stated", mounting @ mounting), *(("", read) for read in (*by_body, *own))]:
-        if np.abs(read - np.eye(3)).max() > 1e-9 and not any(np.abs(read - one.gyro).max() < 1e-9 for one in found):
-            found.append(Supposition("imu-mounting", (words,) if words else (), none, gyro=read, accelerometer=read))
+        different.setdefault(_rounded(read), (words, read))
+    different.pop(_rounded(np.eye(3)), None)
+    found = [
+        Supposition("imu-mounting", (words,) if words else (), none, gyro=read, accelerometer=read) for words, read in different.values()
+    ]
     for read in own:
         if np.abs(read - np.eye(3)).max() > 1e-9:
             found.append(Supposition("imu-mounting", ("gyro",), none, gyro=read))
             found.append(Supposition("imu-mounting", ("accelerometer",), none, accelerometer=read))
     return found
+
+
+def _rounded(read: Array) -> bytes:
+    """The same of matrices that differ by rounding alone."""
+    return (read.round(9) + 0.0).tobytes()  # zeros without a sign
 
 
 def _others(model: Model) -> Iterator[Supposition]:
@@ -181,6 +190,7 @@ def _others(model: Model) -> Iterator[Supposition]:
     yield Supposition("fuel-use", (), np.hstack([along(model, ("mass_rate", np.ones(1))), along(model, ("inertia_rate", np.ones(1)))]))
 
 
+@cache
 def _signed_permutations() -> list[Array]:
     """The 48 ways to name and sign three axes; half of them are left-handed."""
     found: list[Array] = []

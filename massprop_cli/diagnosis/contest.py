@@ -6,11 +6,12 @@ A fit is a few damped Gauss–Newton steps on triangles of constant size, of man
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.suppositions import Model, Supposition
@@ -104,16 +105,12 @@ def fitted(
     A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. Those that need the same columns
     are fitted side by side.
     """
-    columns = [_columns(model, one) for one in supposed]
+    columns = [model.columns(one.moved) for one in supposed]
     found: dict[int, Fitted] = {}
     for count in dict.fromkeys(columns):
         which = [i for i, own in enumerate(columns) if own == count]
         found |= zip(which, _beside(model, free, variance, [supposed[i] for i in which], theta, still), strict=True)
     return [found[i] for i in range(len(supposed))]
-
-
-def _columns(model: Model, supposed: Supposition) -> int:
-    return model.columns(np.asarray(supposed.free.any(1)))
 
 
 def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None, still: float) -> list[Fitted]:
@@ -251,7 +248,7 @@ class _Rows:
     @staticmethod
     def of_all(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> _Rows:
         """Of all the columns that they need."""
-        count = max(_columns(model, one) for one in supposed)
+        count = max(model.columns(one.moved) for one in supposed)
         model = replace(model, places={name: place for name, place in model.places.items() if place.stop <= count})
         each = (free.gyro, free.accelerometer)
         # of a triangle, what is left of its first columns stands in its first rows

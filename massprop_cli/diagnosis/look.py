@@ -6,12 +6,13 @@ What is left is counted as a likelihood of free noise levels, with a price for e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
@@ -216,7 +217,7 @@ class Look:
         """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""
         return float((self._counts * np.log1p(left / self._counts)).sum())
 
-    @property
+    @cached_property
     def _counts(self) -> Array:
         return _counts(self.free)
 

@@ -8,12 +8,13 @@ time. A :class:`Supposition` names a few entries that may differ from what is st
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.design import SWUNG, level_of
@@ -92,6 +93,11 @@ class Supposition:
     """Of two at once, each."""
     freed: int | None = None
     """A channel of which nothing at all is supposed: what it does is free."""
+
+    @cached_property
+    def moved(self) -> BoolArray:
+        """(nx,) which entries it moves."""
+        return np.asarray(self.free.any(1))
 
     def beside(self, other: Supposition) -> Supposition:
         """Both at once; what begins elsewhere or is turned must be in place already."""
@@ -179,8 +185,18 @@ class Model:
         unit = np.eye(len(self.stated))
         return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
 
+    @cached_property
+    def _columns(self) -> dict[bytes, int]:
+        return {}
+
     def columns(self, moved: BoolArray) -> int:
         """How many of the first columns explain the motion where these entries alone (nx,) differ: without what swings, or comes late."""
+        key = moved.tobytes()
+        if key not in self._columns:
+            self._columns[key] = self._counted(moved)
+        return self._columns[key]
+
+    def _counted(self, moved: BoolArray) -> int:
         before = np.concatenate([[0], np.cumsum(moved)])
         away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]} | self.biases.keys()
         most = max(place.stop for name, place in self.places.items() if name not in BY or away & set(BY[name]))
@@ -189,7 +205,7 @@ class Model:
 
     def channel(self, supposed: Supposition) -> int | None:
         """The one channel that a supposition is about, if it is about one and nothing else."""
-        rows = np.flatnonzero(supposed.free.any(1))
+        rows = np.flatnonzero(supposed.moved)
         first, count = self.place("thrust").start, len(self.force)
         if not rows.size or rows[0] < first or supposed.gyro is not _STRAIGHT or supposed.accelerometer is not _STRAIGHT:
             return None
