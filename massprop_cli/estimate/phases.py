@@ -13,6 +13,7 @@ from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.offline import Led
+from massprop_cli.estimate.told import informed
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
@@ -139,15 +140,15 @@ def estimates(
     may be noisier than stated.
     """
     used, fits, excess = _sized(samples, phases, plain, size, noisier, consider)
-    histories = tuple(
-        engine.replay(samples, cycles, phase, used.in_phase(phase), consider, partial(say, f"estimating, phase {phase.name}"))
-        for phase, cycles in phases
-    )
-    settled = [history if fit is None else fit.history for history, fit in zip(histories, fits, strict=True)]
-    if used.estimator.refine:
-        histories = tuple(settled)
+    histories, settled = [], []
+    for (phase, cycles), fit in zip(phases, fits, strict=True):
+        own = used.in_phase(phase)
+        causal = engine.replay(samples, cycles, phase, own, consider, partial(say, f"estimating, phase {phase.name}"))
+        first, last = informed((causal, causal if fit is None else fit.history), samples, own)
+        histories.append(last if used.estimator.refine else first)
+        settled.append(last)
     notices = disturbances.disturbance_notices(plain.used, used, excess) if size else []
-    return Estimates(used, histories, settled, plain.notices + notices)
+    return Estimates(used, tuple(histories), settled, plain.notices + notices)
 
 
 def by_thesis(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Vehicle) -> Estimates[Vehicle]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from massprop_cli.base import spill
@@ -47,7 +50,7 @@ class Told:
         spill.give_back()
 
     def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
-        """All of it, with what the log could tell; ``reference`` is the estimate at the end, None where there is none."""
+        """All of it; ``reference`` is the estimate at the end, None where there is none. What could be told is not looked at yet."""
         vehicle, cycles = self.vehicle, self.cycles
         if self.count != cycles.stop - cycles.start:
             raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
@@ -55,14 +58,9 @@ class Told:
         bare = quantities(self.last, alone(vehicle))
         against, notices = belied(self.last, vehicle, phase.name)
         sizes: Array = np.full(10, np.nan)
-        share: Array = np.zeros((10, 6))
-        drowned, seen = np.zeros(6, dtype=bool), np.ones(10, dtype=bool)
         if reference is not None:
             sizes = natural_sizes(reference)
             sizes[MU] = 1 / reference.mu
-            share, drowned = excitation(samples, cycles, reference, vehicle)
-            seen = observable(samples.capability, reference, vehicle)
-            seen[MU] |= "mass" in vehicle.known
         return History(
             phase=phase,
             cycles=cycles,
@@ -74,11 +72,22 @@ class Told:
             innovation_sigma=self.innovation_sigma,
             normalised=self.normalised,
             natural_sizes=sizes,
-            information_share=share,
-            drowned=drowned,
-            observable=seen,
+            information_share=np.zeros((10, 6)),
+            drowned=np.zeros(6, dtype=bool),
+            observable=np.ones(10, dtype=bool),
             bare=(bare[0][0], bare[1][0]),
             reference=reference,
             belied=against,
             notices=notices,
         )
+
+
+def informed(passes: Sequence[History], samples: Source, vehicle: Resolved) -> list[History]:
+    """Passes through one phase, with what its commands could tell and by which channel, about the last pass that came to a body."""
+    about = [history.reference for history in passes if history.reference is not None]
+    if not about:
+        return list(passes)
+    share, drowned = excitation(samples, passes[-1].cycles, about[-1], vehicle)
+    seen = observable(samples.capability, about[-1], vehicle)
+    seen[MU] |= "mass" in vehicle.known
+    return [replace(history, information_share=share, drowned=drowned, observable=seen) for history in passes]

@@ -10,6 +10,7 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.lackoffit import hidden_error, innovation_test
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import History, phase_cycles
+from massprop_cli.estimate.told import informed
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Samples
@@ -25,7 +26,12 @@ PHASE = Phase(name="all", start_s=0.0, end_s=99.0)
 def settled(samples: Samples, used: Vehicle, cycles: slice = CYCLES) -> History:
     true = faulty.truth("free-flyer")
     inertia = true[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3)
-    return offline.settle(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), resolved(used)).history
+    return settled_about(samples, cycles, PHASE, Reference(inertia, true[6:9], 1 / true[9]), used)
+
+
+def settled_about(samples: Samples, cycles: slice, phase: Phase, about: Reference, used: Vehicle) -> History:
+    fit = offline.settle(samples, cycles, phase, about, resolved(used)).history
+    return informed([fit], samples, resolved(used))[0]
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +117,6 @@ def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
     phase = used.phases[1]
     cycles = phase_cycles(phase, samples.executed.end_s, samples.executed.usable)
     true = flown.truth[0][1]
-    history = offline.settle(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), resolved(used)).history
+    history = settled_about(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used)
     np.testing.assert_array_equal(innovation_test(history, samples), np.ones(6))
     np.testing.assert_array_equal(hidden_error(history, samples, resolved(used)), np.zeros(10))
