@@ -63,7 +63,7 @@ def settle(
     told, left = Told(cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
-        rows = regression.rows(about, taken, regression.posed(about, taken, told.every))
+        rows = regression.rows(about, taken, regression.posed(about, taken)) if told.every else regression.innovations(about, taken)
         part = slice(before.at - cycles.start, after.at - cycles.start)
         left.value[part], left.sigma[part] = residual(regression, before, taken, last.run)
         told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)

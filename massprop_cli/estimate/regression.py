@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, root_beside_unit, triangle_of
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
 from massprop_cli.estimate import quantities
+from massprop_cli.estimate.ahead import beyond, unexpected
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, Told
@@ -268,36 +269,46 @@ class Regression(Triangle):
 
         return {kind: variance(of == of) - variance(of != kind) for kind in dict.fromkeys(of[of != ""])}
 
-    def posed(self, before: Run, taken: Taken, told: bool = True) -> Posed:
+    def posed(self, before: Run, taken: Taken) -> Posed:
         """A block's rows about the estimate before it, and the triangle after each of its cycles, with what it tells."""
         theta, scale, triangle = self._about(before)
-        white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
-        each = self._reduced(white, theta, scale, before.bound)
-        count = self._nuisances(before.bound) + 10
+        each, count = self._each(before, taken), self._nuisances(before.bound) + 10
         triangles = grown(triangle[:count], each)
-        return Posed(theta, scale, each, triangles, self._sensed(before, theta, scale, triangles[1:]) if told else None)
+        return Posed(theta, scale, each, triangles, self._sensed(before, theta, scale, triangles[1:]))
+
+    def _each(self, before: Run, taken: Taken) -> Array:
+        """(K, 6, n + 11 + e) a block's rows about the estimate before it."""
+        theta, scale, _ = self._about(before)
+        white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
+        return self._reduced(white, theta, scale, before.bound)
 
     def astray(self, before: Run, posed: Posed) -> int | None:
         """The first cycle of a block whose estimate is too far from the reference about which the block was taken in."""
-        if posed.told is None:
-            return None
         far = np.flatnonzero(self._stale(posed.told.theta, posed.told.sigma, before.reference, ASTRAY))
         return int(far[0]) if far.size else None
 
     def rows(self, before: Run, taken: Taken, posed: Posed) -> Rows:
-        """Estimates after each cycle of a block, about the one before it; of what is not told, innovations alone."""
-        reference, count = before.estimate, self._nuisances(before.bound)
-        each, triangles = posed.rows, posed.triangles
+        """Estimates after each cycle of a block, about the one before it."""
+        each, triangles, end = posed.rows, posed.triangles, self._nuisances(before.bound) + 11
         found = Rows.untold(len(each)).parameters
-        if posed.told is not None and not before.stuck:
+        if not before.stuck:
             found = self._told(before, posed.theta, posed.scale, triangles[1:], posed.told, taken.states)
-        ahead = each[..., : count + 10] @ np.linalg.inv(triangles[:-1, :, : count + 10])
-        unexplained = each[..., count + 10] - np.einsum("kij,kj->ki", ahead, triangles[:-1, :, count + 10])
-        spread = root_beside_unit(ahead)
+        return Rows(*found, *self._judged(before, taken, *beyond(triangles[:-1, :, :end], each[..., :end])))
+
+    def innovations(self, before: Run, taken: Taken) -> Rows:
+        """The same without the estimates."""
+        end = self._nuisances(before.bound) + 11
+        each, (_, _, triangle) = self._each(before, taken)[..., :end], self._about(before)
+        found = unexpected(triangle[: end - 1, :end], each)
+        return Rows(*Rows.untold(len(each)).parameters, *self._judged(before, taken, *found))
+
+    def _judged(self, before: Run, taken: Taken, unexplained: Array, spread: Array) -> tuple[Array, Array, Array]:
+        """(K, 6) innovations of a block as torque and force, their sigmas, and whitened; of what isn't told and its root."""
+        reference, count = before.estimate, len(unexplained)
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
-        executed = self.samples.part(slice(before.at, before.at + len(each))).executed
+        executed = self.samples.part(slice(before.at, before.at + count)).executed
         duration = executed.duration_s
-        unit = np.zeros((len(each), 6, 6))
+        unit = np.zeros((count, 6, 6))
         unit[:, :3, :3] = reference.inertia / duration[:, None, None]
         unit[:, 3:, 3:] = np.eye(3) / reference.mu
         root = unit @ taken.root
@@ -306,7 +317,7 @@ class Regression(Triangle):
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
         for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
             innovation[ignored, part], sigma[ignored, part], normalised[ignored, part] = np.nan, np.nan, np.nan
-        return Rows(*found, innovation, sigma, normalised)
+        return innovation, sigma, normalised
 
     def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:
         """What triangles (K, n + 10, n + 11 + e) about ``theta`` tell."""

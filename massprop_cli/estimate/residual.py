@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, grown, root_beside_unit
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.ahead import unexpected
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.triangle import Run
@@ -43,11 +44,9 @@ def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> R
         np.concatenate([rows[..., :free], (rows[..., free + lift.size] - rows[..., free : free + lift.size] @ phi)[..., None]], -1)
         for rows in known
     )
-    triangles = grown(triangle, each)[:-1]
-    ahead = each[..., :free] @ np.linalg.inv(triangles[..., :free])
-    left = each[..., free] - np.einsum("kij,kj->ki", ahead, triangles[..., free])
+    left, spread = unexpected(triangle, each)
     value = np.einsum("kij,kj->ki", taken.root, left)
-    sigma = np.sqrt(((taken.root @ root_beside_unit(ahead)) ** 2).sum(2))
+    sigma = np.sqrt(((taken.root @ spread) ** 2).sum(2))
     if before.state is None:
         value[0], sigma[0] = np.nan, np.nan
     ignored = regression.samples.part(slice(before.at, before.at + len(each))).executed.ignored.repeat(3, 1)

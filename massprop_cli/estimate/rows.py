@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,10 @@ class Posed:
     """(K, 6, n + 11 + e) on n nuisances and θ's departure; measured, and by assumptions."""
     triangles: Array
     """(K + 1, n + 10, n + 11 + e) before the cycles and after each."""
-    told: Told | None
-    """Of the triangles after each cycle, where that is wanted."""
+    told: Told
+    """Of the triangles after each cycle."""
 
     def first(self, count: int) -> Posed:
         """Of so many cycles."""
-        told = None if self.told is None else Told(*(part[:count] for part in self.told))
+        told = Told(*(part[:count] for part in self.told))
         return replace(self, rows=self.rows[:count], triangles=self.triangles[: count + 1], told=told)
