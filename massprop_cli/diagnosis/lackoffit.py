@@ -188,43 +188,58 @@ def _quietest(variance: Array) -> Array:
 class _Rows:
     """Of one kind of measurement; ``count`` rows, which N stand for."""
 
-    table: Array
-    """(3, N, 11 + d) along each axis: regressors on the ten parameters, what is left, d probes."""
+    own: Array
+    """(3, N, 11) along each axis: regressors on the ten parameters, and what is left."""
+    probes: Array
+    """(A, N, d); A is 3, or 1 of probes that are the same along each axis."""
     count: int
 
     @staticmethod
     def of_all(regressors: Array, residual: Array, probes: Array) -> _Rows:
         """Of regressors (N, 3, 10), what is left (N, 3) and probes (N, d) that are the same along each axis."""
-        each = np.broadcast_to(probes, (3, *probes.shape))
-        return _Rows(np.concatenate([np.moveaxis(regressors, 1, 0), residual.T[..., None], each], -1), len(residual))
+        return _Rows(np.concatenate([np.moveaxis(regressors, 1, 0), residual.T[..., None]], -1), probes[None], len(residual))
 
     def weighted(self, weight: Array) -> _Rows:
         """By weights (3, N)."""
-        return _Rows(self.table * weight[..., None], self.count)
+        alike = len(self.probes) == 1 and (weight == weight[0]).all()
+        return _Rows(self.own * weight[..., None], self.probes * (weight[:1] if alike else weight)[..., None], self.count)
 
     def of(self, rows: NDArray[np.intp] | slice) -> _Rows:
         """These rows, which stand for as many as before."""
-        return _Rows(self.table[:, rows], self.count)
+        return _Rows(self.own[:, rows], self.probes[:, rows], self.count)
 
     def quick(self, weight: Array, within: int) -> _Rows:
         """Less what wanders beyond so many rows, as rows of weights (3, N) show it."""
-        return _Rows(_quick(self.table, weight[..., None] ** 2, within), self.count)
+        square = weight[..., None] ** 2
+        return _Rows(_quick(self.own, square, within), _quick(self._probes_by_axis, square, within), self.count)
 
     def part(self, rows: slice) -> _Rows:
-        found = self.table[:, rows]
-        return _Rows(found, found.shape[1])
+        found = self.of(rows)
+        return _Rows(found.own, found.probes, found.own.shape[1])
 
     def joined(self, other: _Rows) -> _Rows:
-        return _Rows(np.concatenate([self.table, other.table], 1), self.count + other.count)
+        both = [one.probes for one in (self, other)]
+        if len(both[0]) != len(both[1]):
+            both = [one._probes_by_axis for one in (self, other)]
+        return _Rows(np.concatenate([self.own, other.own], 1), np.concatenate(both, 1), self.count + other.count)
+
+    @property
+    def _probes_by_axis(self) -> Array:
+        return np.broadcast_to(self.probes, (3, *self.probes.shape[1:]))
 
     def folded(self) -> _Rows:
         """As the triangles of orthogonal factorisations, with the same sums of products."""
-        return _Rows(np.stack([triangle_of(own) for own in self.table]), self.count)
+        width = self.probes.shape[2]
+        if len(self.probes) == 1:
+            upper = triangle_of(np.hstack([self.probes[0], *self.own]))
+            return _Rows(np.stack(np.split(upper[:, width:], 3, axis=1)), upper[None, :, :width], self.count)
+        each = [triangle_of(np.hstack(pair)) for pair in zip(self.probes, self.own, strict=True)]
+        return _Rows(np.stack([upper[:, width:] for upper in each]), np.stack([upper[:, :width] for upper in each]), self.count)
 
 
 def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     """(10,) δ² of one kind of measurement."""
-    regressors, residual = rows.table[..., :10], rows.table[..., 10]
+    regressors, residual = rows.own[..., :10], rows.own[..., 10]
     size = np.sqrt((regressors**2).sum((0, 1)))
     seen = size > 0
     if not seen.any():
@@ -234,7 +249,7 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     kept = singular > 1e-6 * singular.max(initial=0.0)
     left, singular, right = left[:, kept], singular[kept], right[kept]
     residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
-    bases = [_orthonormal(probes) for probes in rows.table[..., 11:]]
+    bases = [_orthonormal(probes) for probes in rows.probes] * (3 // len(rows.probes))
     count = np.array([basis.shape[1] for basis in bases])
     if not count.all() or rows.count < SPARE * count.max():
         return np.zeros(10)
