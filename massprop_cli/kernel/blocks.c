@@ -28,7 +28,7 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
                          double *spread);
 
-SHARED int mp_host_expected(long count, long unknowns, const double *rows, double *triangle, double *room, double *left, double *spread);
+SHARED int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
@@ -45,6 +45,13 @@ static void reference_of(const double *from, int channels, mp_reference *out) {
 /* (3, combined) what phi makes of channels, in combinations (3 x channels + 4, combined) of its coefficients; NULL: each by itself. */
 static void combine(const mp_real *channels, int count, const double *onto, int combined, double *made) {
     int a, c, m;
+    if (onto != NULL && combined == 1) { /* what a whole reference does, of which there are many */
+        for (a = 0; a < 3; a++) {
+            made[a] = 0.0;
+            for (c = 0; c < count; c++) made[a] += (double)channels[c] * onto[a * count + c];
+        }
+        return;
+    }
     memset(made, 0, (size_t)(3 * combined) * sizeof made[0]);
     for (a = 0; a < 3; a++)
         for (c = 0; c < count; c++) {
@@ -220,22 +227,23 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
 
 /* What of rows (count, 6, n + 1) a triangle on n unknowns, packed with what stands beside them, doesn't expect, (count, 6), and the lower
  * root of its covariance, (count, 6, 6); each cycle's rows are folded in after. room: 6 (n + 7). */
-int mp_host_expected(long count, long unknowns, const double *rows, double *triangle, double *room, double *left, double *spread) {
+int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread) {
     int n = (int)unknowns, size = n + 1, wide = n + 6, i, j;
     long k;
     for (k = 0; k < count; k++) {
         const double *own = rows + k * 6 * size;
         for (i = 0; i < 6; i++) {
-            double *ahead = room + i * wide, sum = own[i * size + n];
-            for (j = 0; j < 6; j++) ahead[j] = i == j ? 1.0 : 0.0;
-            memcpy(ahead + 6, own + i * size, (size_t)n * sizeof ahead[0]);
+            mp_real *ahead = room + i * wide, sum = (mp_real)own[i * size + n];
+            for (j = 0; j < 6; j++) ahead[j] = i == j ? R(1) : R(0);
+            (void)mp_copied(ahead + 6, own + i * size, n);
             mp_forward(triangle, size, n, ahead + 6);
             for (j = 0; j < n; j++) sum -= ahead[6 + j] * triangle[AT(size, j) + n - j];
-            left[k * 6 + i] = sum;
+            left[k * 6 + i] = (double)sum;
         }
         mp_lower(room, 6, wide);
-        for (i = 0; i < 6; i++) memcpy(spread + (k * 6 + i) * 6, room + i * wide, 6 * sizeof spread[0]);
-        memcpy(room, own, (size_t)(6 * size) * sizeof room[0]);
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < 6; j++) spread[(k * 6 + i) * 6 + j] = (double)room[i * wide + j];
+        (void)mp_copied(room, own, 6 * size);
         mp_fold(triangle, size, room, 6);
     }
     return MP_OK;

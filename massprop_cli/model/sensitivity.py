@@ -111,12 +111,17 @@ def fed(
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
     moved: dict[tuple[int, int], Within] = {}
+    of_body: dict[int, Array] = {}
     moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
 
     def of(side: Side) -> tuple[Array, Array]:
         as_read = side.vehicle or vehicle
         if (id(side.samples), id(as_read)) not in read:
-            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, moved)
+            environment = id(as_read.environment)
+            if environment not in of_body:
+                body = Lift(plant_of(as_read))
+                of_body[environment] = body.coefficients(body.theta(reference))[0]
+            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, of_body[environment], moved)
         return read[id(side.samples), id(as_read)]
 
     def add(variant: Variant) -> None:
@@ -207,17 +212,15 @@ def imu_turned(vehicle: Vehicle, axis: int, by_rad: float) -> Vehicle:
 
 
 def _expected(
-    side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, moved: dict[tuple[int, int], Within]
+    side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, phi: Array, moved: dict[tuple[int, int], Within]
 ) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log.
 
-    Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
+    ``phi`` (N,) is the reference's. Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
     """
-    lift = Lift(plant_of(vehicle))
-    phi, _ = lift.coefficients(lift.theta(reference))
     same = id(side.samples), id(vehicle.environment)
     if same not in moved and not compiled(vehicle):
-        moved[same] = motion_within(side.samples.part(cycles), reference, lift)
+        moved[same] = motion_within(side.samples.part(cycles), reference, Lift(plant_of(vehicle)))
     return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same)), np.ones(1), state)
 
 

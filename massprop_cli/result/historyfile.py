@@ -38,7 +38,8 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     import pyarrow.parquet as pq
 
     schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(_jets(analysis)))])
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+    # numbers hardly repeat: a dictionary of them would take more room than they do, and as long to make
+    with pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=["phase"]) as writer:
         for history, settled in zip(analysis.histories, analysis.settled, strict=True):
             for first in range(0, len(history.time_s), ROWS):
                 rows = _rows(analysis, history, settled, slice(first, min(first + ROWS, len(history.time_s))))
