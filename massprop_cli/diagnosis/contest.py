@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,9 +15,11 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.handed import Fits, Posed
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.regression import HEAVIER
 from massprop_cli.estimate.whitening import Told
+from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 TINY = 1e-300
@@ -124,19 +127,29 @@ def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Suppos
     moves[:, range(10), range(10)] = sizes
     for i, one in enumerate(supposed):
         moves[i, :, common : common + one.free.shape[1]] = one.free
-    descent = _Descent(rows, moves, x.copy())
-    active = np.arange(len(supposed))
+    pulled = np.concatenate([np.full(10, PULL), np.ones(common + own - 10)])
+    ended = rows.posed.fitted(x, moves, pulled, (still, rows.spare, STEPS)) if compiled() else _descended(rows, moves, pulled, x, still)
+    spread, per_channel = ended.spread[:, common:], (ended.left**2).sum(1) + rows.rest
+    # what is uncertain anyway is no part of what is supposed
+    found = np.where(uncertain.any(1), x, ended.x)
+    return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
+
+
+def compiled() -> bool:
+    """Whether the kernel's equations run instead of what stands here."""
+    return kernel().library is not None
+
+
+def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float) -> Fits:
+    descent = _Descent(rows, moves, pulled, x.copy())
+    active = np.arange(len(x))
     for _ in range(STEPS):
         gained = descent.step(active)
         # as much as it changes the likelihood of free noise levels
         active = active[gained > still * (1 + descent.cost[active] / rows.spare)]
         if not len(active):
             break
-    spread = descent.spread()[:, common:]
-    per_channel = (descent.left**2).sum(1) + rows.rest
-    # what is uncertain anyway is no part of what is supposed
-    found = np.where(uncertain.any(1), x, descent.x)
-    return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
+    return Fits(descent.x, descent.left, descent.spread())
 
 
 def _begun(rows: _Rows, supposed: Sequence[Supposition], theta: Array | None) -> tuple[Array, Array]:
@@ -167,10 +180,9 @@ def _least(rows: _Rows, x: Array, others: Array) -> Array:
 class _Descent:
     """Damped Gauss–Newton steps (Levenberg 1944) of H fits side by side; each unknown is pulled to where it began by its expected size."""
 
-    def __init__(self, rows: _Rows, moves: Array, x: Array) -> None:
-        self.rows, self.moves, self.x = rows, moves, x
+    def __init__(self, rows: _Rows, moves: Array, pulled: Array, x: Array) -> None:
+        self.rows, self.moves, self.pulled, self.x = rows, moves, pulled, x
         count, size = len(x), moves.shape[2]
-        self.pulled = np.concatenate([np.full(10, PULL), np.ones(size - 10)])
         self.offset, self.damping = np.zeros((count, size)), np.full(count, 1e-6)
         self.left = rows.left(x)
         self.cost = (self.left**2).sum((-2, -1))
@@ -268,8 +280,15 @@ class _Rows:
         freed = self.freed and (self.freed[0][:, which], self.freed[1][:, which])
         return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], freed=freed)
 
+    @cached_property
+    def posed(self) -> Posed:
+        """As the kernel has them."""
+        return Posed(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
+
     def left(self, x: Array) -> Array:
         """(H, p, 6) for x (H, nx)."""
+        if compiled():
+            return self.posed.left(x)
         return self._against(self.model.coefficients(x, self.gyro, self.accelerometer))
 
     def slopes(self, x: Array, free_x: Array, left: Array) -> Array:

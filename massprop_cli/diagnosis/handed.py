@@ -1,0 +1,84 @@
+"""What is handed to the compiled kernel of suppositions and triangles, number by number (massprop_cli/kernel/contest.c)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.design import SWUNG, level_of
+from massprop_cli.diagnosis.suppositions import RAMP, Model
+from massprop_cli.estimate.whitening import Told
+from massprop_cli.kernel import kernel, pointer
+
+BLOCKS = (
+    *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "aging", "up", "level"),
+    *("east", "north", *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1"),
+)
+"""Blocks of columns in the kernel's order."""
+
+
+class Fits(NamedTuple):
+    """H fits side by side, where they ended."""
+
+    x: Array
+    """(H, nx)"""
+    left: Array
+    """(H, p, 6)"""
+    spread: Array
+    """(H, n) one sigma of each unknown."""
+
+
+class Posed:
+    """Suppositions held against two triangles, as the kernel has them."""
+
+    def __init__(
+        self, model: Model, told: Sequence[Told], noise: Array, gyro: Array, accelerometer: Array, freed: tuple[Array, Array] | None
+    ) -> None:
+        self.columns = told[0].triangle.shape[1]
+        self._entries = len(model.stated)
+        self._sizes = len(gyro), len(model.force), self.columns, self._entries, *(len(one.triangle) for one in told)
+        self._places = np.array([model.places[name].start if name in model.places else -1 for name in BLOCKS], ctypes.c_long)
+        bearing = np.zeros(3) if model.bearing is None else model.bearing
+        flat = np.zeros((2, 3)) if model.bearing is None else level_of(model.up)
+        parts = (
+            *(model.imu, model.mounting, [model.bearing is not None], bearing, [model.gravity], model.level, model.up, flat),
+            *([model.lags["lag"], model.lags["gyro_lag"], model.lags["accel_lag"], RAMP], model.position, model.force, model.couple),
+        )
+        self._numbers = np.concatenate([np.ravel(part) for part in parts], dtype=float)
+        self._triangles = [np.ascontiguousarray(part.T) for one in told for part in (one.triangle, one.measured)] + [np.sqrt(noise)]
+        self._turns = np.ascontiguousarray(np.stack([gyro, accelerometer], 1))
+        self._freed = None if freed is None else np.ascontiguousarray(np.concatenate(freed).T)
+
+    def left(self, x: Array) -> Array:
+        """(H, p, 6) what x (H, nx) leave, over the noise."""
+        found, room = np.empty((len(x), 6, self.columns)), np.empty(6 * self.columns)
+        given = np.ascontiguousarray(x)
+        self._run("mp_host_left", 0, given, self._turns, self._freed, room, found)
+        return found.swapaxes(1, 2)
+
+    def fitted(self, x: Array, moves: Array, pulled: Array, ends: tuple[float, float, int]) -> Fits:
+        """Damped Gauss–Newton from x (H, nx) along ``moves`` (H, nx, n), each pulled to where it began by ``pulled`` (n,).
+
+        ``ends``: the change of −2 log likelihood that ends a fit, measurements less coefficients, and the most steps.
+        LinAlgError where a step can't be solved for.
+        """
+        count = len(pulled)
+        found = x.copy(), np.empty((len(x), 6, self.columns)), np.empty((len(x), count))
+        room = np.empty(18 * self.columns + (6 * self.columns + 2 * count + 2) * count + self._entries)
+        given = np.ascontiguousarray(moves), pulled, np.array(ends, dtype=float)
+        self._run("mp_host_fitted", count, self._turns, self._freed, *given, room, *found)
+        return Fits(found[0], found[1].swapaxes(1, 2), found[2])
+
+    def _run(self, name: str, unknowns: int, *arrays: Array | None) -> None:
+        library = kernel().library
+        if library is None:
+            raise RuntimeError("there is no compiled kernel")
+        sizes = np.array([*self._sizes[:4], unknowns, *self._sizes[4:]], ctypes.c_long)
+        triangles = (ctypes.c_void_p * len(self._triangles))(*(part.ctypes.data for part in self._triangles))
+        shared = ctypes.c_void_p(sizes.ctypes.data), ctypes.c_void_p(self._places.ctypes.data), pointer(self._numbers), triangles
+        if library[name](*shared, *(None if part is None else pointer(part) for part in arrays)):
+            raise np.linalg.LinAlgError("a fit has no next step")
