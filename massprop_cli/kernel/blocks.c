@@ -1,4 +1,5 @@
 /* The response of many cycles at once, for fits on the ground (massprop_cli/model/lifted.py): the same equations, cycle by cycle. */
+#include <math.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -20,9 +21,7 @@ SHARED int mp_host_lifted(const double *table, const double *reference, long cou
                           int combined, const lifted *out);
 
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
-                        double *integral, double *moment);
-
-SHARED int mp_host_lagged(long bins, long signals, const double *decay, double *y);
+                        const double *lag, double *integral, double *moment);
 
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
@@ -137,41 +136,49 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
     return MP_OK;
 }
 
-/* Integral and first moment over each bin of what goes on linearly but for events in the order of time, zero before the first
- * (massprop_cli/prepare/actuators.py). */
+/* What a first-order lag has come to after a `length` of what began at `value` and rose. */
+static double lagged(double y, double value, double rise, double length, double lag) {
+    double rest;
+    if (!(lag > 0.0) || (y == 0.0 && value == 0.0 && rise == 0.0)) return y;
+    rest = -expm1(-length / lag);
+    return y * (1.0 - rest) + value * rest + rise * (length - lag * rest);
+}
+
+/* Integral and first moment over each bin of what goes on linearly but for events in the order of time, zero before the first, or of what
+ * a lag makes of it (massprop_cli/prepare/signal.py). */
 int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
-                 double *integral, double *moment) {
-    double value = 0, rise = 0, now = events > 0 ? time[0] : edges[0];
+                 const double *lag, double *integral, double *moment) {
+    double value = 0, rise = 0, now = events > 0 ? time[0] : edges[0], y = 0;
     long b, next = 0;
     while (next < events && time[next] < edges[0]) {
+        y = lagged(y, value, rise, time[next] - now, *lag);
         value += rise * (time[next] - now) + step[next];
         rise += slope[next];
         now = time[next++];
     }
-    if (now < edges[0]) value += rise * (edges[0] - now);
+    if (now < edges[0]) {
+        y = lagged(y, value, rise, edges[0] - now, *lag);
+        value += rise * (edges[0] - now);
+    }
     now = edges[0];
     for (b = 0; b < bins; b++) {
+        double begun = y, whole = edges[b + 1] - edges[b];
         integral[b] = moment[b] = 0;
         for (;;) {
             int inside = next < events && time[next] < edges[b + 1];
             double until = inside ? time[next] : edges[b + 1], length = until - now, mean = value + rise * length / 2;
             integral[b] += length * mean;
             moment[b] += length * ((now - edges[b]) * mean + length * (value / 2 + rise * length / 3));
+            y = lagged(y, value, rise, length, *lag);
             value += rise * length;
             now = until;
             if (!inside) break;
             value += step[next];
             rise += slope[next++];
         }
+        integral[b] -= *lag * (y - begun);
+        moment[b] -= *lag * (whole * y - integral[b]);
     }
-    return MP_OK;
-}
-
-/* y (1 + bins, signals) on the way in what a lag lets through of each bin, on the way out what it has come to by each edge. */
-int mp_host_lagged(long bins, long signals, const double *decay, double *y) {
-    long b, s;
-    for (b = 0; b < bins; b++)
-        for (s = 0; s < signals; s++) y[(b + 1) * signals + s] += decay[b] * y[b * signals + s];
     return MP_OK;
 }
 

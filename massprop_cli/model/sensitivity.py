@@ -111,17 +111,13 @@ def fed(
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
     moved: dict[tuple[int, int], Within] = {}
-    of_body: dict[int, Array] = {}
+    coefficients: dict[int, Array] = {}
     moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
 
     def of(side: Side) -> tuple[Array, Array]:
         as_read = side.vehicle or vehicle
         if (id(side.samples), id(as_read)) not in read:
-            environment = id(as_read.environment)
-            if environment not in of_body:
-                body = Lift(plant_of(as_read))
-                of_body[environment] = body.coefficients(body.theta(reference))[0]
-            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, of_body[environment], moved)
+            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, coefficients, moved)
         return read[id(side.samples), id(as_read)]
 
     def add(variant: Variant) -> None:
@@ -212,15 +208,26 @@ def imu_turned(vehicle: Vehicle, axis: int, by_rad: float) -> Vehicle:
 
 
 def _expected(
-    side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, phi: Array, moved: dict[tuple[int, int], Within]
+    side: Side,
+    state: Array,
+    cycles: slice,
+    reference: Reference,
+    vehicle: Vehicle,
+    coefficients: dict[int, Array],
+    moved: dict[tuple[int, int], Within],
 ) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log.
 
-    ``phi`` (N,) is the reference's. Another place of the IMU alone leaves the motion, and what was ``moved`` is taken over.
+    The reference's ``coefficients`` are the same in one environment. Another place of the IMU alone leaves the motion, and what was
+    ``moved`` is taken over.
     """
+    within, lift = id(vehicle.environment), Lift(plant_of(vehicle))
+    if within not in coefficients:
+        coefficients[within] = lift.coefficients(lift.theta(reference))[0]
+    phi = coefficients[within]
     same = id(side.samples), id(vehicle.environment)
     if same not in moved and not compiled(vehicle):
-        moved[same] = motion_within(side.samples.part(cycles), reference, Lift(plant_of(vehicle)))
+        moved[same] = motion_within(side.samples.part(cycles), reference, lift)
     return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same)), np.ones(1), state)
 
 

@@ -28,8 +28,16 @@ def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0
     """
     if not signals:
         return np.zeros((len(edges_s) - 1, 0)), np.zeros((len(edges_s) - 1, 0))
-    found = [_bin_integrals(signal, edges_s, lag_s) for signal in signals]
-    integral, moment, forced = (np.stack(part, 1) for part in zip(*found, strict=True))
+    if (library := kernel().library) is not None:
+        found = np.empty((2, len(signals), len(edges_s) - 1))
+        edges, lag = np.ascontiguousarray(edges_s), np.array([lag_s])
+        for signal, out in zip(signals, found.swapaxes(0, 1), strict=True):
+            time, *changes = _in_order(signal)
+            events, bins = (ctypes.c_long(len(values)) for values in (time, out[0]))
+            library.mp_host_bins(events, *map(pointer, (time, *changes)), bins, *map(pointer, (edges, lag, out[0], out[1])))
+        return found[0].T, found[1].T
+    each = [_bin_integrals(signal, edges_s, lag_s) for signal in signals]
+    integral, moment, forced = (np.stack(part, 1) for part in zip(*each, strict=True))
     if lag_s == 0:
         return integral, moment
     length = np.diff(edges_s)
@@ -38,16 +46,15 @@ def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0
     return lagged, moment - lag_s * (length[:, None] * y[1:] - lagged)
 
 
+def _in_order(signal: Signal) -> tuple[Array, Array, Array]:
+    """Times, steps and changes of slope, in the order of time."""
+    order = np.argsort(signal.time_s, kind="stable")
+    return signal.time_s[order], signal.step[order], signal.slope[order]
+
+
 def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array, Array, Array]:
     """Of one signal: both integrals (bins,), and (1 + bins,) what a lag lets through of it before the first edge and by each bin's end."""
-    order = np.argsort(signal.time_s, kind="stable")
-    time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]
-    if lag_s == 0 and (library := kernel().library) is not None:
-        edges, found = np.ascontiguousarray(edges_s), np.empty((2, len(edges_s) - 1))
-        events, bins = (ctypes.c_long(len(values)) for values in (time, found[0]))
-        given = (events, *map(pointer, (time, step, slope)), bins, pointer(edges))
-        library.mp_host_bins(*given, pointer(found[0]), pointer(found[1]))
-        return found[0], found[1], np.zeros(0)
+    time, step, slope = _in_order(signal)
     # a bin goes on as it begins; events within it add what they change from there on
     since, begun, rising = np.append(edges_s[0], time), np.append(0.0, np.cumsum(step)), np.append(0.0, np.cumsum(slope))
     begun[2:] += np.cumsum(rising[1:-1] * np.diff(time))
@@ -83,11 +90,7 @@ def _bin_integrals(signal: Signal, edges_s: Array, lag_s: float) -> tuple[Array,
 
 def _lagged_at_edges(forced: Array, decay: Array) -> Array:
     """(1 + bins, signals) y at each edge from its recursion ``y[i+1] = decay[i] y[i] + forced[i+1]``, y[0] = forced[0]."""
-    y = np.array(forced, dtype=np.float64, order="C")
-    if (library := kernel().library) is not None:
-        bins, signals = (ctypes.c_long(n) for n in (len(decay), y.shape[1]))
-        library.mp_host_lagged(bins, signals, pointer(np.ascontiguousarray(decay)), pointer(y))
-        return y
+    y = np.array(forced, dtype=np.float64)
     for i, kept in enumerate(decay):
         y[i + 1] += kept * y[i]
     return y
