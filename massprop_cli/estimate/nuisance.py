@@ -8,11 +8,14 @@ only what the process noise adds, and starts at zero.
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.estimate.kalman import State, predict, update
+from massprop_cli.kernel import kernel, pointer
 from massprop_cli.model.system import System
 
 STRETCH = 16
@@ -28,7 +31,7 @@ class Taken:
     root: Array
     """(K, 6, 6) their lower-triangular root."""
     states: tuple[State, ...]
-    """After each cycle, where there is process noise."""
+    """After each cycle, where they are kept."""
 
 
 def known_rows(sigma: Array, columns: int) -> Array:
@@ -49,10 +52,15 @@ def ordered(white: Array, size: int, free: int) -> Array:
     return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
 
 
-def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
-    """The filter through a system, from the state in its first cycle; that is measured too where it is ``new``."""
+def filtered(state: State, system: System, new: bool, every: bool = False) -> tuple[State, Taken]:
+    """The filter through a system, from the state in its first cycle; that is measured too where it is ``new``.
+
+    With ``every`` the states after each cycle are kept; else the compiled kernel runs where there is one.
+    """
     if system.process is None:
         return _known_motion(state, system, new)
+    if not every and kernel().library is not None:
+        return _compiled(state, system, system.process, new)
     white, root, states = [], [], []
     own = state.mean.shape[1] - system.measured.shape[2]
     # nothing drives or measures the columns of the unknown beginnings
@@ -65,6 +73,22 @@ def filtered(state: State, system: System, new: bool) -> tuple[State, Taken]:
         root.append(innovation.root)
         states.append(state)
     return state, Taken(np.stack(white), np.stack(root), tuple(states))
+
+
+def _compiled(state: State, system: System, process: Array, new: bool) -> tuple[State, Taken]:
+    """The same in the kernel (massprop_cli/kernel/offline.c)."""
+    library = kernel().library
+    if library is None:
+        raise RuntimeError("there is no compiled kernel")
+    first, (cycles, _, given), (states, columns), noises = int(not new), system.measured.shape, state.mean.shape, process.shape[2]
+    sizes = np.array([cycles, first, states, given, columns - given, noises], ctypes.c_long)
+    parts = (system.transition, system.drive, process, system.observation, system.measured, system.noise)
+    room = np.empty((2 * states + 6) * columns + (6 + 2 * states) * (6 + states + noises))
+    mean, root = np.array(state.mean, order="C"), np.array(state.root[:, :states], order="C")
+    white, roots = np.empty((cycles - first, 6, columns)), np.empty((cycles - first, 6, 6))
+    arrays = (*map(np.ascontiguousarray, parts), room, mean, root, white, roots)
+    library.mp_host_filtered(ctypes.c_void_p(sizes.ctypes.data), *map(pointer, arrays))
+    return State(mean, root), Taken(white, roots, ())
 
 
 def _known_motion(state: State, system: System, new: bool) -> tuple[State, Taken]:

@@ -23,7 +23,7 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import System, prior, system_of
+from massprop_cli.model.system import System, drift, prior, system_of
 from massprop_cli.prepare.compensate import Source
 
 WEIGHED = 0.5
@@ -69,6 +69,7 @@ class Triangle:
         self.lift = lift or Lift(plant_of(vehicle))
         self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
         self.prior = prior(samples, vehicle)
+        self.drifting = bool(drift(vehicle).any())
         self.free = int((self.prior > 0).sum())
         """m, the states whose beginning is unknown."""
         self.assumed = consider.columns(len(samples.wrench))
@@ -97,7 +98,7 @@ class Triangle:
         return system_of(self.samples, cycles, reference, self.vehicle, self.consider, self.lift)
 
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
-        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, new=run.state is None)
+        state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, run.state is None, self.drifting)
         triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
         return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
 

@@ -14,7 +14,7 @@ from massprop_cli.kernel import kernel
 
 SOURCES = Path(kernel_room.__file__).parent
 TEMPLATES = Path(__file__).parent
-HOST = ("host.c", "host.h", "blocks.c", "contest.c")
+HOST = ("host.c", "host.h", "blocks.c", "contest.c", "offline.c")
 """What serves the ground alone."""
 
 

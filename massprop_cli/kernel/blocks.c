@@ -27,8 +27,6 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
                          double *spread);
 
-SHARED int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread);
-
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -228,30 +226,6 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
             for (i = 0; i < states; i++)
                 for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
         }
-    }
-    return MP_OK;
-}
-
-/* What of rows (count, 6, n + 1) a triangle on n unknowns, packed with what stands beside them, doesn't expect, (count, 6), and the lower
- * root of its covariance, (count, 6, 6); each cycle's rows are folded in after. room: 6 (n + 7). */
-int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread) {
-    int n = (int)unknowns, size = n + 1, wide = n + 6, i, j;
-    long k;
-    for (k = 0; k < count; k++) {
-        const double *own = rows + k * 6 * size;
-        for (i = 0; i < 6; i++) {
-            mp_real *ahead = room + i * wide, sum = (mp_real)own[i * size + n];
-            for (j = 0; j < 6; j++) ahead[j] = i == j ? R(1) : R(0);
-            (void)mp_copied(ahead + 6, own + i * size, n);
-            mp_forward(triangle, size, n, ahead + 6);
-            for (j = 0; j < n; j++) sum -= ahead[6 + j] * triangle[AT(size, j) + n - j];
-            left[k * 6 + i] = (double)sum;
-        }
-        mp_lower(room, 6, wide);
-        for (i = 0; i < 6; i++)
-            for (j = 0; j < 6; j++) spread[(k * 6 + i) * 6 + j] = (double)room[i * wide + j];
-        (void)mp_copied(room, own, 6 * size);
-        mp_fold(triangle, size, room, 6);
     }
     return MP_OK;
 }

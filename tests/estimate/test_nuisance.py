@@ -12,6 +12,8 @@ from massprop_cli.model.system import System
 pytestmark = pytest.mark.numerical
 
 CYCLES, STATES, COLUMNS = 40, 6, 5
+EITHER = pytest.mark.parametrize("every", [False, True], ids=["in the kernel", "in NumPy"])
+"""The kernel, where there is one, keeps no state but the last."""
 
 
 def system(torque: float | None, gyro: float = 1e-4) -> System:
@@ -41,10 +43,11 @@ def begun(one: System) -> State:
 
 @pytest.mark.parametrize("new", [True, False])
 @pytest.mark.parametrize("torque", [None, 1e-6, 1e-4])
-def test_all_columns_at_once_are_each_column_alone(torque: float | None, new: bool) -> None:
+@EITHER
+def test_all_columns_at_once_are_each_column_alone(torque: float | None, new: bool, every: bool) -> None:
     """The textbook's covariance form, column by column."""
     one = system(torque)
-    given, taken = filtered(begun(one), one, new)
+    given, taken = filtered(begun(one), one, new, every)
     for column in range(COLUMNS + 5):
         own = column < COLUMNS
         mean, covariance, white = begun(one).mean[:, column], np.zeros((STATES, STATES)), []
@@ -69,17 +72,19 @@ def test_all_columns_at_once_are_each_column_alone(torque: float | None, new: bo
 
 
 @pytest.mark.parametrize("gyro", [1e-6, 1e-10])
-def test_a_torque_far_above_the_gyro_leaves_the_gyro_s_own_variance(gyro: float) -> None:
+@EITHER
+def test_a_torque_far_above_the_gyro_leaves_the_gyro_s_own_variance(gyro: float, every: bool) -> None:
     """Ten orders of magnitude between process and measurement noise: the covariance stays what the measurement makes it."""
-    given, _ = filtered(begun(system(1.0, gyro)), system(1.0, gyro), True)
+    given, _ = filtered(begun(system(1.0, gyro)), system(1.0, gyro), True, every)
     np.testing.assert_allclose(np.diag(given.covariance)[:3], gyro**2, rtol=1e-3)
 
 
-def test_two_halves_are_the_whole() -> None:
+@EITHER
+def test_two_halves_are_the_whole(every: bool) -> None:
     one = system(1e-2)
-    whole, taken = filtered(begun(one), one, True)
-    half, first = filtered(begun(one), one.part(0, 20), True)
-    end, second = filtered(half, one.part(19, CYCLES), False)
+    whole, taken = filtered(begun(one), one, True, every)
+    half, first = filtered(begun(one), one.part(0, 20), True, every)
+    end, second = filtered(half, one.part(19, CYCLES), False, every)
     np.testing.assert_allclose(np.concatenate([first.white, second.white]), taken.white, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(end.mean, whole.mean, rtol=1e-12)
 
