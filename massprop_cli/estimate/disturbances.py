@@ -5,7 +5,7 @@ They come from a first pass over the log, are stated in the result's settings, a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
-from massprop_cli.estimate.sizing import torque_levels
+from massprop_cli.estimate.sizing import Levels
 from massprop_cli.estimate.unexplained import residual_growth
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.inputs.telemetry import Notice
@@ -132,17 +132,17 @@ def _pulses(samples: Samples) -> Array:
     return np.zeros((len(samples), 6, 6)) if found is None else found
 
 
-def with_disturbances(samples: Source, cycles: Sequence[slice], excess: Array, vehicle: Resolved, noisier: bool = False) -> Resolved:
+def with_disturbances(excess: Array, vehicle: Resolved, likeliest: Callable[[Resolved], Levels]) -> Resolved:
     """The vehicle with disturbance torque and noise of gyro and accelerometer sized so that innovations in ``excess`` (6,) are explained.
 
-    Disturbance torque, or with ``noisier`` the gyro's noise: at the likeliest level (:mod:`massprop_cli.estimate.sizing`); what is still
-    missing then raises a torque. Accelerometer noise: widened per axis by the excess.
+    Disturbance torque or the gyro's noise: at the ``likeliest`` level (:func:`massprop_cli.estimate.sizing.likeliest_levels`); what is
+    still missing then raises a torque. Accelerometer noise: widened per axis by the excess.
     """
     environment: dict[str, float] = {}
     imu: dict[str, float] = {}
     now = vehicle.environment
     if not np.isnan(excess[:3]).all():
-        white, walk, gyro = torque_levels(samples, cycles, vehicle, noisier)
+        white, walk, gyro = likeliest(vehicle)
         worst = float(np.nanmax(excess[:3]))
         factor = np.sqrt(worst) if np.isfinite(worst) else 1.0
         environment = {

@@ -13,6 +13,7 @@ from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.offline import Led
+from massprop_cli.estimate.sizing import likeliest_levels
 from massprop_cli.estimate.told import informed
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
@@ -171,11 +172,12 @@ def _sized(
     used, fits, excess = plain.used, plain.fits, plain.excess
     if size and plain.misfit:
         # a fit far from the truth leaves much in every channel: where rates alone show it, what is left after that counts
-        used = disturbances.with_disturbances(samples, pieces, excess if np.isnan(plain.gross).all() else plain.gross, used, noisier)
+        likeliest = likeliest_levels(samples, pieces, noisier)
+        used = disturbances.with_disturbances(excess if np.isnan(plain.gross).all() else plain.gross, used, likeliest)
         starts = _first(samples, phases, used, consider)
         for _ in range(ROUNDS):
             fits, excess = _misfit(samples, phases, starts, used, consider, SIZING, sized=True)
-            raised = disturbances.with_disturbances(samples, pieces, excess, used, noisier)
+            raised = disturbances.with_disturbances(excess, used, likeliest)
             if raised == used:
                 break
             used, starts = raised, [None if fit is None or fit.history.reference is None else Led(fit.history.reference) for fit in fits]

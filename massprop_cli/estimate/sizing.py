@@ -8,7 +8,7 @@ Thompson 1971). Where the gyro's noise is larger than stated, what is left says 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -49,6 +49,19 @@ class Levels(NamedTuple):
     """N m, one sigma of the change per cycle of a wandering one."""
     gyro: float
     """Times as noisy as stated, 1 or more."""
+
+
+def likeliest_levels(samples: Source, cycles: Sequence[slice], noisier: bool = False) -> Callable[[Resolved], Levels]:
+    """:func:`torque_levels` of vehicles, which are the same with one noise of the gyro whatever else of them was sized meanwhile."""
+    known: dict[float, Levels] = {}
+
+    def of(vehicle: Resolved) -> Levels:
+        noise = vehicle.imu.gyro_noise_rad_s
+        if noise not in known:
+            known[noise] = torque_levels(samples, cycles, vehicle, noisier)
+        return known[noise]
+
+    return of
 
 
 def torque_levels(samples: Source, cycles: Sequence[slice], vehicle: Resolved, noisier: bool = False) -> Levels:
