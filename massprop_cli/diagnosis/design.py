@@ -19,9 +19,8 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import integrals
+from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
-from massprop_cli.model.within import motion_within
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import channel_wrench
 from massprop_cli.prepare.align import Impulses, channels_of, impulses, net
@@ -89,6 +88,7 @@ class Designs:
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], tuple[Array, Impulses]] = {}
         self._last: tuple[tuple[object, ...], Design] | None = None
+        self._turned: dict[tuple[object, ...], list[tuple[str, Array]]] = {}
 
     def of(self, log: Log, vehicle: Vehicle, timing: Timing, piece: slice, theta: Array | None = None) -> Design:
         """The columns of cycles ``piece``; with the motion within the cycles of a body ``theta`` (10,) where one is given.
@@ -113,6 +113,9 @@ class Designs:
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
         risen = self._window(log, _slower(vehicle), timing.delay, lag_s) if log.command_kind == "jets" else None
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, risen, vehicle, cycles))
+        if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
+            lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
+            parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
         places, at = {}, 0
         for name, growth, _ in parts:
             places[name] = slice(at, at + growth.shape[1])
@@ -145,6 +148,14 @@ class Designs:
         channels = channels_of(self._impulses(log, vehicle, delay, lag_s), wrench)
         return _Window(net(channels.rising, wrench), net(channels.whole, wrench))
 
+    def _verticals(self, samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
+        """What a wrong gyro does to the vertical, as before where rates and the first vertical are the same."""
+        told = (samples.rate_rad_s, samples.executed.duration_s, samples.up_b[0])
+        key = (vehicle.imu.body_from_imu, *(part.tobytes() for part in told))
+        if key not in self._turned:
+            self._turned = dict([*self._turned.items()][-1:]) | {key: _verticals(samples, vehicle)}  # two, since they may be long
+        return self._turned[key]
+
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
@@ -159,8 +170,7 @@ class Designs:
 def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[str, slice], growth: Array, mean: Array) -> Array:
     """(K, 3) rate by the swing of a body's CG. Products of rates and the vertical are set to what they are in the motion that it has."""
     lift = Lift(plant_of(vehicle))
-    within = motion_within(samples, lift.reference(theta), lift)
-    step, whole, swung = integrals(samples, lift, theta, within)
+    step, whole, swung = integrals_about(samples, lift.reference(theta), vehicle)
     for name, column in (("products", lift.channels - 6), ("up", 3), ("level", 6)):
         if name in places:
             own = places[name]
@@ -232,8 +242,6 @@ def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Wind
     if risen is not None:
         then = windowed(risen.rising, risen.impulse), risen.impulse[cycles] / duration
         parts.append(_Part("rising", *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
-    if vehicle.on_air_bearing and executed.attitude_wxyz is None:
-        parts += [_turning_with(name, moved, cycles, lasting) for name, moved in _verticals(samples, vehicle)]
     return parts
 
 

@@ -18,10 +18,9 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import integrals
+from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.model.within import motion_within
 from massprop_cli.prepare.compensate import Source
 
 LONGEST = 2048
@@ -121,8 +120,7 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     if reference is None or part.stop - part.start < 3 * lift.channels:
         return None
     here = samples.part(part)
-    theta = lift.theta(reference)
-    step, _, known = integrals(here, lift, theta, motion_within(here, reference, lift))
+    step, _, known = integrals_about(here, reference, vehicle)
     rate = here.rate_rad_s - np.concatenate([np.zeros((1, 3)), np.cumsum(known, 0)])
     noise = vehicle.imu.gyro_noise_rad_s
     driven = Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True)

@@ -27,6 +27,9 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
                          double *spread);
 
+SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
+                             double *mean, double *known);
+
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -130,6 +133,32 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
             step_written(&layout, &about, from, into, &leap, onto, combined, k - 1, out);
         }
         cycle_written(&layout, &motion[k % 2], onto, combined, k, out);
+    }
+    return MP_OK;
+}
+
+/* What phi multiplies, about a reference: (K - 1, C) under the triangular window, (K, C) mean over each cycle; (K - 1, 3) known growth of
+ * the rate. */
+int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
+                      double *mean, double *known) {
+    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_layout layout;
+    mp_reference about;
+    mp_motion motion[2];
+    mp_cycle cycle;
+    long k;
+    int i, status = mp_laid_out(&vehicle, &layout);
+    if (status != MP_OK) return status;
+    reference_of(reference, layout.channels, &about);
+    for (k = 0; k < count; k++) {
+        const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
+        for (i = 0; i < layout.channels; i++) {
+            mean[k * layout.channels + i] = (double)into->mean[i];
+            if (k > 0) step[(k - 1) * layout.channels + i] = (double)(from->rising[i] + into->falling[i]);
+        }
+        for (i = 0; k > 0 && i < 3; i++) known[(k - 1) * 3 + i] = (double)(from->known[0][i] + into->known[1][i]);
     }
     return MP_OK;
 }

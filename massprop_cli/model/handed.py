@@ -97,6 +97,18 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
     return found
 
 
+def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
+    """The arrays of :func:`massprop_cli.model.lifted.integrals_about`, handed over as :func:`lifted` hands them."""
+    library = kernel().library
+    if library is None:
+        raise RuntimeError("there is no compiled kernel")
+    count = len(cycles)
+    found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    checked(library.mp_host_integrals(pointer(numbers), pointer(about), rows, stride, pointer(cycles), *map(pointer, found)))
+    return found
+
+
 class StatusError(RuntimeError):
     """The kernel doesn't take a cycle: ``enum mp_status`` of massprop_cli/kernel/massprop.h."""
 

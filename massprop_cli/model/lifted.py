@@ -270,12 +270,16 @@ def compiled(vehicle: Vehicle) -> bool:
 
 def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
     """The same by the compiled kernel."""
-    theta = lift.theta(reference)
-    response = response_of(reference, lift, theta)
-    motion = (reference.gyro_bias, reference.acceleration, response.ravel())
-    about = (theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion)
     numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
-    return Lifted(*handed.lifted(numbers, np.concatenate(about), handed.packed(here, vehicle), layout.size - RATE.start, size, onto))
+    about, states = _reference_numbers(reference, lift), layout.size - RATE.start
+    return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
+
+
+def _reference_numbers(reference: Reference, lift: Lift) -> Array:
+    """What the equations are linear about, as the kernel has it."""
+    theta = lift.theta(reference)
+    motion = (reference.gyro_bias, reference.acceleration, response_of(reference, lift, theta).ravel())
+    return np.concatenate([theta, reference.inertia.ravel(), reference.cg, [reference.mu], *motion])
 
 
 def vehicle_numbers(layout: Layout, vehicle: Vehicle, begun: handed.Begun) -> Array:
@@ -326,6 +330,15 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
     known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
     return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
+
+
+def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
+    """The same about a reference, with the motion within the cycles that it has."""
+    lift = Lift(plant_of(vehicle))
+    if compiled(vehicle):
+        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun())
+        return handed.integrals(numbers, _reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
+    return integrals(samples, lift, lift.theta(reference), motion_within(samples, reference, lift))
 
 
 def _by_axis(channels: Array, onto: Array) -> Array:
