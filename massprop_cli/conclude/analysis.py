@@ -63,4 +63,4 @@ class Analysis:
     unknown: str = ""
     """Why nothing has, where something should."""
     doubts: tuple[Doubt, ...] = ()
-    """Assumptions that the log contradicts."""
+    """Assumptions that the log contradicts, or all but does."""

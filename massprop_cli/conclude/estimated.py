@@ -87,7 +87,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     examination = examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider)
     # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
     doubted = _doubted(examination, begun, answer) if used.thrust.pulse_sigma == 0 else []
-    if not all(one.faint for one in doubted) and diagnosis is None:
+    if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
     if detected is None and (used.environment, used.estimator) == (begun.stated.environment, begun.stated.estimator):

@@ -12,8 +12,8 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
-from massprop_cli.conclude.score import by_doubts
-from massprop_cli.conclude.verdict import Conclusion, contradicted
+from massprop_cli.conclude.score import by_doubts, hanging
+from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -44,6 +44,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         nameless = [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
         against += [] if own else nameless
     cause = together(against)
+    if not own:
+        conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 
 

@@ -7,7 +7,7 @@ test of what is left in all, which drowns one direction among thousands of cycle
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,10 +17,15 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
-from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.conclude.verdict import POSITIVE, Conclusion
 
 SURE = 4.8
 """Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""
+WARY = 3.2
+"""Sigmas from which on it is in doubt: so little, by chance, in one of 700 of each. Then what much hangs on it is not called converged. Of
+faults that a log tells by five sigma one in 25 shows less than this by chance, one in two less than ``SURE``. docs/faults.md moves."""
+FAR, PART = 4.0, 0.005
+"""Of its sigma and of its size, the change of a value that hangs much on an assumption in doubt."""
 SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
 MOVES = 1.0
@@ -29,7 +34,7 @@ MOVES = 1.0
 
 @dataclass(frozen=True)
 class Doubt:
-    """An assumption that the log contradicts."""
+    """An assumption that the log contradicts, or all but does."""
 
     what: str
     sigmas: float
@@ -39,9 +44,20 @@ class Doubt:
     faint: bool = False
     """Whether it shows in several channels together alone: too little for its cause to be found."""
 
+    @property
+    def sure(self) -> bool:
+        """Whether chance hardly makes so much."""
+        return self.sigmas > SURE
+
+    def moved(self, at: int) -> Array | None:
+        """(10,) by how much at most the state parameters of phase number ``at`` would move; None where it came to nothing."""
+        moved = self.moves[at]
+        found: Array | None = None if moved is None else np.abs(moved).max(1)
+        return found
+
 
 def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = ()) -> list[Doubt]:
-    """Those that are wrong, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together."""
+    """Those that are in doubt, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together."""
     told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
     if not told:
         return []
@@ -69,27 +85,51 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
         kin, faint = kind == kind[i], i >= len(kinds) + len(SCALES)
         return Doubt(whats[i], float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
-    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
+    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > WARY]
 
 
 def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contradiction | None:
     """Of assumptions that nothing with a name stands for, in phase number ``at``: what their likeliest values would move."""
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    mass = conclusion.estimates["mass"].value or np.nan
+    sure = [doubt for doubt in found if doubt.sure]
     touched: BoolArray = np.zeros(len(QUANTITIES), dtype=bool)
-    for doubt in found:
-        moved = doubt.moves[at]
-        if moved is not None:
-            change = np.abs(moved).max(1)
-            change[9] *= mass**2  # of 1/m
-            with np.errstate(invalid="ignore"):
-                touched |= change > MOVES * sigma
+    for _, change, sigma in _changes(conclusion, at, sure):
+        touched |= change > MOVES * sigma
     if not touched.any():
         return None
     names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
-    first = found[0]
+    first = sure[0]
     cause = (
         f"the log contradicts what is taken for granted: with another {first.what.replace('-', ' ')} it would fit better by "
         f"{first.sigmas:.2g} sigma, and {names} would move by more than their sigmas"
     )
     return Contradiction(cause, touched)
+
+
+def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, str]:
+    """Why values of phase number ``at`` are not to be called converged: each hangs much on an assumption that is in doubt.
+
+    ``sizes`` (10,) are their natural ones.
+    """
+    reasons: dict[str, str] = {}
+    sizes = sizes.copy()
+    sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
+    for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
+        for name, hit, by in zip(QUANTITIES, change > np.maximum(FAR * sigma, PART * sizes), change / sigma, strict=True):
+            if hit and name not in reasons:
+                what = doubt.what.replace("-", " ")
+                reasons[name] = (
+                    f"the log would fit better by {doubt.sigmas:.2g} sigma, which may be chance, with another {what}, and {name} would "
+                    f"move by {by:.2g} of its sigmas: check that, or record more of this motion"
+                )
+    return reasons
+
+
+def _changes(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Iterator[tuple[Doubt, Array, Array]]:
+    """Each with (10,) by how much the values would move, and (10,) their sigmas; NaN, of which nothing is more, where nothing is told."""
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    mass = conclusion.estimates["mass"].value or np.nan
+    for doubt in found:
+        change = doubt.moved(at)
+        if change is not None:
+            change[9] *= mass**2  # of 1/m
+            yield doubt, change, sigma

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -145,6 +146,16 @@ def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conc
         for (name, e), hit in zip(conclusion.estimates.items(), touched, strict=True)
     }
     return replace(conclusion, estimates=estimates, contradiction=cause)
+
+
+def in_doubt(conclusion: Conclusion, reasons: Mapping[str, str]) -> Conclusion:
+    """The conclusion without calling converged what there are reasons not to."""
+    hanging = {name: reason for name, reason in reasons.items() if conclusion.estimates[name].verdict == "converged"}
+    changed = {
+        name: replace(conclusion.estimates[name], verdict="not_converged", final_at_s=None, reason=reason)
+        for name, reason in hanging.items()
+    }
+    return replace(conclusion, estimates=conclusion.estimates | changed)
 
 
 def _settled(history: History, i: int, first: int, tolerance: float) -> float:
