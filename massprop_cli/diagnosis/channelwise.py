@@ -11,6 +11,7 @@ the triangles and the log is not gone through again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -47,6 +48,11 @@ class Free:
     """The likeliest disturbance; none where the stated noise explains the rates."""
     clock_s: tuple[float, float]
     """From the log's beginning to the middle of the stretch, and how long that is."""
+
+    @cached_property
+    def regressed(self) -> dict[tuple[object, ...], tuple[Array, Array]]:
+        """What plain regression has given of it so far, for fits to begin with (:mod:`massprop_cli.diagnosis.contest`)."""
+        return {}
 
     @property
     def size(self) -> int:

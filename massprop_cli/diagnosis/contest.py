@@ -254,6 +254,8 @@ class _Rows:
     """(6,) chi-square that these columns explain nothing of."""
     spare: int
     """Measurements less coefficients."""
+    regressed: dict[tuple[object, ...], tuple[Array, Array]]
+    """Of the log (:class:`Free`)."""
     freed: tuple[Array, Array] | None = None
     """(p, H) of each, the unit vector along which a channel that is free takes whatever is left; None where there is none."""
 
@@ -268,7 +270,7 @@ class _Rows:
         rest = np.concatenate([(one.measured[count:] ** 2).sum(0) for one in each]) / variance
         gyro, accelerometer = (np.stack(turns) for turns in ([s.gyro for s in supposed], [s.accelerometer for s in supposed]))
         spare = 3 * sum(one.spare for one in each)
-        rows = _Rows(model, (told[0], told[1]), variance, gyro, accelerometer, rest, spare)
+        rows = _Rows(model, (told[0], told[1]), variance, gyro, accelerometer, rest, spare, free.regressed)
         if all(one.freed is None for one in supposed):
             return rows
         which = [model.places["channels"].start + (one.freed or 0) for one in supposed]
@@ -317,7 +319,7 @@ class _Beginnings:
 
     def __init__(self, rows: _Rows) -> None:
         self.model, (self.turned, self.pushed) = rows.model, rows.told
-        self._regressed: dict[tuple[object, ...], tuple[Array, Array]] = {}
+        self._regressed = rows.regressed
 
     def of(self, supposed: Sequence[Supposition]) -> tuple[Array, Array]:
         """(H, nx) x, and (H, 10) the sizes of θ."""
@@ -353,7 +355,7 @@ class _Beginnings:
 
         Suspected channels have a response of their own.
         """
-        key = (tuple(supposed.start.items()), supposed.suspects)
+        key = (self.turned.triangle.shape[1], tuple(supposed.start.items()), supposed.suspects)
         if key not in self._regressed:
             model = self.model
             torque, force = model.wrench(x)
