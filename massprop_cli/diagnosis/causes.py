@@ -15,6 +15,8 @@ from massprop_cli.prepare.actuators import NOWHERE, lines_of
 AXES = "xyz"
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
+ROUNDING = 1e-9
+"""Between elements of matrices that are the same."""
 EXPECTED = {
     "thrust": 0.3,
     "position": 0.03,
@@ -160,23 +162,17 @@ def mountings(model: Model) -> list[Supposition]:
     # along the body's axes the true mounting is ``turn``; else its own axes are others; the rates were read through the stated one
     by_body = [mounting @ turn.T for turn in _signed_permutations()]
     own = [mounting @ turn @ mounting.T for turn in _signed_permutations()]
-    different: dict[bytes, tuple[str, Array]] = {}
-    for words, read in [("the transpose of what is stated", mounting @ mounting), *(("", read) for read in (*by_body, *own))]:
-        different.setdefault(_rounded(read), (words, read))
-    different.pop(_rounded(np.eye(3)), None)
+    reads = np.array([np.eye(3), mounting @ mounting, *by_body, *own])
+    alike = np.abs(reads[:, None] - reads).max((2, 3)) < ROUNDING
     found = [
-        Supposition("imu-mounting", (words,) if words else (), none, gyro=read, accelerometer=read) for words, read in different.values()
+        Supposition("imu-mounting", ("the transpose of what is stated",) if i == 1 else (), none, gyro=reads[i], accelerometer=reads[i])
+        for i in np.unique(alike.argmax(1))[1:]  # the first of its like, but for what is stated
     ]
     for read in own:
-        if np.abs(read - np.eye(3)).max() > 1e-9:
+        if np.abs(read - np.eye(3)).max() > ROUNDING:
             found.append(Supposition("imu-mounting", ("gyro",), none, gyro=read))
             found.append(Supposition("imu-mounting", ("accelerometer",), none, accelerometer=read))
     return found
-
-
-def _rounded(read: Array) -> bytes:
-    """The same of matrices that differ by rounding alone."""
-    return (read.round(9) + 0.0).tobytes()  # zeros without a sign
 
 
 def _others(model: Model) -> Iterator[Supposition]:

@@ -10,6 +10,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, rotation, tensor
+from massprop_cli.diagnosis.causes import mountings
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.contest import _Rows, fitted
 from massprop_cli.diagnosis.suppositions import Model, Supposition
@@ -157,3 +158,17 @@ def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     assert abs(found.factors[0] - 0.5) < 5 * 0.3 * found.spread[0]
     inertia = np.linalg.inv(tensor(found.x[:6]))
     np.testing.assert_allclose(elements(inertia)[[0, 3, 5]], flight.TRUTH[[0, 3, 5]], rtol=2e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_no_mounting_is_supposed_twice_or_as_it_is_stated_whatever_the_rounding(angle: float) -> None:
+    """Right angles in the body's axes and in the IMU's own, of which those of an IMU along the body's axes are the same."""
+    rng = np.random.default_rng(0)
+    mounted = rotation(np.array([angle, 0.2 * angle, 0.0])) @ (np.eye(3) + 3e-10 * rng.standard_normal((3, 3)))
+    flown = flight.standard()
+    model = replace(Model.of(free_response(flown.log(), flown.resolved, DELAY, PIECE), flown.used, 0.0, True), mounting=mounted)
+    whole = [one.gyro for one in mountings(model) if np.array_equal(one.gyro, one.accelerometer)]
+    apart = np.abs(np.array(whole)[:, None] - whole).max((2, 3)) + np.eye(len(whole))
+    assert apart.min() > 1e-3
+    assert np.abs(np.array(whole) - np.eye(3)).max((1, 2)).min() > 1e-3
+    assert len(whole) == (47 if angle == 0 else 1 + 48 + 47)
