@@ -1,4 +1,4 @@
-"""What is handed to the compiled kernel of suppositions and triangles, number by number (massprop_cli/kernel/contest.c)."""
+"""What is handed to the compiled kernel of suppositions and triangles, number by number (massprop_cli/kernel/suppose.c, contest.c)."""
 
 from __future__ import annotations
 
