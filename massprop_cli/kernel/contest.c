@@ -27,7 +27,8 @@ SHARED int mp_host_fitted(const long *sizes, const long *places, const double *n
 
 /* (6, columns) what coefficients (columns, 6) do to both triangles, less what was measured where that is wanted, over the noise; rows
  * beyond a triangle's are nothing. */
-static void against(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *made, int measured, double *left) {
+static void against(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *made, int measured,
+                    double *left) {
     long p = about->columns, r, c;
     int s, a;
     memset(left, 0, (size_t)(6 * p) * sizeof left[0]);
@@ -216,8 +217,8 @@ static void normal_of(const room_of *own, long all, long n, const double *pulled
 
 /* Damped Gauss-Newton steps of one supposition (massprop_cli/diagnosis/contest.py, _Descent). ends: a change of -2 log likelihood that
  * ends it, measurements less coefficients, and the most steps. */
-static int descended(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *moves, long n, const double *pulled,
-                     const double *ends, const room_of *own, double *x, double *left, double *spread) {
+static int descended(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *moves, long n,
+                     const double *pulled, const double *ends, const room_of *own, double *x, double *left, double *spread) {
     long all = 6 * about->columns, i, k;
     double cost, damping = 1e-6;
     int again, due = 1;
