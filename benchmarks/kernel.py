@@ -44,12 +44,13 @@ INTRODUCTION = """# The compiled kernel
 
 The causal estimator stands twice: in NumPy (massprop_cli/estimate) and in C99 (massprop_cli/kernel), which takes the same decisions at
 the same cycles. Where a C compiler was there when massprop was installed, `estimate`, `batch` and Python run on C; else on NumPy, and
-run.json says which (`kernel`). `MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs,
-but for crazyflie/yaw: the beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in
-either.
+run.json says which (`kernel`). So does what goes through many cycles or suppositions on the ground: the response of a stretch of cycles,
+the filter and the predictions of off-line fits, what a lag makes of commands, and suppositions fitted against a log.
+`MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, but for crazyflie/yaw: the
+beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in either.
 
-NumPy alone runs what the kernel doesn't hold: environments other than `free` and `air_bearing`, [drift], more than 16 bins a cycle,
-delay or lag with a sigma (also one that was found in the log), and off-line fits. Of a log with a thrust lag, a drifting clock, a
+NumPy alone runs what the kernel's causal pass doesn't hold: environments other than `free` and `air_bearing`, [drift], more than 16 bins
+a cycle, and delay or lag with a sigma (also one that was found in the log). Of a log with a thrust lag, a drifting clock, a
 low-pass within a sensor, more than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the
