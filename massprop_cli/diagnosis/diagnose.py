@@ -106,7 +106,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     look = max(driven or looks, key=lambda one: one.misfit)
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
-    found = _chosen(look, alone)
+    found = _instead(look, alone, wandering) or _chosen(look, alone)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
@@ -195,7 +195,7 @@ def _turned(look: Look) -> list[Trial]:
 
 def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
     """The likeliest of those with which the log fits."""
-    fitting = sorted((trial for trial in trials if trial.fits and not _by_wander(trial, look)), key=lambda trial: trial.score)
+    fitting = _likeliest(look, trials)
     if not fitting:
         return None
     rivals = [trial for trial in fitting[1:] if trial.score < fitting[0].score + CLEAR]
@@ -206,6 +206,27 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
         by = first.case.timing.delay - look.case.timing.delay
         detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
     return Diagnosis(_explained(look, first, rivals), detected, score=first.score)
+
+
+def _likeliest(look: Look, trials: Sequence[Trial]) -> list[Trial]:
+    """Those with which the log fits."""
+    return sorted((trial for trial in trials if trial.fits and not _by_wander(trial, look)), key=lambda trial: trial.score)
+
+
+def _instead(look: Look, alone: Sequence[Trial], whole: Look) -> Diagnosis | None:
+    """What the likeliest of single causes may stand for: it hides what is further off than a small step leads to.
+
+    A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
+    """
+    best = next(iter(_likeliest(look, alone)), None)
+    if best is None:
+        return None
+    if best.look is not None and (best.look.free.beside or best.look.noisy):
+        later = _much_later(look)
+        return later if later is not None and later.score < best.score else None
+    if "fuel-use" in _codes(best):
+        return _changed(look, whole, max(float(best.fitted.chi_square.sum()) - look.freedom, 0.0))
+    return None
 
 
 def _by_wander(trial: Trial, look: Look) -> bool:
@@ -281,8 +302,11 @@ def _subjects(trial: Trial) -> list[tuple[str, ...]]:
     return sorted(part.supposed.subject for part in trial.fitted.parts)
 
 
-def _changed(look: Look, whole: Look) -> Diagnosis | None:
-    """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque."""
+def _changed(look: Look, whole: Look, less_than: float = np.inf) -> Diagnosis | None:
+    """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque.
+
+    None where two leave no ``less_than`` so much of chi-square beyond chance.
+    """
     log, vehicle, timing, _ = look.case
     samples = timing.of(log, vehicle)
     reference = first_reference(samples, look.piece, vehicle)
@@ -292,8 +316,9 @@ def _changed(look: Look, whole: Look) -> Diagnosis | None:
     sides = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
     if not all(side is not None and side.fits for side in sides):
         return None
-    if sum(side.excess for side in sides if side is not None) > LEFT * whole.excess:
-        return None  # each side fits for being shorter alone
+    left = sum(side.excess for side in sides if side is not None)
+    if left > LEFT * whole.excess or left >= less_than:
+        return None  # each side fits for being shorter alone, or something else explains as much
     time = round(float(samples.executed.start_s[at]), 9)
     message = (
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "

@@ -137,7 +137,7 @@ static int eliminated(double *a, int n, double *b, int m) {
         int best = k;
         for (i = k + 1; i < n; i++)
             if (fabs(a[i * n + k]) > fabs(a[best * n + k])) best = i;
-        if (!(fabs(a[best * n + k]) > 0.0)) return 0;
+        if (a[best * n + k] == 0.0) return 0; /* what is no number goes on as such, and leads to no body */
         for (j = 0; best != k && j < n; j++) {
             double kept = a[k * n + j];
             a[k * n + j] = a[best * n + j];
@@ -265,7 +265,7 @@ static int descended(const mp_suspect *about, const told sensors[2], const mp_su
     memset(own->damped, 0, (size_t)(n * n) * sizeof own->damped[0]);
     for (k = 0; k < n; k++) own->damped[k * n + k] = 1.0;
     if (!eliminated(own->normal, (int)n, own->damped, (int)n)) return MP_NOT_FINITE;
-    for (k = 0; k < n; k++) spread[k] = sqrt(own->damped[k * n + k] > 0.0 ? own->damped[k * n + k] : 0.0);
+    for (k = 0; k < n; k++) spread[k] = own->damped[k * n + k] < 0.0 ? 0.0 : sqrt(own->damped[k * n + k]);
     return MP_OK;
 }
 
