@@ -1,0 +1,54 @@
+"""What a single cause may stand for is looked for too: a delay of cycles, a body that changes at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.diagnosis.contest import _Rows
+from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.kernel import kernel
+from massprop_cli.testbed import scenario, simulate
+from tests.diagnosis.test_handed import NOISE, reduced
+
+NOISY = ("duration_s = 25.0", "vehicle.imu.gyro_noise_rad_s = 1e-3", "vehicle.imu.accel_noise_m_s2 = 0.2")
+
+
+def segment(axes: str, start: int, end: int, more: str = "") -> str:
+    named = ", ".join(f'"{axis}"' for axis in axes.split())
+    return f'{{motion = "random", axes = [{named}], every_cycles = 5, max_cycles = 4, {more}start_cycle = {start}, end_cycle = {end}}}'
+
+
+EACH_THEN_ALL = ", ".join(
+    [
+        *(segment(axis, 60 * i, 60 * i + 60) for i, axis in enumerate(("roll", "pitch", "yaw"))),
+        '{motion = "hold", start_cycle = 180, end_cycle = 370}',
+        *(segment(axis, 220 + 50 * i, 270 + 50 * i) for i, axis in enumerate("xyz")),
+        segment("roll pitch yaw", 370, 500, "closed_loop = true, "),
+        segment("x y z", 370, 500),
+    ]
+)
+
+
+@pytest.mark.parametrize("seed", [1051, 1052, 1054])
+def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
+    """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
+    flown = simulate.fly(scenario.load("free-flyer", [*NOISY, f"plan = [{EACH_THEN_ALL}]"]), [seed])
+    used = changed(flown.vehicle, ["cycle.command_delay_cycles=4.0"])
+    found = flow.examine(flown.log(0), VehicleSource(used, "t", ""))
+    assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["delay-mismatch"]
+
+
+@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
+def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> None:
+    model, free = reduced("free")
+    rows = _Rows.of_all(model, free, NOISE, [Supposition("", (), np.eye(len(model.stated)))])
+    x = model.stated[None].copy()
+    x[0, :10] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05]
+    x[0, model.place("gyro_scale")] = 800.0  # whose exponential is no number
+    moves = np.eye(x.shape[1], 10)[None]
+    found = rows.posed.fitted(x, moves, np.ones(10), (1e-3, 100.0, 8))
+    np.testing.assert_array_equal(found.x, x)
+    assert not np.isfinite(found.spread).all()
