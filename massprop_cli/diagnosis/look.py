@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
@@ -195,7 +195,7 @@ class Look:
     @property
     def noisy(self) -> bool:
         """Whether pure error is above the stated noise in most channels."""
-        return bool(np.median(self.free.pure / self.noise) > NOISY)
+        return bool(median(self.free.pure / self.noise) > NOISY)
 
     @cached_property
     def exact(self) -> Array | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.contest import Fitted, fitted
@@ -255,7 +255,7 @@ def _together(x: Array, more: Array, model: Model) -> Array:
 def _by_units(mended: Look, found: Fitted, stated: Case) -> float:
     """−2 log of the density of mended measurements in the units, along the axes and behind the low-passes of the measured."""
     supposed, free, log = found.supposed, mended.free, stated.log
-    record_s = float(np.median(log.interval_s))
+    record_s = median(log.interval_s)
     sensors = (("gyro", supposed.gyro, free.gyro), ("accel", supposed.accelerometer, free.accelerometer))
     total = 0.0
     for name, turn, told in sensors:
