@@ -166,7 +166,7 @@ def mountings(model: Model) -> list[Supposition]:
     alike = np.abs(reads[:, None] - reads).max((2, 3)) < ROUNDING
     found = [
         Supposition("imu-mounting", ("the transpose of what is stated",) if i == 1 else (), none, gyro=reads[i], accelerometer=reads[i])
-        for i in np.unique(alike.argmax(1))[1:]  # the first of its like, but for what is stated
+        for i in sorted(set(alike.argmax(1).tolist()))[1:]  # the first of its like, but for what is stated
     ]
     for read in own:
         if np.abs(read - np.eye(3)).max() > ROUNDING:
