@@ -69,6 +69,7 @@ def test_every_supposition_ends_where_numpy_ends(kind: str, monkeypatch: pytest.
 def test_a_fit_without_a_next_step_is_told() -> None:
     model, free = reduced("free")
     rows = _Rows.of_all(model, free, NOISE, [Supposition("", (), np.zeros((len(model.stated), 0)))])
-    x = model.stated[None]
+    x = model.stated[None].copy()
+    x[0, :10] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05]
     with pytest.raises(np.linalg.LinAlgError):
         rows.posed.fitted(x, np.zeros((1, x.shape[1], 10)), np.zeros(10), (1e-3, 100.0, 8))
