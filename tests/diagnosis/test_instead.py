@@ -1,4 +1,4 @@
-"""What a single cause may stand for is looked for too: a delay of cycles, a body that changes at once."""
+"""What a single cause may stand for is looked for too, a delay of cycles; and fits that come to no number."""
 
 from __future__ import annotations
 
