@@ -151,6 +151,20 @@ def by_misfit(
     )
 
 
+def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
+    """Why values are not to be called converged where the cause of a misfit is unknown: noise that was sized in its place makes their sigmas.
+
+    Those that stay are as uncertain as the thrust is stated to be, which is more.
+    """
+    reason = (
+        "log and vehicle file don't fit, cause unknown: noise was sized in its place, and its sigma is none of what that may hide; look at "
+        "what came nearest in the warning cause-unknown"
+    )
+    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    by_noise = _own_variance(conclusion, vehicle) > sigma**2 / 2
+    return {name: reason for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
+
+
 def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
     """(10,) variance of each value without the thrust's stated scale."""
     scaled = vehicle.thrust.scale_sigma * by_scale(conclusion.values, vehicle)

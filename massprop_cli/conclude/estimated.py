@@ -45,10 +45,12 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)
     else:
         answer, told = _by_default(begun, check, say)
-    explanations, unknown = (told.diagnosis.explanations, told.diagnosis.unknown) if told.diagnosis else ((), "")
+    explanations = told.diagnosis.explanations if told.diagnosis else ()
+    unknown = _unexplained(told.diagnosis, answer.notices)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
     named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
-    said = *begun.log.notices, *begun.notices, *_unexplained(unknown, answer.notices), *answer.notices
+    vain = [Notice("cause-unknown", unknown)] if unknown else []
+    said = *begun.log.notices, *begun.notices, *vain, *answer.notices
     return Analysis(
         log=log,
         source=source,
@@ -111,10 +113,10 @@ def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:
     return diagnose(begun.log, used, begun.timing, [cycles for _, cycles in begun.phases])
 
 
-def _unexplained(unknown: str, others: Sequence[Notice]) -> list[Notice]:
+def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
     """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
     known = all(notice.code != "noise-floor" for notice in others)
-    return [Notice("cause-unknown", unknown)] if unknown and known else []
+    return diagnosis.unknown if diagnosis and known else ""
 
 
 def _saturated(log: Log) -> list[Notice]:

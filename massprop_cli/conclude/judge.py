@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
-from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together
+from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import by_doubts, hanging
@@ -44,7 +44,9 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         nameless = [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
         against += [] if own else nameless
     cause = together(against)
-    if not own:
+    if found.unknown:
+        conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
+    elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 

@@ -206,8 +206,7 @@ def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
     (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
     assert "cause unknown" in said
     assert "tried: sign, thrust" in said
-    for true, e in zip(flown.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
-        assert e.verdict != "converged" or abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
+    assert "converged" not in {e.verdict for e in found.conclusions[0].estimates.values()}
 
 
 def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> None:

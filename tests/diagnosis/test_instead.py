@@ -1,4 +1,4 @@
-"""What a single cause may stand for is looked for too, a delay of cycles; and fits that come to no number."""
+"""What a single cause may stand for is looked for too, a delay of cycles or another body; and fits that come to no number."""
 
 from __future__ import annotations
 
@@ -39,6 +39,22 @@ def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
     used = changed(flown.vehicle, ["cycle.command_delay_cycles=4.0"])
     found = flow.examine(flown.log(0), VehicleSource(used, "t", ""))
     assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["delay-mismatch"]
+
+
+JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0.001, cg_z=-0.0025}"
+"""A fifth of the vehicle, nearly balanced on its bearing."""
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
+    """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
+    event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'
+    flown = simulate.fly(scenario.load("testbed", [JOINING, event]), [seed])
+    with np.errstate(all="ignore"):
+        found = flow.examine(flown.log(0), VehicleSource(changed(flown.vehicle, ["phases=[]"]), "t", ""))
+    (said,) = [notice for notice in found.notices if notice.code != "unphysical-inertia"]
+    assert said.code == "mass-change"
+    assert float(said.message.split("at once at ")[1].split(" s")[0]) == pytest.approx(280 * 0.05, abs=0.5)
 
 
 @pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
