@@ -110,7 +110,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
-    further = (_much_later, _lowpassed, partial(_changed, whole=wandering), partial(_pair, alone=alone))
+    in_time, pair = (_much_later, _lowpassed, partial(_changed, whole=wandering)), partial(_pair, alone=alone)
+    further = (pair, *in_time) if look.constant or look.upset else (*in_time, pair)
     for search in () if wandering.close else further:
         if found is not None and found.score < least:
             break
@@ -123,7 +124,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
 def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test."""
     begun = _turned(look) if look.upset else []
-    most = FINALISTS[look.model.bearing is not None]
+    most = SECOND if look.upset else FINALISTS[look.model.bearing is not None]
     best = _searched(look, partial(tried, look), begun, (most, most), beyond(look))
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
 
@@ -339,6 +340,8 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     for found in islice(_different(each), FIRST):
         trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
         together += _beside(look, trial, together)
+        if any(trial.fits and trial.look is not None and trial.look.chance for trial in together):
+            break  # what comes near it has a part in common with it
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
     best = min(together, key=lambda trial: trial.score, default=None)
     for i, part in enumerate(() if best is None else best.fitted.parts):

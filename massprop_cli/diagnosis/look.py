@@ -38,16 +38,20 @@ FITS = (2.0, 6.0)
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
 CLOSE = 1.4
 """The same where the motion within the cycles is a body's own: beside a torque, and of a log that is mended."""
+BY_CHANCE = 3.0
+"""Sigmas of chance beyond which it is more than that."""
 LOUD = 4.0
 """Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
 NOISY = 1.2
 """The same, beyond which noise itself was stated too small: five sigma of chance in 1,000 cycles."""
+AS_STATED = 1.4
+"""The same, within which in each channel it is the stated noise."""
 CLEAR = 14.0
 """−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 SHARE = 12
 """Mountings that are fitted."""
 UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
-"""Mountings that are put to the test because gravity is where it should be; parts of what it leaves as stated that are as well and less."""
+"""Mountings that are put to the test because gravity is where it should be, and channels beside which; parts of what it leaves as stated that are as well and less."""
 
 
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
@@ -173,6 +177,25 @@ class Look:
         """The same where the motion within the cycles is a body's own."""
         return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.freedom))
 
+    @property
+    def chance(self) -> bool:
+        """Whether it is no more than chance leaves by itself."""
+        return bool(self.misfit < 1 + BY_CHANCE * np.sqrt(2 / self.freedom))
+
+    @property
+    def constant(self) -> bool:
+        """Whether free coefficients leave no more nor less than the stated noise, in whatever units.
+
+        Then whatever is wrong is so all along: commands that come later, a sensor's low-pass and another body from some moment on make a
+        response that no coefficients stand for.
+        """
+        ratio = np.log(self.free.pure / self.noise)
+        units = [2 * np.log(factor) for factor in (causes.DEGREE, causes.GRAVITY)]
+        away = np.concatenate(
+            [np.abs(part - unit * np.rint(part.mean() / unit)) for part, unit in zip(np.split(ratio, 2), units, strict=True)]
+        )
+        return bool(away.max() < np.log(AS_STATED))
+
     @cached_property
     def free_cost(self) -> float:
         """−2 log likelihood of free noise levels and free coefficients."""
@@ -254,20 +277,16 @@ class Look:
         """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
         turns, channels = [] if self.model.bearing is not None else self._turns, range(len(self.names))
 
-        def freed(some: Sequence[Supposition]) -> list[Supposition]:
-            return [replace(turn, freed=channel, suspects=(channel,)) for turn in some for channel in channels]
-
-        def least(left: Sequence[Array]) -> Array:
-            each = np.array([self.likelihood(one) for one in left])
-            found: Array = each.reshape(-1, len(channels)).min(1)
-            return found
-
         if not turns or not channels:
             return []
-        roughly = least(list(compared(self.model, self.free, self.free.variance, freed(turns))))
-        likely = [turns[i] for i in np.argsort(roughly, kind="stable")[:UPRIGHT]]
-        closely = least([one.chi_square for one in fitted(self.model, self.free, self.free.variance, freed(likely), still=ROUGHLY)])
-        return [likely[int(np.argmin(closely))]]
+        every = [replace(turn, freed=channel, suspects=(channel,)) for turn in turns for channel in channels]
+        roughly = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
+        of_each = np.reshape(roughly, (len(turns), len(channels)))
+        likely = np.argsort(of_each.min(1), kind="stable")[:UPRIGHT]
+        some = [(i, j) for i in likely for j in np.argsort(of_each[i], kind="stable")[:UPRIGHT]]
+        near = fitted(self.model, self.free, self.free.variance, [every[i * len(channels) + j] for i, j in some], still=ROUGHLY)
+        best = int(np.argmin([self.likelihood(one.chi_square) for one in near]))
+        return [turns[some[best][0]]]
 
     @property
     def upset(self) -> bool:

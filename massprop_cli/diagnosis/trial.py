@@ -29,8 +29,11 @@ NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
 EARLIEST = 0.5
 """Cycles below zero that a small step may lead to where a large one doesn't."""
-ASTRAY, STRAIGHT = 1e5, 4
-"""Times pure error that is more than the motion within the cycles may leave, and how often one is applied anew that leaves more."""
+ASTRAY = 1e5
+"""Times pure error that is more than the motion within the cycles may leave."""
+NO_WAY, STRAIGHT = 100.0, 2
+"""Times pure error that the next step promises to leave, from which on none leads anywhere, and how often one is applied anew all the same.
+docs/faults.md moves."""
 AGAIN = 16
 """How often one is applied anew from where it led."""
 ROUNDS = 3
@@ -219,12 +222,12 @@ def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...],
         return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
     for i in range(AGAIN):
-        if i >= STRAIGHT and mended.misfit > ASTRAY:
-            break
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
         now = mended.cost + _by_units(mended, found, look.case)
+        if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
+            break
         if promised < STILL or now - BOLD * promised > best + CLEAR:
             break
         step = more.moved
