@@ -152,7 +152,7 @@ def by_misfit(
 
 
 def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
-    """Why values are not to be called converged where the cause of a misfit is unknown: noise that was sized in its place makes their sigmas.
+    """Why values are not to be called converged where the cause of a misfit is unknown: noise sized in its place makes their sigmas.
 
     Those that stay are as uncertain as the thrust is stated to be, which is more.
     """

@@ -51,7 +51,8 @@ CLEAR = 14.0
 SHARE = 12
 """Mountings that are fitted."""
 UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
-"""Mountings that are put to the test because gravity is where it should be, and channels beside which; parts of what it leaves as stated that are as well and less."""
+"""Mountings that are put to the test because gravity is where it should be, and channels beside which; parts of what it leaves as stated
+that are as well and less."""
 
 
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
@@ -189,11 +190,9 @@ class Look:
         Then whatever is wrong is so all along: commands that come later, a sensor's low-pass and another body from some moment on make a
         response that no coefficients stand for.
         """
-        ratio = np.log(self.free.pure / self.noise)
-        units = [2 * np.log(factor) for factor in (causes.DEGREE, causes.GRAVITY)]
-        away = np.concatenate(
-            [np.abs(part - unit * np.rint(part.mean() / unit)) for part, unit in zip(np.split(ratio, 2), units, strict=True)]
-        )
+        ratio = np.log(self.free.pure / self.noise).reshape(2, 3)
+        unit = 2 * np.log([[causes.DEGREE], [causes.GRAVITY]])
+        away = np.abs(ratio - unit * np.rint(ratio.mean(1, keepdims=True) / unit))
         return bool(away.max() < np.log(AS_STATED))
 
     @cached_property

@@ -30,6 +30,8 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
 SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
                              double *mean, double *known);
 
+SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
+
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -256,5 +258,16 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
                 for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
         }
     }
+    return MP_OK;
+}
+
+/* Directions that turn from cycle to cycle: of each chain the first (3) of carried (count + 1, 3) is given, the others are made by turns
+ * (count, 3, 3). */
+int mp_host_carried(long chains, long count, const double *turns, double *carried) {
+    long n, k;
+    int i;
+    for (n = 0; n < chains; n++, carried += 3)
+        for (k = 0; k < count; k++, carried += 3, turns += 9)
+            for (i = 0; i < 3; i++) carried[3 + i] = turns[3 * i] * carried[0] + turns[3 * i + 1] * carried[1] + turns[3 * i + 2] * carried[2];
     return MP_OK;
 }
