@@ -110,15 +110,22 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
-    in_time, pair = (_much_later, _lowpassed, partial(_changed, whole=wandering)), partial(_pair, alone=alone)
-    further = (pair, *in_time) if look.constant or look.upset else (*in_time, pair)
-    for search in () if wandering.close else further:
+    for search in () if wandering.close else _further(look, alone, wandering):
         if found is not None and found.score < least:
             break
         found = search(look)
     if found is not None and found.score < least:
         return found
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
+
+
+def _further(look: Look, alone: Sequence[Trial], whole: Look) -> list[Callable[[Look], Diagnosis | None]]:
+    """What else to look for, the likeliest first: what is wrong all along in pairs, what is not in time."""
+    changed, pair = partial(_changed, whole=whole), partial(_pair, alone=alone)
+    best = min(alone, key=lambda trial: trial.score, default=None)
+    if best is not None and "fuel-use" in _codes(best):
+        return [changed, _much_later, _lowpassed, pair]
+    return [pair, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, pair]
 
 
 def _alone(look: Look) -> list[Trial]:
@@ -130,12 +137,18 @@ def _alone(look: Look) -> list[Trial]:
 
 
 def _searched(
-    look: Look, put: Put, begun: Sequence[Trial], most: tuple[int, int], leaving: float, others: Sequence[Trial] = ()
+    look: Look,
+    put: Put,
+    begun: Sequence[Trial],
+    most: tuple[int, int],
+    leaving: float,
+    others: Sequence[Trial] = (),
+    worst: float = np.inf,
 ) -> list[Trial]:
     """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
 
     After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does; of chi-square the look,
-    where it is as good as exact, may leave no more than ``leaving``.
+    where it is as good as exact, may leave no more than ``leaving``; and none may promise a score above the ``worst``.
     """
     best = list(begun)
     near = -np.inf
@@ -144,6 +157,8 @@ def _searched(
         late = fitting and all(_codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
         farthest = max((LATER if late and found.supposed.code in LATE else FURTHER) * least, near) + CLEAR
+        if rough > LATER * max(worst, 0.0) + CLEAR:
+            break
         enough = len(best) - len(begun) >= most[bool(fitting)]
         if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
@@ -337,26 +352,28 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     turned = (replace(look.stated, supposed=one) for one in look.turned_beside_a_channel)
     each = chain((trial.fitted for trial in likeliest), turned, (found for _, found in look.ranked))
     together: list[Trial] = []
+    beside = partial(_beside, look, worst=min((trial.score for trial in alone), default=np.inf))
     for found in islice(_different(each), FIRST):
         trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
-        together += _beside(look, trial, together)
+        together += beside(trial, together)
         if any(trial.fits and trial.look is not None and trial.look.chance for trial in together):
             break  # what comes near it has a part in common with it
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
     best = min(together, key=lambda trial: trial.score, default=None)
     for i, part in enumerate(() if best is None else best.fitted.parts):
         if i > 0 or part.unknowns:
-            together += _beside(look, mended_alone(look, part), together)
+            together += beside(mended_alone(look, part), together)
     return _chosen(look, together)
 
 
-def _beside(look: Look, first: Trial | None, others: Sequence[Trial]) -> list[Trial]:
-    """Pairs with a first that is mended, where there are ``others``."""
+def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: float) -> list[Trial]:
+    """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score, of one alone, is none."""
     if first is None or first.look is None:
         return []
     # what a first was fitted to alone moves with a second, and so does what is left
     most = np.inf if first.fitted.unknowns and np.isfinite(first.score) else beyond(first.look)
-    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others)
+    left = worst - first.look.free_cost - first.units
+    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others, left)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

@@ -44,8 +44,8 @@ LOUD = 4.0
 """Pure error over the stated noise, variances, beyond which the log says too little for a cause that explains but a part."""
 NOISY = 1.2
 """The same, beyond which noise itself was stated too small: five sigma of chance in 1,000 cycles."""
-AS_STATED = 1.4
-"""The same, within which in each channel it is the stated noise."""
+AS_STATED = 3.5
+"""Sigmas of chance within which pure error is the stated noise in each of the channels."""
 CLEAR = 14.0
 """−2 log of the odds (1 : 1000) by which a cause must come before its rivals to stand alone."""
 SHARE = 12
@@ -193,7 +193,8 @@ class Look:
         ratio = np.log(self.free.pure / self.noise).reshape(2, 3)
         unit = 2 * np.log([[causes.DEGREE], [causes.GRAVITY]])
         away = np.abs(ratio - unit * np.rint(ratio.mean(1, keepdims=True) / unit))
-        return bool(away.max() < np.log(AS_STATED))
+        spare = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
+        return bool((away < AS_STATED * np.sqrt(2 / spare)).all())
 
     @cached_property
     def free_cost(self) -> float:

@@ -38,8 +38,8 @@ AGAIN = 16
 """How often one is applied anew from where it led."""
 ROUNDS = 3
 """How often beside another disturbance."""
-STILL = 0.01
-"""A change of −2 log likelihood that ends that."""
+STILL, ROUGHLY = 0.01, 1.0
+"""A change of −2 log likelihood that ends that; where it goes on beside another disturbance anyhow."""
 BOLD = 3.0
 """Times what a step promises, that following it on may bring."""
 SLOWLY, FARTHER = 0.3, 0.97
@@ -164,7 +164,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Tria
     what is likeliest there, until that stays.
     """
     beside = look.free.beside
-    found, case, mended = _led(look, found, case, beside, best)
+    found, case, mended = _led(look, found, case, beside, best, ROUGHLY if beside else STILL)
     for _ in range(ROUNDS):
         if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
             break
@@ -210,7 +210,9 @@ def _no_drift(found: Fitted) -> bool:
     return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * causes.EXPECTED["drift"])
 
 
-def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...], best: float) -> tuple[Fitted, Case, Look | None]:
+def _led(
+    look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...], best: float, still: float = STILL
+) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
 
     Or until it promises too little to come near the ``best`` cost.
@@ -228,7 +230,7 @@ def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...],
         now = mended.cost + _by_units(mended, found, look.case)
         if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
             break
-        if promised < STILL or now - BOLD * promised > best + CLEAR:
+        if promised < still or now - BOLD * promised > best + CLEAR:
             break
         step = more.moved
         ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
@@ -237,7 +239,7 @@ def _led(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...],
             further = replace(found, x=_together(found.x, more.along(part), look.model))
             then = applied(look.case, further, look.free.fired)
             there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
-            if then is not None and there is not None and there.cost + _by_units(there, further, look.case) < now - STILL:
+            if then is not None and there is not None and there.cost + _by_units(there, further, look.case) < now - still:
                 break
         else:
             break
