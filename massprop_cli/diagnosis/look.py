@@ -187,8 +187,8 @@ class Look:
     def constant(self) -> bool:
         """Whether free coefficients leave no more nor less than the stated noise, in whatever units.
 
-        Then whatever is wrong is so all along: commands that come later, a sensor's low-pass and another body from some moment on make a
-        response that no coefficients stand for.
+        Then whatever is wrong is so all along: commands that come cycles later, a sensor's low-pass and another body from some moment on
+        make a response that no coefficients stand for.
         """
         ratio = np.log(self.free.pure / self.noise).reshape(2, 3)
         unit = 2 * np.log([[causes.DEGREE], [causes.GRAVITY]])

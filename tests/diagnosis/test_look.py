@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from massprop_cli.diagnosis import change
-from massprop_cli.diagnosis.causes import listed
+from massprop_cli.diagnosis.causes import DEGREE, listed
 from massprop_cli.diagnosis.contest import fitted
 from massprop_cli.diagnosis.cures import Case
 from massprop_cli.diagnosis.design import Designs
@@ -15,6 +17,7 @@ from massprop_cli.diagnosis.look import Look, about_its_body, beside_a_torque, b
 from massprop_cli.diagnosis.trial import _nothing
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
+from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
@@ -54,6 +57,31 @@ def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str, se
     # noise is what it is stated to be
     assert 0.8 < (look.free.pure / look.noise).min() < (look.free.pure / look.noise).max() < 1.25
     assert look.stated.value("theta")[9] == pytest.approx(1 / (25.0 if name == "testbed" else 22.0), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("key", "constant"),
+    [
+        ("jets.3.force_n=[0.0, 0.0, 2.0]", True),
+        ("imu.body_from_imu=[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]", True),
+        ("cycle.command_delay_cycles=1.0", True),  # a column stands for that much
+        ("cycle.command_delay_cycles=5.0", False),
+        ("cycle.command_delay_cycles=0.0", False),
+    ],
+)
+def test_what_is_wrong_all_along_leaves_free_coefficients_the_stated_noise(key: str, constant: bool) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [4])
+    look = look_of(replace(flown, vehicle=changed(flown.vehicle, [key])))
+    assert look.constant is constant
+    assert not look.chance
+
+
+def test_a_gyro_in_degrees_is_wrong_all_along_too_whatever_its_unit() -> None:
+    look = look_at("free-flyer", 4, *PLAN)
+    assert look.constant
+    in_degrees = replace(look, free=replace(look.free, gyro=look.free.gyro._replace(left=look.free.gyro.left * DEGREE**-2)))
+    assert in_degrees.constant
+    assert not replace(look, free=replace(look.free, gyro=look.free.gyro._replace(left=look.free.gyro.left * 4.0))).constant
 
 
 @pytest.mark.parametrize("walk", [3e-4, 1e-3, 3e-3])
