@@ -110,7 +110,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
-    for search in () if wandering.close else _further(look, alone, wandering):
+    for search in () if wandering.close else _further(look, alone, wandering, least):
         if found is not None and found.score < least:
             break
         found = search(look)
@@ -119,9 +119,10 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
 
 
-def _further(look: Look, alone: Sequence[Trial], whole: Look) -> list[Callable[[Look], Diagnosis | None]]:
-    """What else to look for, the likeliest first: what is wrong all along in pairs, what is not in time."""
-    changed, pair = partial(_changed, whole=whole), partial(_pair, alone=alone)
+def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> list[Callable[[Look], Diagnosis | None]]:
+    """What else to look for, the likeliest first, that explains more than the ``least`` score: all along in pairs, or in time."""
+    pair = partial(_pair, alone=alone, worst=min([least, *(trial.score for trial in alone)]))
+    changed = partial(_changed, whole=whole)
     best = min(alone, key=lambda trial: trial.score, default=None)
     if best is not None and "fuel-use" in _codes(best):
         return [changed, _much_later, _lowpassed, pair]
@@ -343,8 +344,8 @@ def _changed(look: Look, whole: Look, less_than: float = np.inf) -> Diagnosis | 
     return Diagnosis((Explanation("mass-change", message, Cure(("estimator.split_on_change=true",)), time),))
 
 
-def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
-    """Two causes at once: any two channels; or the likeliest few, each with what explains the rest."""
+def _pair(look: Look, alone: Sequence[Trial], worst: float) -> Diagnosis | None:
+    """Two causes at once that beat the ``worst`` score: two channels; or the likeliest few, each with what explains the rest."""
     if (channels := _two_channels(look)) is not None:
         return channels
     upright = [found.supposed for found in look.upright]
@@ -352,7 +353,7 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
     turned = (replace(look.stated, supposed=one) for one in look.turned_beside_a_channel)
     each = chain((trial.fitted for trial in likeliest), turned, (found for _, found in look.ranked))
     together: list[Trial] = []
-    beside = partial(_beside, look, worst=min((trial.score for trial in alone), default=np.inf))
+    beside = partial(_beside, look, worst=worst)
     for found in islice(_different(each), FIRST):
         trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
         together += beside(trial, together)
@@ -367,7 +368,7 @@ def _pair(look: Look, alone: Sequence[Trial]) -> Diagnosis | None:
 
 
 def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: float) -> list[Trial]:
-    """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score, of one alone, is none."""
+    """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score is none."""
     if first is None or first.look is None:
         return []
     # what a first was fitted to alone moves with a second, and so does what is left
