@@ -16,7 +16,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
-from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, compared, fitted
+from massprop_cli.diagnosis.contest import ROUGHLY, TINY, Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.ranking import Ranking
@@ -190,7 +190,7 @@ class Look:
         Then whatever is wrong is so all along: commands that come cycles later, a sensor's low-pass and another body from some moment on
         make a response that no coefficients stand for.
         """
-        ratio = np.log(self.free.pure / self.noise).reshape(2, 3)
+        ratio = np.log(np.maximum(self.free.pure / self.noise, TINY)).reshape(2, 3)
         unit = 2 * np.log([[causes.DEGREE], [causes.GRAVITY]])
         away = np.abs(ratio - unit * np.rint(ratio.mean(1, keepdims=True) / unit))
         spare = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])

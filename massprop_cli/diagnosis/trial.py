@@ -136,7 +136,9 @@ def mended_alone(look: Look, part: Fitted) -> Trial | None:
     found = replace(part, x=np.where(own, part.x, look.model.stated))
     case = applied(look.case, found, look.free.fired)
     mended = None if case is None else looked(case, look.piece, theta=found.value("theta"))
-    return None if case is None or mended is None else Trial(found, case, np.inf, np.inf, False, mended)
+    if case is None or mended is None:
+        return None
+    return Trial(found, case, np.inf, np.inf, False, mended, _by_units(mended, found, look.case))
 
 
 def _once_more(look: Look, found: Fitted) -> tuple[Look, Fitted]:
