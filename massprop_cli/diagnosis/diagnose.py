@@ -18,10 +18,11 @@ import numpy as np
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import causes, change, delay
 from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, Cure, around, at_once, cure_of
+from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of
 from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
@@ -34,23 +35,13 @@ FINALISTS = (6, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
 FIRST, SECOND = 3, 2
 """How many are tried with a second one, and how many of these each time if none makes the log fit."""
-FURTHER = 1.5
-"""Before it is applied a large change looks worse than it is, by up to so much."""
-LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
-"""Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
 LEFT = 0.5
 """Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
-Put = Callable[[Fitted, float], Trial | None]
-"""A supposition put to the test, followed no further than it may come near a score."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
     "a change of the mass properties, and pairs of these"
 )
-NO_FURTHER = 0.1
-"""Of what is to be expected, by how much less two fits of one supposition are one."""
-STRANGE = 25.0
-"""Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
 NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""
 UNKNOWN = "cause-unknown"
@@ -124,7 +115,7 @@ def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> l
     pair = partial(_pair, alone=alone, worst=min([least, *(trial.score for trial in alone)]))
     changed = partial(_changed, whole=whole)
     best = min(alone, key=lambda trial: trial.score, default=None)
-    if best is not None and "fuel-use" in _codes(best):
+    if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, pair]
     return [pair, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, pair]
 
@@ -133,77 +124,17 @@ def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test."""
     begun = _turned(look) if look.upset else []
     most = SECOND if look.upset else FINALISTS[look.model.bearing is not None]
-    best = _searched(look, partial(tried, look), begun, (most, most), beyond(look))
+    best = searched(look, partial(tried, look), begun, (most, most), beyond(look))
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
-
-
-def _searched(
-    look: Look,
-    put: Put,
-    begun: Sequence[Trial],
-    most: tuple[int, int],
-    leaving: float,
-    others: Sequence[Trial] = (),
-    worst: float = np.inf,
-) -> list[Trial]:
-    """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
-
-    After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does; of chi-square the look,
-    where it is as good as exact, may leave no more than ``leaving``; and none may promise a score above the ``worst``.
-    """
-    best = list(begun)
-    near = -np.inf
-    for rough, found in look.ranked.within(leaving):
-        fitting = [trial for trial in (*others, *best) if trial.fits]
-        late = fitting and all(_codes(trial) <= LATE for trial in fitting)
-        least = min((trial.excess for trial in fitting), default=np.inf)
-        farthest = max((LATER if late and found.supposed.code in LATE else FURTHER) * least, near) + CLEAR
-        if rough > LATER * max(worst, 0.0) + CLEAR:
-            break
-        enough = len(best) - len(begun) >= most[bool(fitting)]
-        if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
-            break
-        done = any(_same(trial.fitted.parts[-1], found) for trial in best)
-        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found, leaving):
-            continue
-        trial = put(found, min((trial.score for trial in fitting), default=np.inf))
-        if trial is not None:
-            best.append(trial)
-            near = rough if trial.fits and not fitting else near
-    return best
-
-
-def _same(one: Fitted, other: Fitted) -> bool:
-    """Whether they say the same of the same, found from elsewhere."""
-    ours, theirs = one.supposed, other.supposed
-    turned = not (np.array_equal(ours.gyro, theirs.gyro) and np.array_equal(ours.accelerometer, theirs.accelerometer))
-    if turned or (ours.code, ours.subject, one.unknowns) != (theirs.code, theirs.subject, other.unknowns):
-        return False
-    return float(np.abs(one.moved - other.moved).max(initial=0.0)) < NO_FURTHER
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
     """Without those that say what one before them says."""
     seen: list[Fitted] = []
     for found in each:
-        if not any(_same(one, found) for one in seen):
+        if not any(same(one, found) for one in seen):
             seen.append(found)
             yield found
-
-
-def _codes(trial: Trial) -> set[str]:
-    return {part.supposed.code for part in trial.fitted.parts}
-
-
-def _simpler(found: Fitted, fitting: Sequence[Trial]) -> bool:
-    """Whether it says of a channel that it is dead or reversed, of which what fits so far says what hardly happens."""
-    strange = {name for trial in _strange(fitting) for part in trial.fitted.parts for name in part.supposed.subject}
-    return at_once(found) and not strange.isdisjoint(found.supposed.subject)
-
-
-def _strange(fitting: Sequence[Trial]) -> list[Trial]:
-    """Those that say what hardly happens."""
-    return [trial for trial in fitting if trial.fitted.unlikely > STRANGE]
 
 
 def _turned(look: Look) -> list[Trial]:
@@ -241,7 +172,7 @@ def _instead(look: Look, alone: Sequence[Trial], whole: Look) -> Diagnosis | Non
     if best.look is not None and (best.look.free.beside or best.look.noisy):
         later = _much_later(look)
         return later if later is not None and later.score < best.score else None
-    if "fuel-use" in _codes(best):
+    if "fuel-use" in codes(best):
         return _changed(look, whole, max(float(best.fitted.chi_square.sum()) - look.freedom, 0.0))
     return None
 
@@ -249,7 +180,7 @@ def _instead(look: Look, alone: Sequence[Trial], whole: Look) -> Diagnosis | Non
 def _by_wander(trial: Trial, look: Look) -> bool:
     """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
     beside = (trial.look or look).free.beside
-    return bool(_codes(trial) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+    return bool(codes(trial) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
 def _much_later(look: Look) -> Diagnosis | None:
@@ -374,7 +305,7 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: flo
     # what a first was fitted to alone moves with a second, and so does what is left
     most = np.inf if first.fitted.unknowns and np.isfinite(first.score) else beyond(first.look)
     left = worst - first.look.free_cost - first.units
-    return _searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others, left)
+    return searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others, left)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

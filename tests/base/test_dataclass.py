@@ -83,3 +83,9 @@ def test_one_that_inherits_keeps_its_fields_and_checks_itself() -> None:
     assert Heavier(1.0, bearing=2.0).bearing == 2.0
     with pytest.raises(ValueError, match="negative"):
         replace(Heavier(1.0), bearing=-1.0)
+
+
+@pytest.mark.parametrize(("args", "given"), [((), {}), ((1.0, (), [], 4), {}), ((1.0,), {"mass": 2.0}), ((1.0,), {"weight": 2.0})])
+def test_a_field_is_given_once_and_is_one_of_them(args: tuple[Any, ...], given: dict[str, Any]) -> None:
+    with pytest.raises(TypeError, match="Ours"):
+        Ours(*args, **given)
