@@ -25,7 +25,7 @@ from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import channel_wrench
-from massprop_cli.prepare.align import Impulses, channels_of, impulses, net
+from massprop_cli.prepare.align import Impulses, impulses, net
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 
@@ -147,8 +147,8 @@ class Designs:
 
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
         wrench = channel_wrench(log, vehicle)
-        channels = channels_of(self._impulses(log, vehicle, delay, lag_s), wrench)
-        return _Window(net(channels.rising, wrench), net(channels.whole, wrench))
+        made = self._impulses(log, vehicle, delay, lag_s)
+        return _Window(net(made.rising, wrench), net(made.whole, wrench))
 
     def _verticals(self, samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
         """What a wrong gyro does to the vertical, as before where rates and the first vertical are the same."""

@@ -125,6 +125,10 @@ class Impulses(NamedTuple):
     """(K, B, C) s of full thrust."""
     moment: Array
     """(K, B, C) s², first moment about each bin's beginning."""
+    rising: Array
+    """(K, C) s, under the rising half of the triangular window."""
+    whole: Array
+    """(K, C) s"""
     thrusting: int
     stored: Stored | None
     usable: BoolArray
@@ -149,15 +153,15 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
         torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
         integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
     integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)
-    return Impulses(labelled, duration, integral, moment, thrusting, stored, labelled >= usable_s)
+    rising = _of_cycles(moment, np.ones(bins)) / duration[:, None] + _of_cycles(integral, np.arange(bins) / bins)
+    whole = _of_cycles(integral, np.ones(bins))
+    return Impulses(labelled, duration, integral, moment, frozen(rising), frozen(whole), thrusting, stored, labelled >= usable_s)
 
 
-def channels_of(made: Impulses, wrench: Array) -> Channels:
-    """Impulses of whole cycles, of channels whose ``wrench`` (C, 6) at full that is."""
-    bins = made.integral.shape[1]
-    bin_s = (made.duration_s / bins)[:, None, None]
-    rising = (made.moment / bin_s + np.arange(bins)[:, None] * made.integral).sum(1) / bins
-    return Channels(frozen(rising), frozen(made.integral.sum(1)), wrench, made.thrusting)
+def _of_cycles(each: Array, weights: Array) -> Array:
+    """(K, C) sums over bins of (K, B, C); a cycle's is the same whatever others there are."""
+    found: Array = np.einsum("ckb,b->kc", np.moveaxis(each, -1, 0), weights)
+    return found
 
 
 def net(part: Array, wrench: Array) -> Array:
@@ -178,7 +182,7 @@ def align(
     of, records = slice(0, log.cycles) if cycles is None else cycles, log.records_per_cycle
     made = made or impulses(log, vehicle, delay_cycles, lag_s, cycles)
     wrench, duration = channel_wrench(log, vehicle), made.duration_s
-    channels = channels_of(made, wrench)
+    channels = Channels(made.rising, made.whole, wrench, made.thrusting)
     bin_s = (duration / made.integral.shape[1])[:, None, None]
     each = slice(of.start * records, of.stop * records)
     return Aligned(
