@@ -50,7 +50,7 @@ class Free:
     """From the log's beginning to the middle of the stretch, and how long that is."""
 
     @cached_property
-    def regressed(self) -> dict[tuple[object, ...], tuple[Array, Array]]:
+    def regressed(self) -> dict[tuple[object, ...], Array]:
         """What plain regression has given of it so far, for fits to begin with (:mod:`massprop_cli.diagnosis.contest`)."""
         return {}
 

@@ -14,6 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
+from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.handed import Fits, Posed
 from massprop_cli.diagnosis.suppositions import Model, Supposition
@@ -31,8 +32,6 @@ STILL, ROUGHLY = 1e-3, 0.1
 """A change of −2 log likelihood that ends it; where suppositions are but to be ranked."""
 HALF_STEP = 1e-6
 """Of each unknown's expected size, the step of a derivative."""
-LEAST, FARTHEST = 0.03, 0.3
-"""A body to begin with: its least principal response over the largest, and its CG's offset over √(trace I / m)."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class Fitted:
 def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> Array:
     """(H, 6) chi-square of each supposition before anything is fitted but a body by plain regression."""
     rows = _Rows.of_all(model, free, variance, supposed)
-    x, _ = _Beginnings(rows).of(supposed)
+    x, _ = rows.begun(supposed)
     found: Array = (rows.left(x) ** 2).sum(1) + rows.rest
     return found
 
@@ -154,15 +153,15 @@ def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float)
 
 def _begun(rows: _Rows, supposed: Sequence[Supposition], theta: Array | None) -> tuple[Array, Array]:
     """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
-    begun = _Beginnings(rows)
-    x, sizes = begun.of(supposed)
+    x, sizes = rows.begun(supposed)
     balanced = x.copy()  # where force or weight hardly tell where the CG is, regression may find it anywhere
     balanced[:, MOMENT] = 0.0
     x = _least(rows, x, balanced)
     suspecting = np.array([i for i, one in enumerate(supposed) if one.suspects], int)
     if len(suspecting):  # from all channels, or from those that nobody suspects
-        others = begun.of([replace(supposed[i], suspects=()) for i in suspecting])[0]
-        x[suspecting] = _least(rows.of(suspecting), x[suspecting], others)
+        own = rows.of(suspecting)
+        others, _ = own.begun([supposed[i] for i in suspecting], trusting=True)
+        x[suspecting] = _least(own, x[suspecting], others)
     if theta is not None:
         others = x.copy()
         others[:, :10] = theta
@@ -254,7 +253,7 @@ class _Rows:
     """(6,) chi-square that these columns explain nothing of."""
     spare: int
     """Measurements less coefficients."""
-    regressed: dict[tuple[object, ...], tuple[Array, Array]]
+    regressed: dict[tuple[object, ...], Array]
     """Of the log (:class:`Free`)."""
     freed: tuple[Array, Array] | None = None
     """(p, H) of each, the unit vector along which a channel that is free takes whatever is left; None where there is none."""
@@ -287,6 +286,10 @@ class _Rows:
         """As the kernel has them."""
         return Posed(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
 
+    def begun(self, supposed: Sequence[Supposition], trusting: bool = False) -> tuple[Array, Array]:
+        """(H, nx) x to begin with, and (H, 10) the sizes of θ; ``trusting`` the channels that are suspected."""
+        return begun(self.model, self.told, self.regressed, self.posed if compiled() else None, supposed, trusting)
+
     def left(self, x: Array) -> Array:
         """(H, p, 6) for x (H, nx)."""
         if compiled():
@@ -312,71 +315,3 @@ class _Rows:
                 left -= along * (along * left).sum(-2, keepdims=True)
             found[..., :rows, axes] = left / root[axes]
         return found
-
-
-class _Beginnings:
-    """Where fits begin: with the body that plain regression of motion on commands gives."""
-
-    def __init__(self, rows: _Rows) -> None:
-        self.model, (self.turned, self.pushed) = rows.model, rows.told
-        self._regressed = rows.regressed
-
-    def of(self, supposed: Sequence[Supposition]) -> tuple[Array, Array]:
-        """(H, nx) x, and (H, 10) the sizes of θ."""
-        model = self.model
-        x = np.repeat(model.stated[None], len(supposed), 0)
-        for i, one in enumerate(supposed):
-            for entry, value in one.start.items():
-                x[i, entry] = value
-        told = [self._plain(own, one) for own, one in zip(x, supposed, strict=True)]
-        response, felt = (np.stack(parts).swapaxes(1, 2) for parts in zip(*told, strict=True))
-        turns = [
-            model.mounting @ (np.exp(x[:, model.place(f"{name}_scale")])[:, :, None] * model.mounting.T) @ np.stack(base)
-            for name, base in (("gyro", [one.gyro for one in supposed]), ("accel", [one.accelerometer for one in supposed]))
-        ]
-        turned = np.linalg.solve(turns[0], response)
-        principal, axes = np.linalg.eigh((turned[..., :3] + turned[..., :3].swapaxes(1, 2)) / 2)
-        top = np.maximum(np.abs(principal).max(1), 1e-12)
-        inverse = (axes * np.maximum(principal, LEAST * top[:, None])[:, None]) @ axes.swapaxes(1, 2)
-        lever = np.linalg.solve(inverse, turned[..., 3:])
-        vector = -np.stack([lever[:, i, j] - lever[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], 1) / 2
-        along = np.trace(np.linalg.solve(turns[1], felt), axis1=1, axis2=2) / 3
-        mu = np.maximum(np.maximum(along, LEAST * np.abs(felt).max((1, 2))), 1e-9)
-        size = np.sqrt(np.trace(np.linalg.inv(inverse), axis1=1, axis2=2) * mu)
-        if model.bearing is not None:  # the first moment instead of the CG
-            vector, size = vector / model.gravity, size / mu
-        length = np.maximum(np.linalg.norm(vector, axis=1), 1e-12)
-        moment = vector * np.minimum(1.0, FARTHEST * size / length)[:, None]
-        x[:, :10] = np.concatenate([inverse[:, *np.triu_indices(3)], moment, mu[:, None]], 1)
-        return x, np.concatenate([np.repeat(top[:, None], 6, 1), np.repeat(size[:, None], 3, 1), mu[:, None]], 1)
-
-    def _plain(self, x: Array, supposed: Supposition) -> tuple[Array, Array]:
-        """(6, 3) growth of the rate by unit torques, and by forces or the vertical; (3, 3) specific force by unit forces.
-
-        Suspected channels have a response of their own.
-        """
-        key = (self.turned.triangle.shape[1], tuple(supposed.start.items()), supposed.suspects)
-        if key not in self._regressed:
-            model = self.model
-            torque, force = model.wrench(x)
-            reliable = np.ones((len(force), 1))
-            reliable[list(supposed.suspects)] = 0.0
-            centre = np.zeros(3) if model.bearing is None else model.bearing
-            unit = np.eye(self.turned.triangle.shape[1])
-            channels, products = unit[model.places["channels"]], unit[model.places["products"]]
-            turning, pushing = ((reliable * part).T @ channels for part in (torque - np.cross(centre, force), force))
-            own = channels[list(supposed.suspects)]
-            gravity = unit[model.places["up"]] if model.bearing is not None else unit[:0]
-            by = gravity if model.bearing is not None else pushing
-            self._regressed[key] = (
-                _regressed(self.turned, turning, by, own, products)[:6],
-                _regressed(self.pushed, pushing, turning, own, products, gravity)[:3],
-            )
-        return self._regressed[key]
-
-
-def _regressed(told: Told, *blocks: Array) -> Array:
-    """Coefficients (…, 3) of combinations of columns, all else nothing."""
-    basis = np.concatenate(blocks).T
-    found: Array = np.linalg.lstsq(told.triangle @ basis, told.measured, rcond=1e-9)[0]
-    return found

@@ -1,4 +1,4 @@
-"""What is handed to the compiled kernel of suppositions and triangles, number by number (massprop_cli/kernel/suppose.c, contest.c)."""
+"""What is handed to the kernel of suppositions and triangles, number by number (suppose.c, begin.c, contest.c of massprop_cli/kernel)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.design import SWUNG, level_of
@@ -53,6 +54,20 @@ class Posed:
         self._turns = np.ascontiguousarray(np.stack([gyro, accelerometer], 1))
         self._freed = None if freed is None else np.ascontiguousarray(np.concatenate(freed).T)
 
+    def plain(self, x: Array, suspects: NDArray[np.uint8]) -> Array:
+        """(N, 9, 3) plain regression of motion on commands of any x (N, nx), where ``suspects`` (N, C) have a response of their own."""
+        channels = suspects.shape[1]
+        found = np.empty((len(x), 9, 3))
+        room = np.empty(6 * channels + self.columns * (channels + 18))
+        self._run("mp_host_plain", 0, np.ascontiguousarray(x), suspects, room, found, count=len(x))
+        return found
+
+    def begun(self, x: Array, plain: Array) -> tuple[Array, Array]:
+        """(H, nx) x with the body that ``plain`` (H, 9, 3) regression makes, and (H, 10) the sizes of its entries."""
+        found, sizes = np.ascontiguousarray(x), np.empty((len(x), 10))
+        self._run("mp_host_begun", 0, self._turns, np.ascontiguousarray(plain), found, sizes)
+        return found, sizes
+
     def left(self, x: Array) -> Array:
         """(H, p, 6) what x (H, nx) leave, over the noise."""
         found, room = np.empty((len(x), 6, self.columns)), np.empty(6 * self.columns)
@@ -73,11 +88,12 @@ class Posed:
         self._run("mp_host_fitted", count, self._turns, self._freed, *given, room, *found)
         return Fits(found[0], found[1].swapaxes(1, 2), found[2])
 
-    def _run(self, name: str, unknowns: int, *arrays: Array | None) -> None:
+    def _run(self, name: str, unknowns: int, *arrays: Array | NDArray[np.uint8] | None, count: int | None = None) -> None:
         library = kernel().library
         if library is None:
             raise RuntimeError("there is no compiled kernel")
-        sizes = np.array([*self._sizes[:4], unknowns, *self._sizes[4:]], ctypes.c_long)
+        every, *shape = self._sizes[:4]
+        sizes = np.array([every if count is None else count, *shape, unknowns, *self._sizes[4:]], ctypes.c_long)
         triangles = (ctypes.c_void_p * len(self._triangles))(*(part.ctypes.data for part in self._triangles))
         shared = ctypes.c_void_p(sizes.ctypes.data), ctypes.c_void_p(self._places.ctypes.data), pointer(self._numbers), triangles
         if library[name](*shared, *(None if part is None else pointer(part) for part in arrays)):

@@ -99,6 +99,11 @@ class Supposition:
         """(nx,) which entries it moves."""
         return np.asarray(self.free.any(1))
 
+    @cached_property
+    def begins(self) -> tuple[tuple[int, float], ...]:
+        """Entries that begin elsewhere, and where."""
+        return tuple(self.start.items())
+
     def beside(self, other: Supposition) -> Supposition:
         """Both at once; what begins elsewhere or is turned must be in place already."""
         return Supposition("", (), np.hstack([self.free, other.free]), parts=(self, other))

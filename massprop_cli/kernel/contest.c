@@ -13,12 +13,6 @@
 #define SLENDER 1e-4  /* least principal response over the largest */
 #define ROUNDING 1e-9 /* part of the cost up to which a step that doesn't help ends a fit */
 
-/* A sensor's triangle by its columns (columns, rows), and what was measured (3, rows). */
-typedef struct {
-    long rows;
-    const double *triangle, *measured, *root;
-} told;
-
 SHARED int mp_host_left(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                         const double *turns, const double *freed, double *room, double *left);
 SHARED int mp_host_fitted(const long *sizes, const long *places, const double *numbers, const double *const *triangles,
@@ -27,13 +21,13 @@ SHARED int mp_host_fitted(const long *sizes, const long *places, const double *n
 
 /* (6, columns) what coefficients (columns, 6) do to both triangles, less what was measured where that is wanted, over the noise; rows
  * beyond a triangle's are nothing. */
-static void against(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *made, int measured,
+static void against(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *made, int measured,
                     double *left) {
     long p = about->columns, r, c;
     int s, a;
     memset(left, 0, (size_t)(6 * p) * sizeof left[0]);
     for (s = 0; s < 2; s++) {
-        const told *own = sensors + s;
+        const mp_told *own = sensors + s;
         for (a = 0; a < 3; a++) {
             double *row = left + (3 * s + a) * p, along = 0.0;
             const double *freed = one->freed[s];
@@ -54,41 +48,10 @@ static void against(const mp_suspect *about, const told sensors[2], const mp_sup
     }
 }
 
-static void left_of(const mp_suspect *about, const told sensors[2], const double *x, const mp_supposed *one, double *made, double *left) {
+static void left_of(const mp_suspect *about, const mp_told sensors[2], const double *x, const mp_supposed *one, double *made,
+                    double *left) {
     mp_supposed_coefficients(about, x, one, made);
     against(about, sensors, one, made, 1, left);
-}
-
-/* sizes: suppositions, channels, columns, entries of x, unknowns, rows of the gyro's triangle and of the accelerometer's. */
-static void opened(const long *sizes, const long *places, const double *numbers, mp_suspect *out) {
-    out->channels = sizes[1];
-    out->columns = sizes[2];
-    out->entries = sizes[3];
-    out->places = places;
-    out->imu = numbers;
-    out->mounting = numbers + 3;
-    out->pivoted = numbers[12] != 0.0;
-    out->bearing = numbers + 13;
-    out->gravity = numbers[16];
-    out->level = numbers + 17;
-    out->up = numbers + 26;
-    out->flat = numbers + 29;
-    out->lags = numbers + 35;
-    out->ramp = numbers[38];
-    out->position = numbers + 39;
-    out->force = out->position + 3 * out->channels;
-    out->couple = out->force + 3 * out->channels;
-}
-
-/* triangles: that of the gyro, what it measured, the accelerometer's, what it measured, and the roots (6) of the noise. */
-static void told_of(const long *sizes, const double *const *triangles, told out[2]) {
-    int s;
-    for (s = 0; s < 2; s++) {
-        out[s].rows = sizes[5 + s];
-        out[s].triangle = triangles[2 * s];
-        out[s].measured = triangles[2 * s + 1];
-        out[s].root = triangles[4];
-    }
 }
 
 /* turns (H, 2, 3, 3); freed (H, rows of both) or NULL. */
@@ -106,10 +69,10 @@ static mp_supposed one_of(const long *sizes, const double *turns, const double *
 int mp_host_left(const long *sizes, const long *places, const double *numbers, const double *const *triangles, const double *x,
                  const double *turns, const double *freed, double *room, double *left) {
     mp_suspect about;
-    told sensors[2];
+    mp_told sensors[2];
     long h;
-    opened(sizes, places, numbers, &about);
-    told_of(sizes, triangles, sensors);
+    mp_suspect_of(sizes, places, numbers, &about);
+    mp_told_of(sizes, triangles, sensors);
     for (h = 0; h < sizes[0]; h++) {
         mp_supposed one = one_of(sizes, turns, freed, h);
         left_of(&about, sensors, x + h * about.entries, &one, room, left + h * 6 * about.columns);
@@ -196,7 +159,7 @@ static room_of divided(double *room, long p, long nx, long n) {
 }
 
 /* The derivative along each move: coefficients by differences, in which what is left is linear. */
-static void sloped(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *moves, long n, const double *x,
+static void sloped(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *moves, long n, const double *x,
                    const room_of *own) {
     long k, i, all = 6 * about->columns;
     mp_supposed_coefficients(about, x, one, own->made);
@@ -217,7 +180,7 @@ static void normal_of(const room_of *own, long all, long n, const double *pulled
 
 /* Damped Gauss-Newton steps of one supposition (massprop_cli/diagnosis/contest.py, _Descent). ends: a change of -2 log likelihood that
  * ends it, measurements less coefficients, and the most steps. */
-static int descended(const mp_suspect *about, const told sensors[2], const mp_supposed *one, const double *moves, long n,
+static int descended(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *moves, long n,
                      const double *pulled, const double *ends, const room_of *own, double *x, double *left, double *spread) {
     long all = 6 * about->columns, i, k;
     double cost, damping = 1e-6;
@@ -275,12 +238,12 @@ int mp_host_fitted(const long *sizes, const long *places, const double *numbers,
                    const double *freed, const double *moves, const double *pulled, const double *ends, double *room, double *x,
                    double *left, double *spread) {
     mp_suspect about;
-    told sensors[2];
+    mp_told sensors[2];
     room_of own = divided(room, sizes[2], sizes[3], sizes[4]);
     long h, n = sizes[4];
     int status = MP_OK;
-    opened(sizes, places, numbers, &about);
-    told_of(sizes, triangles, sensors);
+    mp_suspect_of(sizes, places, numbers, &about);
+    mp_told_of(sizes, triangles, sensors);
     for (h = 0; h < sizes[0] && status == MP_OK; h++) {
         mp_supposed one = one_of(sizes, turns, freed, h);
         status = descended(&about, sensors, &one, moves + h * about.entries * n, n, pulled, ends, &own, x + h * about.entries,

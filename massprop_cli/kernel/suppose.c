@@ -33,8 +33,8 @@ enum {
 };
 /* Blocks of columns; a block begins at a place, or is not there. */
 enum {
-    CHANNELS,
-    PRODUCTS,
+    CHANNELS = SUPPOSED_CHANNELS,
+    PRODUCTS = SUPPOSED_PRODUCTS,
     CONSTANT,
     RATES,
     LATER,
@@ -43,7 +43,7 @@ enum {
     DRIFTING,
     RISING,
     AGING,
-    UP,
+    UP = SUPPOSED_UP,
     LEVEL,
     EAST,
     NORTH,
@@ -72,14 +72,13 @@ static void cross_matrix(const double *v, matrix out) {
     out[2][1] = v[0];
 }
 
-/* (3, wide) out = a b, of b (3, wide). */
-static void product(matrix a, const double *b, int wide, double *out) {
+void mp_supposed_product(matrix a, const double *b, int wide, double *out) {
     int i, j;
     for (i = 0; i < 3; i++)
         for (j = 0; j < wide; j++) out[i * wide + j] = a[i][0] * b[j] + a[i][1] * b[wide + j] + a[i][2] * b[2 * wide + j];
 }
 
-static void inverse(matrix a, matrix out) {
+void mp_supposed_inverse(matrix a, matrix out) {
     matrix cofactors;
     double determinant;
     int i, j;
@@ -89,6 +88,36 @@ static void inverse(matrix a, matrix out) {
     determinant = a[0][0] * cofactors[0][0] + a[0][1] * cofactors[0][1] + a[0][2] * cofactors[0][2];
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) out[i][j] = cofactors[j][i] / determinant;
+}
+
+void mp_suspect_of(const long *sizes, const long *places, const double *numbers, mp_suspect *out) {
+    out->channels = sizes[1];
+    out->columns = sizes[2];
+    out->entries = sizes[3];
+    out->places = places;
+    out->imu = numbers;
+    out->mounting = numbers + 3;
+    out->pivoted = numbers[12] != 0.0;
+    out->bearing = numbers + 13;
+    out->gravity = numbers[16];
+    out->level = numbers + 17;
+    out->up = numbers + 26;
+    out->flat = numbers + 29;
+    out->lags = numbers + 35;
+    out->ramp = numbers[38];
+    out->position = numbers + 39;
+    out->force = out->position + 3 * out->channels;
+    out->couple = out->force + 3 * out->channels;
+}
+
+void mp_told_of(const long *sizes, const double *const *triangles, mp_told out[2]) {
+    int s;
+    for (s = 0; s < 2; s++) {
+        out[s].rows = sizes[5 + s];
+        out[s].triangle = triangles[2 * s];
+        out[s].measured = triangles[2 * s + 1];
+        out[s].root = triangles[4];
+    }
 }
 
 void mp_supposed_tensor(const double *six, matrix out) {
@@ -103,7 +132,7 @@ static void rotation(const double *vector, matrix out) {
     matrix turn, twice;
     int i, j;
     cross_matrix(vector, turn);
-    product(turn, turn[0], 3, twice[0]);
+    mp_supposed_product(turn, turn[0], 3, twice[0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) out[i][j] = (i == j ? 1.0 : 0.0) + own * turn[i][j] + half * half / 2 * twice[i][j];
 }
@@ -173,14 +202,14 @@ static void put_vertical(const mp_suspect *about, const double *x, matrix invert
     double turned[3];
     int i, j, k;
     cross_matrix(x + MOMENT, across);
-    product(inverted, across[0], 3, up[0][0]);
+    mp_supposed_product(inverted, across[0], 3, up[0][0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
             up[0][i][j] *= -about->gravity;
             level[0][i][j] = -turning[i][j];
         }
-    product(seen, up[0][0], 3, up[1][0]);
-    product(seen, level[0][0], 3, level[1][0]);
+    mp_supposed_product(seen, up[0][0], 3, up[1][0]);
+    mp_supposed_product(seen, level[0][0], 3, level[1][0]);
     for (i = 0; i < 3; i++) {
         up[1][i][i] += about->gravity;
         level[1][i][i] += x[MU];
@@ -199,7 +228,7 @@ static void put_vertical(const mp_suspect *about, const double *x, matrix invert
     if (about->places[EAST] >= 0) {
         cross_matrix(x + GYRO_TURN, turn);
         for (k = 0; k < 2; k++) {
-            product(up[k], turn[0], 3, own[0]);
+            mp_supposed_product(up[k], turn[0], 3, own[0]);
             for (i = 0; i < 3; i++)
                 for (j = 0; j < 3; j++) up[k][i][j] -= own[i][j];
         }
@@ -232,28 +261,22 @@ static void mixed(const double *by, int count, double *rows) {
 
 /* The coefficients as IMUs measure them that are turned or scaled. */
 static void put_turned(const mp_suspect *about, const double *x, const mp_supposed *one, double *out) {
-    matrix turns[2], mounting, along, rotated, part, back;
+    matrix turns[2], along, rotated, part, back;
     double squares[6][6];
-    int s, i, j, k;
+    int s, i;
     long c;
-    memcpy(mounting, about->mounting, sizeof mounting);
     for (s = 0; s < 2; s++) {
-        const double *scale = x + (s ? ACCEL_SCALE : GYRO_SCALE);
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) {
-                along[i][j] = 0.0;
-                for (k = 0; k < 3; k++) along[i][j] += mounting[i][k] * exp(scale[k]) * mounting[j][k];
-            }
+        mp_supposed_gain(about, x, s, along);
         rotation(x + (s ? ACCEL_TURN : GYRO_TURN), rotated);
-        product(along, rotated[0], 3, part[0]);
-        product(part, s ? one->accelerometer : one->gyro, 3, turns[s][0]);
+        mp_supposed_product(along, rotated[0], 3, part[0]);
+        mp_supposed_product(part, s ? one->accelerometer : one->gyro, 3, turns[s][0]);
     }
     for (c = 0; c < about->columns; c++)
         for (s = 0; s < 2; s++) {
             double *own = out + c * 6 + 3 * s, was[3] = {own[0], own[1], own[2]};
             for (i = 0; i < 3; i++) own[i] = turns[s][i][0] * was[0] + turns[s][i][1] * was[1] + turns[s][i][2] * was[2];
         }
-    inverse(turns[0], back);
+    mp_supposed_inverse(turns[0], back);
     of_products(back, squares);
     mixed(squares[0], 6, out + about->places[PRODUCTS] * 6);
     if (about->places[RATES] >= 0) mixed(back[0], 3, out + about->places[RATES] * 6);
@@ -266,6 +289,32 @@ static int straight(const double *x, const mp_supposed *one) {
     return own;
 }
 
+void mp_supposed_wrench(const mp_suspect *about, const double *x, long channel, const double *centre, double force[3], double torque[3]) {
+    const double *stated = about->force + 3 * channel, *turn = x + THRUST + about->channels * 4 + 3 * channel, thrust = x[THRUST + channel];
+    double along[3], place[3], size = 0.0, own = 0.0, by;
+    int i;
+    for (i = 0; i < 3; i++) {
+        along[i] = stated[i] + turn[i];
+        place[i] = about->position[3 * channel + i] + x[THRUST + about->channels + 3 * channel + i] - centre[i];
+        size += along[i] * along[i];
+        own += stated[i] * stated[i];
+    }
+    by = thrust * (own > 0.0 ? sqrt(own) / sqrt(size) : sqrt(own));
+    for (i = 0; i < 3; i++) force[i] = by * along[i];
+    cross(place, force, torque);
+    for (i = 0; i < 3; i++) torque[i] += thrust * about->couple[3 * channel + i];
+}
+
+void mp_supposed_gain(const mp_suspect *about, const double *x, int sensor, matrix out) {
+    const double *scale = x + (sensor ? ACCEL_SCALE : GYRO_SCALE), *mounting = about->mounting;
+    int i, j, k;
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) {
+            out[i][j] = 0.0;
+            for (k = 0; k < 3; k++) out[i][j] += mounting[3 * i + k] * exp(scale[k]) * mounting[3 * j + k];
+        }
+}
+
 void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp_supposed *one, double *out) {
     matrix inverted, inertia, seen, across, turning, shifted;
     double centre[3], arm[3], leaning[3], pushed[3][6], leant[3][6], parts[2][3][6], constant[2][3], rates[2][3][3];
@@ -274,7 +323,7 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
     long c;
     memset(out, 0, (size_t)(6 * about->columns) * sizeof out[0]);
     mp_supposed_tensor(x, inverted);
-    inverse(inverted, inertia);
+    mp_supposed_inverse(inverted, inertia);
     for (i = 0; i < 3; i++) {
         centre[i] = about->pivoted ? about->bearing[i] + x[BEARING + i] : x[MOMENT + i];
         arm[i] = about->imu[i] + x[IMU + i] - centre[i];
@@ -299,26 +348,26 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
             for (j = 0; j < 3; j++) parts[0][i][k] -= inverted[i][j] * (own[j] + other[j]);
         }
     }
-    product(seen, parts[0][0], 6, parts[1][0]);
+    mp_supposed_product(seen, parts[0][0], 6, parts[1][0]);
     by_products(arm, pushed);
     if (about->pivoted) {
         matrix level;
         memcpy(level, about->level, sizeof level);
         by_products(leaning, leant);
-        product(level, leant[0], 6, response[0]);
+        mp_supposed_product(level, leant[0], 6, response[0]);
         for (i = 0; i < 3; i++)
             for (k = 0; k < 6; k++) pushed[i][k] -= response[i][k];
     }
     for (i = 0; i < 3; i++)
         for (k = 0; k < 6; k++) parts[1][i][k] += pushed[i][k];
-    product(inverted, x + TORQUE, 1, constant[0]);
-    product(seen, constant[0], 1, constant[1]);
+    mp_supposed_product(inverted, x + TORQUE, 1, constant[0]);
+    mp_supposed_product(seen, constant[0], 1, constant[1]);
     for (i = 0; i < 3; i++) constant[1][i] += x[ACCEL_BIAS + i];
     if (about->places[RATES] >= 0) {
         const double *bias = x + GYRO_BIAS;
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) rates[0][i][j] = inverted[i][j] * x[DRAG + j];
-        product(seen, rates[0][0], 3, rates[1][0]);
+        mp_supposed_product(seen, rates[0][0], 3, rates[1][0]);
         for (k = 0; k < 6; k++)
             for (j = 0; j < 2; j++)
                 for (i = 0; i < 3; i++) {
@@ -331,26 +380,15 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
     put(about, PRODUCTS, parts[0][0], parts[1][0], 6, out);
     put(about, CONSTANT, constant[0], constant[1], 1, out);
     cross_matrix(x + MOMENT, across);
-    product(inverted, across[0], 3, turning[0]);
+    mp_supposed_product(inverted, across[0], 3, turning[0]);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) turning[i][j] *= about->pivoted ? x[MU] : 0.0;
     for (c = 0; c < about->channels; c++) {
-        const double *stated = about->force + 3 * c, *turn = x + THRUST + about->channels * 4 + 3 * c;
-        double along[3], force[3], place[3], torque[3], spin[3], push[3], size = 0.0, own = 0.0, by;
+        double force[3], torque[3], spin[3], push[3];
         double *column = out + (about->places[CHANNELS] + c) * 6;
-        for (i = 0; i < 3; i++) {
-            along[i] = stated[i] + turn[i];
-            place[i] = about->position[3 * c + i] + x[THRUST + about->channels + 3 * c + i];
-            size += along[i] * along[i];
-            own += stated[i] * stated[i];
-        }
-        by = x[THRUST + c] * (own > 0.0 ? sqrt(own) / sqrt(size) : sqrt(own));
-        for (i = 0; i < 3; i++) force[i] = by * along[i];
-        cross(place, force, torque);
-        cross(centre, force, spin);
-        for (i = 0; i < 3; i++) torque[i] += x[THRUST + c] * about->couple[3 * c + i] - spin[i];
-        product(inverted, torque, 1, spin);
-        product(seen, spin, 1, push);
+        mp_supposed_wrench(about, x, c, centre, force, torque);
+        mp_supposed_product(inverted, torque, 1, spin);
+        mp_supposed_product(seen, spin, 1, push);
         for (i = 0; i < 3; i++) {
             column[i] = spin[i];
             column[3 + i] = push[i] + x[MU] * force[i];
@@ -359,13 +397,13 @@ void mp_supposed_coefficients(const mp_suspect *about, const double *x, const mp
     }
     if (about->places[LATER] >= 0) {
         cross_matrix(centre, across);
-        product(inverted, across[0], 3, shifted[0]);
+        mp_supposed_product(inverted, across[0], 3, shifted[0]);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
                 response[i][j] = inverted[i][j];
                 response[i][3 + j] = -shifted[i][j];
             }
-        product(seen, response[0], 6, through[0]);
+        mp_supposed_product(seen, response[0], 6, through[0]);
         memcpy(thrust, through, sizeof thrust);
         for (i = 0; i < 3; i++) thrust[i][3 + i] += x[MU];
         put_late(about, x, response[0], through[0], thrust[0], out);

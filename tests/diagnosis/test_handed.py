@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,34 @@ def test_what_is_left_of_anything_is_what_numpy_says(kind: str, monkeypatch: pyt
     found = rows.left(x)
     monkeypatch.setattr(contest, "compiled", lambda: False)
     np.testing.assert_allclose(found, rows.left(x), rtol=1e-9, atol=1e-9 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_fits_begin_where_numpy_begins(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, free = reduced(kind)
+    names = [f"jet {i}" for i in range(len(model.force))]
+    supposed = [*causes.listed(model, names, True), *causes.units(model), *map(model.without, range(len(names)))]
+    alone = [Supposition("", (), np.zeros((len(model.stated), 0)), suspects=tuple(range(1, len(names))))]  # hardly any are left to go by
+    rows = _Rows.of_all(model, free, NOISE, [*supposed, *alone])
+    x, sizes = rows.begun([*supposed, *alone])
+    monkeypatch.setattr(contest, "compiled", lambda: False)
+    by_numpy, its_sizes = replace(rows, regressed={}).begun([*supposed, *alone])
+    assert np.isfinite(x).all()
+    np.testing.assert_allclose(sizes, its_sizes, rtol=1e-6)
+    assert np.abs((x - by_numpy)[:, :10] / its_sizes).max() < 1e-6
+    np.testing.assert_array_equal(x[:, 10:], by_numpy[:, 10:])
+
+
+def test_a_sum_that_cancels_but_for_rounding_begins_no_body() -> None:
+    """Two jets that always fire together and push against each other say nothing of a force along their line."""
+    model, free = reduced("free")
+    place, opposed = model.places["channels"], replace(model, force=np.zeros_like(model.force))
+    opposed.force[:2] = [[0.0, 0.0, 1.1], [0.0, 0.0, -1.1]]
+    same = free.gyro.triangle[:, place.start].copy(), free.accelerometer.triangle[:, place.start].copy()
+    free.gyro.triangle[:, place.start + 1], free.accelerometer.triangle[:, place.start + 1] = (part * (1 + 1e-16) for part in same)
+    free.accelerometer.triangle[1, place.start + 1] += 1e-13
+    x, _ = _Rows.of_all(opposed, free, NOISE, [model.without(5)]).begun([Supposition("", (), np.zeros((len(model.stated), 0)))])
+    assert x[0, 9] < 1e-3  # 1/m: nothing, and not what rounding makes of it
 
 
 @pytest.mark.parametrize("kind", ["free", "air_bearing"])
