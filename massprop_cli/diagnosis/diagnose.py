@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, beyond, both, helped, hopeless, mended_alone, refined, tried
+from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -124,7 +124,7 @@ def _alone(look: Look) -> list[Trial]:
     """The likeliest causes, each put to the test."""
     begun = _turned(look) if look.upset else []
     most = SECOND if look.upset else FINALISTS[look.model.bearing is not None]
-    best = searched(look, partial(tried, look), begun, (most, most), beyond(look))
+    best = searched(look, begun, (most, most), beyond(look))
     return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
 
 
@@ -305,7 +305,7 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: flo
     # what a first was fitted to alone moves with a second, and so does what is left
     most = np.inf if first.fitted.unknowns and np.isfinite(first.score) else beyond(first.look)
     left = worst - first.look.free_cost - first.units
-    return searched(first.look, partial(both, look, first), [], (SECOND, FINALISTS[0]), most, others, left)
+    return searched(look, [], (SECOND, FINALISTS[0]), most, first, others, left)
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

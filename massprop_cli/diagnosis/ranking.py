@@ -48,6 +48,11 @@ class Ranking:
         """Score and fit of each."""
         return self.within(np.inf)
 
+    @property
+    def known(self) -> list[tuple[float, Fitted]]:
+        """Those that are fitted by now, in any order."""
+        return [each for each in self._found.values() if each[0] < self._most]
+
     def within(self, most: float) -> Iterator[tuple[float, Fitted]]:
         """Without those of channels that leave more than so much of chi-square whatever is supposed of them."""
         waiting = [(score, 1, i) for i, (score, _) in self._found.items()]

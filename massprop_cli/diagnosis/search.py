@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import at_once
 from massprop_cli.diagnosis.look import CLEAR, Look
-from massprop_cli.diagnosis.trial import Trial, hopeless
+from massprop_cli.diagnosis.trial import Begun, Trial, begin, drifts_no_more, hopeless, tried
 
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
@@ -19,27 +19,26 @@ NO_FURTHER = 0.1
 """Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0
 """Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
-Put = Callable[[Fitted, float], Trial | None]
-"""A supposition put to the test, followed no further than it may come near a score."""
-
-
 def searched(
     look: Look,
-    put: Put,
     begun: Sequence[Trial],
     most: tuple[int, int],
     leaving: float,
+    first: Trial | None = None,
     others: Sequence[Trial] = (),
     worst: float = np.inf,
 ) -> list[Trial]:
     """What a look makes likely, each put to the test, until one fits and none that is left comes near it; ``others`` may fit as well.
 
-    After those that it has ``begun`` with, and no more than so many while none of all fits, and when one does; of chi-square the look,
-    where it is as good as exact, may leave no more than ``leaving``; and none may promise a score above the ``worst``.
+    Beside a ``first`` that is mended already, where there is one, by what that leaves. After those that it has ``begun`` with, and no more
+    than so many while none of all fits, and when one does; of chi-square the look, where it is as good as exact, may leave no more than
+    ``leaving``; and none may promise a score above the ``worst``.
     """
     best = list(begun)
     near = -np.inf
-    for rough, found in look.ranked.within(leaving):
+    by_promise: list[tuple[Fitted, Begun | None]] | None = None
+    seen = look if first is None or first.look is None else first.look
+    for rough, found in seen.ranked.within(leaving):
         fitting = [trial for trial in (*others, *best) if trial.fits]
         late = fitting and all(codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
@@ -49,14 +48,27 @@ def searched(
         enough = len(best) - len(begun) >= most[bool(fitting)]
         if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
-        done = any(same(trial.fitted.parts[-1], found) for trial in best)
-        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(look, found, leaving):
+        once = None
+        if found.supposed.code in LATE:
+            if by_promise is None:
+                by_promise = [] if fitting else _by_promise(look, first, seen, rough)
+            found, once = by_promise.pop() if by_promise else (found, None)
+        done = any(same(trial.fitted.parts[-1], found) or drifts_no_more(trial, found) for trial in best)
+        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(seen, found, leaving):
             continue
-        trial = put(found, min((trial.score for trial in fitting), default=np.inf))
+        trial = tried(look, found, min((trial.score for trial in fitting), default=np.inf), first, once)
         if trial is not None:
             best.append(trial)
             near = rough if trial.fits and not fitting else near
     return best
+
+
+def _by_promise(look: Look, first: Trial | None, seen: Look, rough: float) -> list[tuple[Fitted, Begun | None]]:
+    """Of what makes motion late, those that one with a ``rough`` score may stand for, each applied once; the last promises most then."""
+    reach = LATER * max(rough, 0.0) + CLEAR
+    found = [one for score, one in seen.ranked.known if one.supposed.code in LATE and score <= reach]
+    once = [(one, begin(look, one, first)) for one in found if not hopeless(seen, one, np.inf)]
+    return sorted(once, key=lambda one: np.inf if one[1] is None else one[1].promised, reverse=True)
 
 
 def same(one: Fitted, other: Fitted) -> bool:

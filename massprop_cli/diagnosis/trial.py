@@ -21,10 +21,13 @@ PROMISED = 0.5
 of the log's."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
-CURVED = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt", "delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
-"""Entries of x by which what is measured changes along no straight line."""
-HOPELESS, SMALL = 20.0, 0.01
-"""Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit."""
+LATE = frozenset({"delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
+TURNING = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt"})
+"""Entries of x by which what is measured changes along no straight line: of what comes late, and on a bearing, where they move the
+vertical, of what a gyro gets wrong."""
+HOPELESS, SMALL = 8.0, 0.01
+"""Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit. docs/faults.md
+moves."""
 NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
 EARLIEST = 0.5
@@ -67,9 +70,14 @@ def hopeless(look: Look, found: Fitted, most: float) -> bool:
     """Whether it leaves more than so much of chi-square in the first reduction, where that is as good as exact for what it is about."""
     if _before_its_cause(look, found):
         return True
-    turned = any((turn != np.eye(3)).any() for turn in (found.supposed.gyro, found.supposed.accelerometer))
+    if float(found.chi_square.sum()) <= most:
+        return False
+    turns = [turn for turn in (found.supposed.gyro, found.supposed.accelerometer) if (turn != np.eye(3)).any()]
+    on_bearing = look.model.bearing is not None
+    # other units make of the motion within the cycles another motion
+    curved = bool(turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in turns)
     moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
-    return not turned and not moved & CURVED and float(found.chi_square.sum()) > most
+    return not curved and not moved & (LATE | TURNING if on_bearing else LATE)
 
 
 def beyond(look: Look) -> float:
@@ -92,17 +100,50 @@ def _before_its_cause(look: Look, found: Fitted) -> bool:
     return any(float(found.value(name)[0]) < -since - EARLIEST for name, since in least.items())
 
 
-def tried(look: Look, found: Fitted, best: float = np.inf) -> Trial | None:
-    """A supposition with its best values in log and vehicle file; None where it makes them another testbed's.
+@dataclass(frozen=True)
+class Begun:
+    """A supposition applied once."""
 
-    It is followed no further than it may come near the ``best`` score so far.
-    """
+    look: Look
+    promised: float
+    """Score that its next step promises."""
+
+
+def begin(look: Look, found: Fitted, first: Trial | None) -> Begun | None:
+    """A supposition with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
+    found = found if first is None else _beside(look, first, found)
     case = applied(look.case, found, look.free.fired)
-    if case is None:
-        look, found = _once_more(look, found)
-        excess = look.score(found.chi_square, found)
-        return Trial(found, look.case, excess, look.free_cost + excess, _passes(look, found))
-    return refined(look, found, case, best)
+    mended = None if case is None else _anew(look, found, case, look.free.beside)
+    if mended is None:
+        return None
+    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
+    return Begun(mended, mended.free_cost + _by_units(mended, found, look.case) + mended.score(more.chi_square, found))
+
+
+def tried(look: Look, found: Fitted, best: float = np.inf, first: Trial | None = None, begun: Begun | None = None) -> Trial | None:
+    """A supposition with its best values in log and vehicle file, perhaps beside a ``first`` one, both fitted together.
+
+    None where they make it another testbed's. It is followed no further than it may come near the ``best`` score so far.
+    """
+    found = found if first is None else _beside(look, first, found)
+    case = applied(look.case, found, look.free.fired)
+    if case is not None:
+        return refined(look, found, case, best, begun)
+    if first is not None:
+        return None
+    look, found = _once_more(look, found)
+    excess = look.score(found.chi_square, found)
+    return Trial(found, look.case, excess, look.free_cost + excess, _passes(look, found))
+
+
+def drifts_no_more(trial: Trial, found: Fitted) -> bool:
+    """Whether a drift of the clocks would explain no more than its price of what a trial leaves that is a delay alone."""
+    if trial.look is None or (trial.fitted.supposed.code, found.supposed.code) != ("delay-mismatch", "clock-drift"):
+        return False
+    mended = trial.look
+    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], trial.fitted.value("theta"))
+    gained = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
+    return bool(gained < np.log(mended.free.gyro.spare))
 
 
 def helped(look: Look, begun: Fitted) -> Trial | None:
@@ -114,20 +155,15 @@ def helped(look: Look, begun: Fitted) -> Trial | None:
     return refined(look, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
 
 
-def both(look: Look, first: Trial, second: Fitted, best: float = np.inf) -> Trial | None:
-    """A supposition beside the one that is mended already, both fitted together; None where that makes another testbed.
-
-    They are followed no further than they may come near the ``best`` score so far.
-    """
+def _beside(look: Look, first: Trial, second: Fitted) -> Fitted:
+    """A supposition beside the one that is mended already."""
     one = first.fitted
     x = _together(one.x, second.x, look.model)
     supposed = one.supposed.beside(second.supposed)
     turned = replace(
         supposed, gyro=second.supposed.gyro @ one.supposed.gyro, accelerometer=second.supposed.accelerometer @ one.supposed.accelerometer
     )
-    found = Fitted(turned, look.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
-    case = applied(look.case, found, look.free.fired)
-    return None if case is None else refined(look, found, case, best)
+    return Fitted(turned, look.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
 
 
 def mended_alone(look: Look, part: Fitted) -> Trial | None:
@@ -159,14 +195,14 @@ def _passes(look: Look, found: Fitted) -> bool:
     return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * look.misfit or not look.loud)
 
 
-def refined(look: Look, found: Fitted, case: Case, best: float = np.inf) -> Trial | None:
+def refined(look: Look, found: Fitted, case: Case, best: float = np.inf, begun: Begun | None = None) -> Trial | None:
     """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
     what is likeliest there, until that stays.
     """
     beside = look.free.beside
-    found, case, mended = _led(look, found, case, beside, best, ROUGHLY if beside else STILL)
+    found, case, mended = _led(look, found, case, beside, best, ROUGHLY if beside else STILL, begun)
     for _ in range(ROUNDS):
         if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
             break
@@ -213,14 +249,20 @@ def _no_drift(found: Fitted) -> bool:
 
 
 def _led(
-    look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...], best: float, still: float = STILL
+    look: Look,
+    found: Fitted,
+    case: Case,
+    likely: tuple[Disturbance, ...],
+    best: float,
+    still: float = STILL,
+    begun: Begun | None = None,
 ) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
 
     Or until it promises too little to come near the ``best`` cost.
     """
-    mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
-    if mended is None or not np.array_equal(mended.free.fired, look.free.fired):
+    mended = _anew(look, found, case, likely) if begun is None else begun.look
+    if mended is None:
         return found, case, None
     if not found.unknowns:
         return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
@@ -247,6 +289,12 @@ def _led(
             break
         found, case, mended, last = further, then, there, part * step
     return found, case, mended
+
+
+def _anew(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> Look | None:
+    """A case mended by a supposition, reduced; None where that is too short, or other channels fire."""
+    mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
+    return mended if mended is not None and np.array_equal(mended.free.fired, look.free.fired) else None
 
 
 def _together(x: Array, more: Array, model: Model) -> Array:
