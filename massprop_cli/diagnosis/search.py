@@ -53,10 +53,13 @@ def searched(
             if by_promise is None:
                 by_promise = [] if fitting else _by_promise(look, first, seen, rough)
             found, once = by_promise.pop() if by_promise else (found, None)
-        done = any(same(trial.fitted.parts[-1], found) or drifts_no_more(trial, found) for trial in best)
-        if done or (rough > farthest and not _simpler(found, fitting)) or hopeless(seen, found, leaving):
+        done = any(same(trial.fitted.parts[-1], found, trial.fits) or drifts_no_more(trial, found) for trial in best)
+        score = min((trial.score for trial in fitting), default=np.inf)
+        if done or (once is not None and once.least > score + CLEAR):
             continue
-        trial = tried(look, found, min((trial.score for trial in fitting), default=np.inf), first, once)
+        if (rough > farthest and not _simpler(found, fitting)) or hopeless(seen, found, leaving):
+            continue
+        trial = tried(look, found, score, first, once)
         if trial is not None:
             best.append(trial)
             near = rough if trial.fits and not fitting else near
@@ -71,13 +74,13 @@ def _by_promise(look: Look, first: Trial | None, seen: Look, rough: float) -> li
     return sorted(once, key=lambda one: np.inf if one[1] is None else one[1].promised, reverse=True)
 
 
-def same(one: Fitted, other: Fitted) -> bool:
-    """Whether they say the same of the same, found from elsewhere."""
+def same(one: Fitted, other: Fitted, wherever: bool = False) -> bool:
+    """Whether they say the same of the same, found from elsewhere; of one that fits already ``wherever`` it begins."""
     ours, theirs = one.supposed, other.supposed
     turned = not (np.array_equal(ours.gyro, theirs.gyro) and np.array_equal(ours.accelerometer, theirs.accelerometer))
     if turned or (ours.code, ours.subject, one.unknowns) != (theirs.code, theirs.subject, other.unknowns):
         return False
-    return float(np.abs(one.moved - other.moved).max(initial=0.0)) < NO_FURTHER
+    return wherever or float(np.abs(one.moved - other.moved).max(initial=0.0)) < NO_FURTHER
 
 
 def codes(trial: Trial) -> set[str]:

@@ -107,6 +107,8 @@ class Begun:
     look: Look
     promised: float
     """Score that its next step promises."""
+    least: float
+    """Cost that following it on may bring."""
 
 
 def begin(look: Look, found: Fitted, first: Trial | None) -> Begun | None:
@@ -117,7 +119,9 @@ def begin(look: Look, found: Fitted, first: Trial | None) -> Begun | None:
     if mended is None:
         return None
     (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
-    return Begun(mended, mended.free_cost + _by_units(mended, found, look.case) + mended.score(more.chi_square, found))
+    units = _by_units(mended, found, look.case)
+    promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
+    return Begun(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
 
 
 def tried(look: Look, found: Fitted, best: float = np.inf, first: Trial | None = None, begun: Begun | None = None) -> Trial | None:
