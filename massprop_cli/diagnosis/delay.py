@@ -20,7 +20,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.align import LAGS_FORGOTTEN
+from massprop_cli.prepare.align import LAGS_FORGOTTEN, Impulses, impulses
 from massprop_cli.prepare.compensate import Samples, acceleration
 from massprop_cli.prepare.timing import Timing
 
@@ -104,40 +104,54 @@ def search(
     """The candidates at which a plain regression of motion on commands leaves least; over the whole log without ``pieces``."""
     candidates = [Timing(float(delay), lag) for lag in lags for delay in delays if delay <= max(log.cycles // 4, min(delays))]
     unknown = LONGEST + int(LAGS_FORGOTTEN * max(lags))
-    costs = []
+    costs, motion = [], None
     for candidate in candidates:
         try:
-            samples = candidate.of(log, vehicle)
+            made = impulses(log, vehicle, candidate.delay, candidate.lag_s(vehicle))
+            # what the IMU felt is the same whenever the commands act
+            motion = _motion(candidate.of(log, vehicle, made), vehicle) if motion is None else motion
         except InputError:
             costs.append(np.inf)
             continue
         whole = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [_unexplained(samples, piece, vehicle) for piece in whole if piece.stop - piece.start > LEAST]
+        parts = [_unexplained(motion, made, piece) for piece in whole if piece.stop - piece.start > LEAST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return candidates[int(np.argmin(costs))] if np.isfinite(costs).any() else None
 
 
-def _unexplained(samples: Samples, piece: slice, vehicle: Vehicle) -> float:
+class _Motion(NamedTuple):
+    """Of a log's K cycles."""
+
+    rate: Array
+    """(K, 3)"""
+    up: Array
+    """(K, 3) mean of the vertical."""
+    acceleration: Array
+    """(K, 3) of the rotation centre."""
+
+
+def _motion(samples: Samples, vehicle: Vehicle) -> _Motion:
+    return _Motion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, acceleration(samples, vehicle))
+
+
+def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> float:
     """Log of what is left of rate growth and acceleration when both are regressed on impulses, with nothing known of the body."""
-    executed = samples.executed
-    rate = samples.rate_rad_s[piece]
+    rate, up = motion.rate[piece], motion.up[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
-    if executed.stored is not None:
-        products = np.hstack([products, executed.stored.precession(samples.rate_rad_s)[piece]])
-    channels = executed.channels
-    rising, whole = channels.rising[piece], channels.whole[piece]
+    if made.stored is not None:
+        products = np.hstack([products, made.stored.precession(motion.rate)[piece]])
+    rising, whole = made.rising[piece], made.whole[piece]
     impulse = rising[:-1] + (whole - rising)[1:]
     load = (products[1:] + products[:-1]) / 2
-    up = (samples.up_b[:-1][piece][1:] + samples.up_b[1:][piece][:-1]) / 2
     cost = 0.0
-    for motion, causes in (
-        (np.diff(rate, axis=0), np.hstack([impulse, load, up, np.ones((len(load), 1))])),
-        (acceleration(samples, vehicle)[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
+    for moved, causes in (
+        (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
+        (motion.acceleration[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
     ):
         size = np.sqrt((causes**2).sum(0))
         basis, _ = np.linalg.qr(causes[:, size > 0] / size[size > 0])
-        left = motion - basis @ (basis.T @ motion)
-        cost += len(motion) * float(np.log((left**2).mean(0) + 1e-300).sum())
+        left = moved - basis @ (basis.T @ moved)
+        cost += len(moved) * float(np.log((left**2).mean(0) + 1e-300).sum())
     return cost
 
 
