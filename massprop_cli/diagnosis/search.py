@@ -19,6 +19,8 @@ NO_FURTHER = 0.1
 """Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0
 """Sum of squares of unknowns, over what is to be expected of each, beyond which a cause hardly happens: five sigma."""
+
+
 def searched(
     look: Look,
     begun: Sequence[Trial],

@@ -23,6 +23,9 @@ SHARED int mp_host_lifted(const double *table, const double *reference, long cou
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
                         const double *lag, double *integral, double *moment);
 
+SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
+                          long bins, const double *edges, const double *lag, double *room, double *integral, double *moment);
+
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
                          double *spread);
@@ -207,6 +210,50 @@ int mp_host_bins(long events, const double *time, const double *step, const doub
         }
         integral[b] -= *lag * (y - begun);
         moment[b] -= *lag * (whole * y - integral[b]);
+    }
+    return MP_OK;
+}
+
+/* Events in the order of time, three numbers each in columns of `most`; they come in pairs that are nearly in order. */
+static long put_event(double *events, long most, long count, double time, double step, double slope) {
+    long at = count;
+    for (; at > 0 && events[at - 1] > time; at--) {
+        events[at] = events[at - 1];
+        events[most + at] = events[most + at - 1];
+        events[2 * most + at] = events[2 * most + at - 1];
+    }
+    events[at] = time;
+    events[most + at] = step;
+    events[2 * most + at] = slope;
+    return count + 1;
+}
+
+/* The same of jets' pulses (massprop_cli/prepare/actuators.py): on-times (jets, count) from `begin` (count) on, ramps (jets, 2) of rise and
+ * fall; room: 12 count. */
+int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, long bins,
+                   const double *edges, const double *lag, double *room, double *integral, double *moment) {
+    long j, k, most = 4 * count;
+    for (j = 0; j < jets; j++, on += count, ramps += 2) {
+        double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0;
+        long events = 0;
+        int open = 0;
+        for (k = 0; k <= count; k++) {
+            int last = k == count;
+            if (!last && !(on[k] > 0)) continue;
+            if (open && (last || begin[k] - end > *touching)) {
+                double top = since + rise < end ? since + rise : end, reached = rise > 0 ? (top - since) / rise : 1.0;
+                events = put_event(room, most, events, since, rise > 0 ? 0.0 : 1.0, rise > 0 ? 1 / rise : 0.0);
+                if (rise > 0) events = put_event(room, most, events, top, 0.0, -1 / rise);
+                events = put_event(room, most, events, end, fall > 0 ? 0.0 : -reached, fall > 0 ? -1 / fall : 0.0);
+                if (fall > 0) events = put_event(room, most, events, end + reached * fall, 0.0, 1 / fall);
+                open = 0;
+            }
+            if (last) break;
+            if (!open) since = begin[k];
+            open = 1;
+            end = begin[k] + on[k];
+        }
+        mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, integral + j * bins, moment + j * bins);
     }
     return MP_OK;
 }

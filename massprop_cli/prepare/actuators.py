@@ -7,6 +7,9 @@ may be beside either, are the last channels: :mod:`massprop_cli.prepare.wheels` 
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Sequence
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
@@ -14,6 +17,7 @@ from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel, pointer
 from massprop_cli.prepare import rotors
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
@@ -95,10 +99,24 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
         return rotors.window_integrals([rotors.Held(begin, x, *rotor.lags(lag_s), rotor.thrust_n) for begin, x, rotor in told], edges_s)
     if log.command_kind == "jets":
         touching = TOUCHING * vehicle.cycle.period_s
-        signals = [pulses(begin_s, on, jet, touching) for on, jet in zip(command, vehicle.jets, strict=True)]
-    else:
-        signals = [held(begin_s, value) for value in command]
-    return window_integrals(signals, edges_s, lag_s)
+        return pulse_integrals(begin_s, command, vehicle.jets, touching, edges_s, lag_s)
+    return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
+
+
+def pulse_integrals(
+    start_s: Array, on_s: Array, jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float
+) -> tuple[Array, Array]:
+    """Integrals as of :func:`window_integrals`, of jets with on-times (jets, K) and :func:`pulses`."""
+    library = kernel().library
+    if library is None:
+        return window_integrals([pulses(start_s, on, jet, touching_s) for on, jet in zip(on_s, jets, strict=True)], edges_s, lag_s)
+    ramps = np.array([(jet.rise_s, jet.fall_s) for jet in jets])
+    given = (*(np.ascontiguousarray(part, dtype=float) for part in (start_s, on_s)), ramps, np.array([touching_s]))
+    edges, room = np.ascontiguousarray(edges_s), np.empty((3, 4, len(start_s)))
+    found = np.empty((2, len(jets), len(edges_s) - 1))
+    sizes = [ctypes.c_long(n) for n in (*on_s.shape, found.shape[2])]
+    library.mp_host_pulses(*sizes[:2], *map(pointer, given), sizes[2], *map(pointer, (edges, np.array([lag_s]), room, found[0], found[1])))
+    return found[0].T, found[1].T
 
 
 def longest_lag_s(vehicle: Vehicle, lag_s: float) -> float:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.equipment import Jet
-from massprop_cli.prepare.actuators import held, pulses
+from massprop_cli.prepare.actuators import held, pulse_integrals, pulses
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.signal import Signal, window_integrals
 from tests import flight
@@ -58,6 +58,24 @@ def test_window_integrals_equal_fine_quadrature(rise: float, fall: float, lag: f
     expected_moment = (u * (t % 0.05)).reshape(20, -1).mean(1) * 0.05
     np.testing.assert_allclose(integral, expected, atol=3e-6)
     np.testing.assert_allclose(moment, expected_moment, atol=3e-7)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03])
+def test_pulses_of_all_jets_at_once_are_those_of_each(lag: float) -> None:
+    rng = np.random.default_rng(3)
+    start = np.arange(40) * 0.05 - 0.4
+    jets = [jet(0.0, 0.0), jet(0.003, 0.012), jet(0.02, 0.0), jet(0.0, 0.1)]  # the last goes on falling while the next pulse rises
+    on = rng.uniform(-0.02, 0.05, (4, 40)).clip(0.0, None)
+    on[0, 10:14] = 0.05  # held on from cycle to cycle
+    on[3] = 0.0
+    on[3, ::7] = 0.03
+    found = pulse_integrals(start, on, jets, 5e-5, EDGES, lag)
+    expected = window_integrals([pulses(start, own, one, 5e-5) for own, one in zip(on, jets, strict=True)], EDGES, lag)
+    assert (expected[0] > 0).any(0).all()
+    for ours, each in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours, each, rtol=1e-12, atol=1e-16)
+    none = pulse_integrals(start, np.zeros((1, 40)), jets[:1], 5e-5, EDGES, lag)
+    assert not none[0].any() and not none[1].any()
 
 
 def test_touching_pulses_are_one_and_do_not_dip() -> None:
