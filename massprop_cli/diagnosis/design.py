@@ -74,7 +74,8 @@ class Design:
     def driven(self) -> Driven:
         """The rates, as they are made white."""
         coupling = COUPLING * float((self.rate**2).sum(1).mean()) * self.cycle_s**2
-        return Driven(self.growth, self.rate, self.used[:, 0], coupling)
+        steady = self.places["constant"].start if "constant" in self.places else None
+        return Driven(self.growth, self.rate, self.used[:, 0], coupling, steady=steady, begun=self.cycle_s)
 
 
 class _Window(NamedTuple):

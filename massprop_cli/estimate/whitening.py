@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +61,10 @@ class Driven(NamedTuple):
     """What noise in the rates brings into the rate's steps by their products: a variance, over that of the noise."""
     held: bool = False
     """Whether a white torque is held through each cycle, so that half of it and half of the next one's make a step of the mean rate."""
+    steady: int | None = None
+    """The column that is a steady torque, as which one that walks begins; None where there is none."""
+    begun: float = 1.0
+    """What a torque that walks adds to the rate in a cycle for each unit of what it begins as."""
 
 
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
@@ -76,14 +80,73 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
     if best.told.left.mean() <= EXPLAINED * stated * best.told.spare:
         return best.told, ()
     distinct = _distinct(best.told.triangle)
-    alone = [none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS]
-    best = min(best, *each(rates, alone, distinct), key=_cost)
-    walk, white = best.beside
+    unit = orthogonal(rates, best.told.triangle, distinct)
+    likeliest = _likeliest(unit, [none, *(none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS)])
+    walk, white = likeliest
     near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
     near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
     near += [Disturbance(walk, level) for level in LEVELS if walk]
-    best = min(best, *each(rates, near, distinct), key=_cost)
+    (best,) = each(rates, [_likeliest(unit, [likeliest, *near])], distinct)
     return best.told, (best.beside,)
+
+
+def orthogonal(rates: Driven, triangle: Array, distinct: BoolArray) -> Driven:
+    """The rates with the ``distinct`` columns as unknowns of which ``triangle`` makes a unit matrix; a steady torque is the last."""
+    which = np.flatnonzero(distinct)
+    steady = rates.steady is not None and bool(distinct[rates.steady])
+    if steady:
+        which = np.append(which[which != rates.steady], rates.steady or 0)
+    root = triangle_of(triangle[:, which])
+    growth = rates.growth[:, which] @ np.linalg.inv(root)
+    last = abs(float(root[-1, -1])) if steady else 1.0
+    return rates._replace(growth=growth, steady=len(which) - 1 if steady else None, begun=rates.begun / last)
+
+
+def _likeliest(rates: Driven, disturbances: Sequence[Disturbance]) -> Disturbance:
+    """The one beside which free coefficients leave least."""
+    return disturbances[int(np.argmin(by_products(rates, disturbances)))]
+
+
+def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[float]:
+    """Costs as :func:`each` has them, of columns that are nearly orthogonal beside the noise alone: by products, in a third of the time.
+
+    Infinite where rounding leaves nothing.
+    """
+    costs = []
+    for beside, white, volume in _white(rates, disturbances):
+        walks = beside.walk > 0 and rates.steady is not None
+        if walks:  # it stands last, but for the rates
+            white = np.delete(white, -4, 1)
+        try:
+            root = np.linalg.cholesky(white.T @ white)
+        except np.linalg.LinAlgError:
+            costs.append(np.inf)
+            continue
+        size = len(root) - 3
+        told = Told(root, root[:0], (root[size:, size:] ** 2).sum(1), int(rates.used.sum()) - size, volume)
+        own = np.diag(root)[size - rates.growth.shape[1] + walks : size]
+        costs.append(_restricted(told, np.append(own, _begun(white)) if walks else own, beside, len(rates.rate))[1])
+    return costs
+
+
+def _begun(white: Array) -> float:
+    """What rows tell of what a torque begins as, beside the rate: a root of information. These two are the first of their columns."""
+    torque, rate = white[:, 0], white[:, 1]
+    return float(np.linalg.norm(torque - rate * (rate @ torque) / (rate @ rate)))
+
+
+def _white(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[tuple[Disturbance, Array, float]]:
+    """Beside each: white rows (K, began + p + 3) of its unknown beginnings, the columns and the rates, and their volume."""
+    rows, spread = _innovations(rates, disturbances)
+    volume = 3 * np.log(spread).sum(1)
+    for beside, white, own in zip(disturbances, rows, volume, strict=True):
+        yield beside, white if beside.walk > 0 else white[:, 1:], float(own)
+
+
+def _restricted(told: Told, diagonal: Array, beside: Disturbance, count: int) -> tuple[float, float]:
+    """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance."""
+    taken = 2 * float(np.log(np.abs(diagonal)).sum())
+    return taken, told.cost() + 3 * taken + 3 * np.log(count) * sum(level > 0 for level in beside)
 
 
 class Beside(NamedTuple):
@@ -109,17 +172,16 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
     A torque that does not walk begins as nothing: a steady one is a column of its own. ``distinct`` (p,): which columns are no sum of
     others, the same for all that are compared; by default as the first disturbance has them.
     """
-    count = len(rates.rate)
-    rows, spread = _innovations(rates, disturbances)
     found = []
-    for i, beside in enumerate(disturbances):
-        began = 2 if beside.walk > 0 else 1
-        white = (np.delete(rows[:, i], slice(began, 2), 1) / np.sqrt(spread[:, i, None]))[rates.used]
-        told = reduced(-white[:, :-3], white[:, -3:], began)._replace(volume=3 * float(np.log(spread[:, i]).sum()))
-        price = 3 * np.log(count) * sum(level > 0 for level in beside)
+    for beside, white, volume in _white(rates, disturbances):
+        began = white.shape[1] - 3 - rates.growth.shape[1]
+        told = reduced(-white[:, :-3], white[:, -3:], began, int(rates.used.sum()))._replace(volume=volume)
         distinct = _distinct(told.triangle) if distinct is None else distinct
-        taken = 2 * float(np.log(np.abs(np.diag(told.triangle)[distinct])).sum())
-        found.append(Beside(beside, told, taken, told.cost() + 3 * taken + price))
+        own, diagonal = distinct, np.diag(told.triangle)
+        if beside.walk > 0 and rates.steady is not None:  # what it begins as stands for a steady one
+            own = distinct & (np.arange(len(distinct)) != rates.steady)
+            diagonal, own = np.append(diagonal, _begun(white)), np.append(own, distinct[rates.steady])
+        found.append(Beside(beside, told, *_restricted(told, diagonal[own], beside, len(rates.rate))))
     return found
 
 
@@ -130,14 +192,17 @@ def _distinct(triangle: Array) -> BoolArray:
 
 
 def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Array, Array]:
-    """(K, n, 2 + p + 3) of the two unknown beginnings, the columns and the rates, and their variances (K, n); 0 and 1 of others."""
+    """(n, K, 2 + p + 3) of the unknown beginnings of torque and rate, the columns and the rates, white, and their variances (n, K).
+
+    0 and 1 of cycles that don't count.
+    """
     count, size = len(rates.rate), rates.growth.shape[1]
     states, step, white = _torque(rates.held)
-    now = np.zeros((len(disturbances), states, 2 + size + 3))
-    now[:, :2, :2] = np.eye(2)
+    now = np.zeros((len(disturbances), 3, 2 + size + 3))
+    now[:, 1, 0], now[:, 0, 1] = rates.begun, 1.0
     driven, measured = np.zeros((2, count, now.shape[2]))
     driven[1:, 2:-3], measured[:, -3:] = rates.growth, rates.rate
-    rows, spread = np.empty((count, *now.shape[::2])), np.empty((count, len(now)))
+    rows, spread = np.empty((len(now), count, now.shape[2])), np.empty((len(now), count))
     walk = np.eye(states)[1]
     added = np.stack([one.white * np.outer(white, white) + one.walk * np.outer(walk, walk) for one in disturbances])
     if (library := kernel().library) is not None:
@@ -145,19 +210,20 @@ def _innovations(rates: Driven, disturbances: Sequence[Disturbance]) -> tuple[Ar
         used = np.ascontiguousarray(rates.used, np.uint8)
         library.mp_host_white(*sizes, *map(pointer, (step, added, used, driven, measured, now, rows, spread)))
         return rows, spread
-    kept = np.zeros_like(added)
+    kept, now = np.zeros_like(added), now[:, :states]
     for k in range(count):
         if k > 0:
             now = step @ now
             now[:, 0] += driven[k]
             kept = step @ kept @ step.T + added
         if not rates.used[k]:
-            rows[k], spread[k] = 0.0, 1.0
+            rows[:, k], spread[:, k] = 0.0, 1.0
             continue
-        rows[k], spread[k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
-        gain = kept[:, :, 0] / spread[k, :, None]
-        now += gain[:, :, None] * rows[k][:, None]
+        innovation, spread[:, k] = measured[k] - now[:, 0], kept[:, 0, 0] + 1.0
+        gain = kept[:, :, 0] / spread[:, k, None]
+        now += gain[:, :, None] * innovation[:, None]
         kept = kept - gain[:, :, None] * kept[:, :1]
+        rows[:, k] = innovation / np.sqrt(spread[:, k, None])
     return rows, spread
 
 
@@ -168,9 +234,9 @@ def _torque(held: bool) -> tuple[int, Array, Array]:
     return 3, np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), np.array([0.5, 0.0, 1.0])
 
 
-def reduced(columns: Array, measured: Array, free: int = 0) -> Told:
-    """The triangle of columns of which the first ``free`` are of no interest."""
+def reduced(columns: Array, measured: Array, free: int = 0, count: int | None = None) -> Told:
+    """The triangle of columns of which the first ``free`` are of no interest; ``count`` rows are something, by default all."""
     size = columns.shape[1]
     upper = triangle_of(np.hstack([columns, measured]))
     left = (upper[size:, size:] ** 2).sum(0)
-    return Told(upper[free:size, free:size], upper[free:size, size:], left, len(columns) - size)
+    return Told(upper[free:size, free:size], upper[free:size, size:], left, (len(columns) if count is None else count) - size)

@@ -272,21 +272,21 @@ static void spread_on(double kept[3][3], long states, const double *step, const 
         }
 }
 
-/* Innovations (count, filters, columns) and their variances (count, filters) of filters on rate and torque, for all columns at once
- * (massprop_cli/estimate/whitening.py). now: (filters, states, columns) as they begin. */
+/* White innovations (filters, count, columns) and their variances (filters, count) of filters on rate and torque, for all columns at once
+ * (massprop_cli/estimate/whitening.py). now: (filters, 3, columns) as they begin; of three states the last forgets from cycle to cycle. */
 int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                   const unsigned char *used, const double *driven, const double *measured, double *now, double *rows, double *spread) {
-    long f, k, c, i, j, m;
+    long f, k, c, i, j;
+    double half = states > 2 ? step[2] : 0.0;
     for (f = 0; f < filters; f++) {
-        double kept[3][3] = {{0}}, was[3], gain[3], *state = now + f * states * columns;
+        double kept[3][3] = {{0}}, was[3], gain[3] = {0.0, 0.0, 0.0};
+        double *rate = now + f * 3 * columns, *torque = rate + columns, *held = torque + columns;
         for (k = 0; k < count; k++) {
-            double *row = rows + (k * filters + f) * columns, *variance = spread + k * filters + f;
+            double *row = rows + (f * count + k) * columns, *variance = spread + f * count + k, root;
+            const double *drive = driven + k * columns, *seen = measured + k * columns;
             for (c = 0; k > 0 && c < columns; c++) {
-                for (i = 0; i < states; i++) was[i] = state[i * columns + c];
-                for (i = 0; i < states; i++) {
-                    state[i * columns + c] = i == 0 ? driven[k * columns + c] : 0.0;
-                    for (m = 0; m < states; m++) state[i * columns + c] += step[i * states + m] * was[m];
-                }
+                rate[c] += drive[c] + torque[c] + half * held[c];
+                held[c] = 0.0;
             }
             if (k > 0) spread_on(kept, states, step, added + f * states * states);
             *variance = 1.0;
@@ -295,10 +295,14 @@ int mp_host_white(long filters, long count, long columns, long states, const dou
                 continue;
             }
             *variance += kept[0][0];
+            root = sqrt(*variance);
             for (i = 0; i < states; i++) gain[i] = kept[i][0] / *variance;
             for (c = 0; c < columns; c++) {
-                row[c] = measured[k * columns + c] - state[c];
-                for (i = 0; i < states; i++) state[i * columns + c] += gain[i] * row[c];
+                double innovation = seen[c] - rate[c];
+                rate[c] += gain[0] * innovation;
+                torque[c] += gain[1] * innovation;
+                held[c] += gain[2] * innovation;
+                row[c] = innovation / root;
             }
             for (j = 0; j < states; j++) was[j] = kept[0][j];
             for (i = 0; i < states; i++)

@@ -92,6 +92,37 @@ def test_levels_are_compared_by_the_restricted_likelihood(twice: bool) -> None:
     assert np.argmin([one.cost for one in found]) == np.argmin(expected) == 1
 
 
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
+    """Of all columns of a flight, some of which are sums of others; a torque that walks begins as the steady one that is among them."""
+    flown = flight.standard(kind)
+    made = Designs().of(flown.log(np.random.default_rng(2)), flown.used, DELAY, slice(2, 320))
+    count = len(made.rate)
+    levels = [Disturbance(1e-4, walk) for walk in (0.0, 1e-6, 1e-2, 1.0, 10.0)] + [Disturbance(white, 0.0) for white in (1e-6, 1.0)]
+    (none,) = whitening.each(made.driven, levels[:1])
+    distinct = whitening._distinct(none.told.triangle)
+    assert distinct.sum() > 40
+    once = np.tril(np.ones((count, count - 1)), -1)
+    twice = once @ np.tril(np.ones((count - 1, count - 1)), -1)
+    whole = np.column_stack([np.ones(count), once @ made.growth[:, distinct]])
+    expected = []
+    for white, walk in levels:
+        root = np.linalg.cholesky(np.eye(count) + white * once @ once.T + walk * twice @ twice.T)
+        columns, measured = np.linalg.solve(root, whole), np.linalg.solve(root, made.rate)
+        triangle = np.linalg.qr(columns, mode="r")
+        left = measured - columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
+        spare = count - whole.shape[1]
+        among = 2 * np.log(np.abs(np.diag(triangle)[1:])).sum() + 2 * np.log(np.diag(root)).sum()
+        price = 3 * np.log(count) * ((white > 0) + (walk > 0))
+        expected.append((spare * np.log((left**2).sum(0) / spare)).sum() + 3 * among + price)
+    found = whitening.by_products(whitening.orthogonal(made.driven, none.told.triangle, distinct), levels)
+    np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=0.02)
+    assert np.argmin(found[:5]) == 0  # no torque walks
+    # by a factorisation what stands twice leaves directions of the noise
+    by_factors = [one.cost for one in whitening.each(made.driven, levels, distinct)]
+    np.testing.assert_allclose(np.diff(by_factors), np.diff(found), atol=70.0)
+
+
 @pytest.mark.skipif(kernel().library is None, reason="no compiled kernel")
 @pytest.mark.parametrize("held", [False, True])
 def test_the_kernel_makes_white_what_numpy_does(held: bool, monkeypatch: pytest.MonkeyPatch) -> None:
