@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
+from massprop_cli.diagnosis.trial import NO_WAY, Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -302,8 +302,9 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: flo
     """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score is none."""
     if first is None or first.look is None:
         return []
-    # what a first was fitted to alone moves with a second, and so does what is left
-    most = np.inf if first.fitted.unknowns and np.isfinite(first.score) else beyond(first.look)
+    most = beyond(first.look)
+    if first.fitted.unknowns and np.isfinite(first.score):
+        most = max(most, NO_WAY * first.look.freedom)  # what a first was fitted to alone moves with a second, and so does what is left
     left = worst - first.look.free_cost - first.units
     return searched(look, [], (SECOND, FINALISTS[0]), most, first, others, left)
 

@@ -37,8 +37,8 @@ ASTRAY = 1e5
 NO_WAY, STRAIGHT = 100.0, 2
 """Times pure error that the next step promises to leave, from which on none leads anywhere, and how often one is applied anew all the same.
 docs/faults.md moves."""
-AGAIN = 16
-"""How often one is applied anew from where it led."""
+AGAIN, ROUGH = 16, 6
+"""How often one is applied anew from where it led; beside a disturbance that it may have nothing to do with."""
 ROUNDS = 3
 """How often beside another disturbance."""
 STILL, ROUGHLY = 0.01, 1.0
@@ -271,7 +271,8 @@ def _led(
     if not found.unknowns:
         return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
-    for i in range(AGAIN):
+    too_far = False
+    for i in range(ROUGH if likely and still == ROUGHLY else AGAIN):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
@@ -283,12 +284,15 @@ def _led(
         step = more.moved
         ratio = min(max(float(step @ last) / float(last @ last), 0.0), FARTHER) if last.any() else 0.0
         # where steps shrink by little, what they sum up to (Aitken 1926); else one alone
-        for part in (1 / (1 - ratio), 1.0) if ratio > SLOWLY else (1.0,):
+        parts = (1 / (1 - ratio), 1.0) if ratio > SLOWLY and not too_far else (1.0,)
+        too_far = False
+        for part in parts:
             further = replace(found, x=_together(found.x, more.along(part), look.model))
             then = applied(look.case, further, look.free.fired)
             there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
             if then is not None and there is not None and there.cost + _by_units(there, further, look.case) < now - still:
                 break
+            too_far = True  # not tried again at once
         else:
             break
         found, case, mended, last = further, then, there, part * step
