@@ -70,7 +70,8 @@ class Driven(NamedTuple):
 def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tuple[Told, tuple[Disturbance, ...]]:
     """What the rates say: beside the likeliest disturbance, if the noise ``stated`` [(rad/s)²] doesn't explain them; and which that is.
 
-    Where some are ``likely`` no others are tried.
+    Where some are ``likely`` no others are tried. Where a torque is stated, so that no noise is (0), one that walks stands for it: of a
+    white one free coefficients take for their own what commands do in answer to it.
     """
     none = Disturbance(rates.coupling, 0.0)
     if likely:
@@ -81,7 +82,8 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
         return best.told, ()
     distinct = _distinct(best.told.triangle)
     unit = orthogonal(rates, best.told.triangle, distinct)
-    likeliest = _likeliest(unit, [none, *(none._replace(**{key: level}) for key in ("walk", "white") for level in LEVELS)])
+    kinds = ("walk", "white") if stated > 0 else ("walk",)
+    likeliest = _likeliest(unit, [none] * (stated > 0) + [none._replace(**{key: level}) for key in kinds for level in LEVELS])
     walk, white = likeliest
     near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
     near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
