@@ -75,7 +75,8 @@ def test_pulses_of_all_jets_at_once_are_those_of_each(lag: float) -> None:
     for ours, each in zip(found, expected, strict=True):
         np.testing.assert_allclose(ours, each, rtol=1e-12, atol=1e-16)
     none = pulse_integrals(start, np.zeros((1, 40)), jets[:1], 5e-5, EDGES, lag)
-    assert not none[0].any() and not none[1].any()
+    assert not none[0].any()
+    assert not none[1].any()
 
 
 def test_touching_pulses_are_one_and_do_not_dip() -> None:
