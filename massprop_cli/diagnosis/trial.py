@@ -38,7 +38,7 @@ NO_WAY, STRAIGHT = 100.0, 2
 """Times pure error that the next step promises to leave, from which on none leads anywhere, and how often one is applied anew all the same.
 docs/faults.md moves."""
 AGAIN, ROUGH = 16, 6
-"""How often one is applied anew from where it led; beside a disturbance that it may have nothing to do with."""
+"""How often one is applied anew from where it led; where it goes on beside another disturbance anyhow."""
 ROUNDS = 3
 """How often beside another disturbance."""
 STILL, ROUGHLY = 0.01, 1.0
@@ -206,7 +206,7 @@ def refined(look: Look, found: Fitted, case: Case, best: float = np.inf, begun: 
     what is likeliest there, until that stays.
     """
     beside = look.free.beside
-    found, case, mended = _led(look, found, case, beside, best, ROUGHLY if beside else STILL, begun)
+    found, case, mended = _led(look, found, case, beside, best, bool(beside), begun)
     for _ in range(ROUNDS):
         if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
             break
@@ -258,7 +258,7 @@ def _led(
     case: Case,
     likely: tuple[Disturbance, ...],
     best: float,
-    still: float = STILL,
+    roughly: bool = False,
     begun: Begun | None = None,
 ) -> tuple[Fitted, Case, Look | None]:
     """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
@@ -272,7 +272,8 @@ def _led(
         return found, case, mended if likely or mended.misfit > ASTRAY else about_its_body(mended)
     last: Array = np.zeros(found.unknowns)
     too_far = False
-    for i in range(ROUGH if likely and still == ROUGHLY else AGAIN):
+    still, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
+    for i in range(most):
         (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
