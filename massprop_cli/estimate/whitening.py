@@ -110,7 +110,7 @@ def _likeliest(rates: Driven, disturbances: Sequence[Disturbance]) -> Disturbanc
 
 
 def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[float]:
-    """Costs as :func:`each` has them, of columns that are nearly orthogonal beside the noise alone: by products, in a third of the time.
+    """Costs as :func:`each` has them, by products: of columns that are nearly orthogonal beside the noise alone.
 
     Infinite where rounding leaves nothing.
     """
