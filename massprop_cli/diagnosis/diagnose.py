@@ -24,7 +24,7 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import NO_WAY, Trial, beyond, helped, hopeless, mended_alone, refined, tried
+from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -37,6 +37,9 @@ FIRST, SECOND = 3, 2
 """How many are tried with a second one, and how many of these each time if none makes the log fit."""
 LEFT = 0.5
 """Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
+WITH_IT = 0.5
+"""Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
+a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
@@ -304,7 +307,8 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: flo
         return []
     most = beyond(first.look)
     if first.fitted.unknowns and np.isfinite(first.score):
-        most = max(most, NO_WAY * first.look.freedom)  # what a first was fitted to alone moves with a second, and so does what is left
+        # what a first was fitted to alone moves with a second, and so does what is left
+        most = max(most, WITH_IT * first.look.misfit * first.look.freedom)
     left = worst - first.look.free_cost - first.units
     return searched(look, [], (SECOND, FINALISTS[0]), most, first, others, left)
 
