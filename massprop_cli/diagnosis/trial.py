@@ -21,10 +21,10 @@ PROMISED = 0.5
 of the log's."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
-LATE = frozenset({"delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
+TIMES = frozenset({"delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
 TURNING = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt"})
-"""Entries of x by which what is measured changes along no straight line: of what comes late, and on a bearing, where they move the
-vertical, of what a gyro gets wrong."""
+"""Entries of x by which what is measured changes along no straight line: when things happen, and on a bearing, where it moves the
+vertical, what a gyro gets wrong."""
 HOPELESS, SMALL = 8.0, 0.01
 """Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit. docs/faults.md
 moves."""
@@ -77,7 +77,7 @@ def hopeless(look: Look, found: Fitted, most: float) -> bool:
     # other units make of the motion within the cycles another motion
     curved = bool(turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in turns)
     moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
-    return not curved and not moved & (LATE | TURNING if on_bearing else LATE)
+    return not curved and not moved & (TIMES | TURNING if on_bearing else TIMES)
 
 
 def beyond(look: Look) -> float:

@@ -1,0 +1,66 @@
+"""In which order causes are followed, and which are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.diagnosis.look import Look
+from massprop_cli.diagnosis.search import _by_promise, codes, searched
+from massprop_cli.diagnosis.trial import Trial, beyond, drifts_no_more, hopeless, tried
+from massprop_cli.inputs.vehiclefile import changed
+from massprop_cli.testbed import scenario, simulate
+from tests.diagnosis.test_look import PLAN, look_at, look_of
+
+
+def stated(key: str) -> Look:
+    """Of a log whose vehicle file says something else than what was flown."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [4])
+    return look_of(replace(flown, vehicle=changed(flown.vehicle, [key])))
+
+
+def of(look: Look, code: str) -> tuple[float, Fitted]:
+    return next((score, found) for score, found in look.ranked.known if found.supposed.code == code)
+
+
+def delay_alone(look: Look) -> Trial:
+    trial = tried(look, of(look, "delay-mismatch")[1])
+    assert trial is not None
+    return trial
+
+
+def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "vehicle.thrust.lag_s=0.03"]), [4])
+    look = look_of(replace(flown, vehicle=changed(flown.vehicle, ["thrust.lag_s=0.0"])))
+    score, _ = of(look, "thrust-lag")
+    likelier = [found.supposed.code for rough, found in look.ranked.known if rough < score]
+    assert "delay-mismatch" in likelier  # by one reduction
+    first, begun = _by_promise(look, None, look, min(rough for rough, _ in look.ranked.known))[-1]
+    assert first.supposed.code == "thrust-lag"
+    assert begun is not None
+    found = searched(look, [], (6, 6), beyond(look))
+    assert codes(found[0]) == {"thrust-lag"}
+    assert [codes(trial) for trial in found if trial.fits] == [{"thrust-lag"}]
+
+
+@pytest.mark.parametrize(("key", "no_more"), [("cycle.command_delay_cycles=1.5", True), ("imu.clock_drift_ppm=1500.0", False)])
+def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(key: str, no_more: bool) -> None:
+    look = stated(key)
+    trial = delay_alone(look)
+    assert trial.fits is no_more
+    assert drifts_no_more(trial, of(look, "clock-drift")[1]) is no_more
+
+
+@pytest.mark.parametrize(("name", "bent"), [("free-flyer", False), ("testbed", True)])
+def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, bent: bool) -> None:
+    """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
+    look = look_at(name, 3)
+    supposed = {one.code: one for one in (*causes.listed(look.model, look.names, True), *causes.units(look.model))}
+    expected = {"gyro-scale": bent, "gyro-bias": bent, "gyro-units": True, "jet-position": False, "clock-drift": True}
+    for code, curved in expected.items():
+        found = Fitted(supposed[code], look.model, look.stated.x, look.stated.chi_square, np.zeros(0))
+        assert hopeless(look, found, 0.0) is not curved, code
