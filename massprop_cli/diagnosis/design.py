@@ -25,8 +25,9 @@ from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import channel_wrench
-from massprop_cli.prepare.align import Impulses, impulses, net
+from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
+from massprop_cli.prepare.sums import net
 from massprop_cli.prepare.timing import Timing
 
 SHIFT = 0.25

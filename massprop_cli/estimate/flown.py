@@ -25,6 +25,7 @@ from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
 VALUES = 30
@@ -152,15 +153,12 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     records = log.records_per_cycle
     each = slice(part.start * records, part.stop * records)
 
-    def summed(values: Array) -> Array:
-        found: Array = values[each].reshape(-1, records, *values.shape[1:]).sum(1)
-        return found
-
     count = part.stop - part.start
     attitude = np.zeros((count, 4)) if log.attitude_wxyz is None else log.attitude_wxyz[each][records - 1 :: records]
     ignored = np.zeros((count, 2)) if log.ignored is None else log.ignored[part]
     cycle = np.arange(part.start, part.stop)
     unused = (cycle < used.start) | (cycle >= used.stop)
-    lengths = summed(log.interval_s)
-    parts = (log.cycle_end_s[part], lengths, summed(log.delta_theta_imu_rad), summed(log.delta_v_imu_m_s), attitude, ignored, unused)
+    lengths = log.interval_s[each].reshape(-1, records).sum(1)
+    turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
+    parts = (log.cycle_end_s[part], lengths, turned, felt, attitude, ignored, unused)
     return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part])], 1, dtype=float)

@@ -33,6 +33,10 @@ SHARED int mp_host_white(long filters, long count, long columns, long states, co
 SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
                              double *mean, double *known);
 
+SHARED int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                           const double *duration, double *rising, double *whole);
+SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
+                       double *out);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
@@ -254,6 +258,49 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
             end = begin[k] + on[k];
         }
         mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, integral + j * bins, moment + j * bins);
+    }
+    return MP_OK;
+}
+
+/* What each channel did over a cycle and under the rising half of its window, (count, channels), from its bins' integrals and first
+ * moments (massprop_cli/prepare/align.py); numbers of one channel stand `across` apart, those of its bins `along`. */
+int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                    const double *duration, double *rising, double *whole) {
+    long k, b, c;
+    for (c = 0; c < channels; c++)
+        for (k = 0; k < count; k++) {
+            const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
+            double sum = 0, later = 0, within = 0;
+            for (b = 0; b < bins; b++) {
+                sum += each[b * along];
+                later += each[b * along] * ((double)b / (double)bins);
+                within += late[b * along];
+            }
+            whole[k * channels + c] = sum;
+            rising[k * channels + c] = within / duration[k] + later;
+        }
+    return MP_OK;
+}
+
+/* (count, 6) what channels (channels, 6) make together; nothing where they cancel to the part `none` of what each makes alone. */
+int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
+                double *out) {
+    long k, c;
+    int i;
+    for (k = 0; k < count; k++, part += along, out += 6) {
+        double alone[6] = {0};
+        memset(out, 0, 6 * sizeof out[0]);
+        for (c = 0; c < channels; c++) {
+            double x = part[c * across];
+            if (x == 0.0) continue;
+            for (i = 0; i < 6; i++) {
+                double made = x * wrench[6 * c + i];
+                out[i] += made;
+                alone[i] += fabs(made);
+            }
+        }
+        for (i = 0; i < 6; i++)
+            if (fabs(out[i]) < *none * alone[i]) out[i] = 0.0;
     }
     return MP_OK;
 }

@@ -21,10 +21,9 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
+from massprop_cli.prepare.sums import net, of_records, windows
 from massprop_cli.prepare.wheels import Stored, first_known_s, turned
 
-CANCELLED = 1e-12
-"""Part of what each channel makes alone below which their sum is rounding."""
 LAGS_FORGOTTEN = 5.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began."""
 LAGS_KEPT = 40.0
@@ -153,22 +152,8 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
         torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
         integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
     integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)
-    rising = _of_cycles(moment, np.ones(bins)) / duration[:, None] + _of_cycles(integral, np.arange(bins) / bins)
-    whole = _of_cycles(integral, np.ones(bins))
+    rising, whole = windows(integral, moment, duration)
     return Impulses(labelled, duration, integral, moment, frozen(rising), frozen(whole), thrusting, stored, labelled >= usable_s)
-
-
-def _of_cycles(each: Array, weights: Array) -> Array:
-    """(K, C) sums over bins of (K, B, C); a cycle's is the same whatever others there are."""
-    found: Array = np.einsum("ckb,b->kc", np.moveaxis(each, -1, 0), weights)
-    return found
-
-
-def net(part: Array, wrench: Array) -> Array:
-    """(..., 6) what channels (..., C) make together; nothing where they cancel but for rounding."""
-    found: Array = part @ wrench
-    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
-    return found
 
 
 def align(
@@ -188,8 +173,8 @@ def align(
     return Aligned(
         start_s=frozen(made.labelled_s),
         duration_s=frozen(duration),
-        rate_imu_rad_s=frozen(log.delta_theta_imu_rad[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
-        specific_force_imu_m_s2=frozen(log.delta_v_imu_m_s[each].reshape(-1, records, 3).sum(1) / duration[:, None]),
+        rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / duration[:, None]),
+        specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / duration[:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
         impulse_bins=frozen(net(made.integral, wrench)),
         skew_bins=frozen(net(made.moment / bin_s - made.integral / 2, wrench)),

@@ -17,6 +17,7 @@ from massprop_cli.prepare.align import Aligned, align, first_usable_s
 from massprop_cli.prepare.attitude import BiasSeen, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, check_attitude, compensate, felt
+from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
 GRID = 1024
@@ -114,13 +115,13 @@ class Stream:
     def _felt(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) what :func:`massprop_cli.prepare.attitude.bias_seen` takes, and (K,) the length of each cycle."""
         records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
-        velocity = self.log.delta_v_imu_m_s[cycles.start * records : cycles.stop * records].reshape(-1, records, 3).sum(1)
+        velocity = of_records(self.log.delta_v_imu_m_s[cycles.start * records : cycles.stop * records], records)
         ignored = np.zeros((len(duration), 2), dtype=bool) if self.log.ignored is None else self.log.ignored[cycles]
         return felt(velocity / duration[:, None], ignored, self.vehicle), duration
 
     def _motion(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) mean body rate, and the angle that it makes."""
         records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
-        turned = self.log.delta_theta_imu_rad[cycles.start * records : cycles.stop * records].reshape(-1, records, 3).sum(1)
+        turned = of_records(self.log.delta_theta_imu_rad[cycles.start * records : cycles.stop * records], records)
         rate = times(np.array(self.vehicle.imu.body_from_imu), self.gyro * (turned / duration[:, None]))
         return rate, rate * duration[:, None]

@@ -19,6 +19,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel, WheelLog
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
+from massprop_cli.prepare.sums import of_records
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def _grown(log: Log, vehicle: Vehicle, wheel: Wheel, said: WheelLog, delay_s: fl
 def _about(log: Log, vehicle: Vehicle, wheel: Wheel) -> Array:
     """(K,) the body's own mean rate about the wheel's axis."""
     _, length = cycle_edges(log, slice(0, log.cycles))
-    rate = log.delta_theta_imu_rad.reshape(-1, log.records_per_cycle, 3).sum(1) / length[:, None]
+    rate = of_records(log.delta_theta_imu_rad, log.records_per_cycle) / length[:, None]
     about: Array = times(np.array(vehicle.imu.body_from_imu), rate) @ wheel.direction
     return about
 
