@@ -238,7 +238,12 @@ class Look:
 
     def likelihood(self, left: Array) -> float:
         """−2 log likelihood of free noise levels, of chi-square (6,), beyond that of free coefficients."""
-        return float((self._counts * np.log1p(left / self._counts)).sum())
+        return float(self.likelihoods(left))
+
+    def likelihoods(self, left: Array) -> Array:
+        """The same (...,) of each (..., 6)."""
+        found: Array = (self._counts * np.log1p(left / self._counts)).sum(-1)
+        return found
 
     @cached_property
     def _counts(self) -> Array:
@@ -257,7 +262,7 @@ class Look:
         if self.model.bearing is not None:
             rough = self._gravity
         else:
-            rough = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
+            rough = self.likelihoods(compared(self.model, self.free, self.free.variance, every))
         return [every[i] for i in np.argsort(rough[: len(every)], kind="stable")[:SHARE]]
 
     @cached_property
@@ -280,8 +285,8 @@ class Look:
         if not turns or not channels:
             return []
         every = [replace(turn, freed=channel, suspects=(channel,)) for turn in turns for channel in channels]
-        roughly = [self.likelihood(left) for left in compared(self.model, self.free, self.free.variance, every)]
-        of_each = np.reshape(roughly, (len(turns), len(channels)))
+        roughly = self.likelihoods(compared(self.model, self.free, self.free.variance, every))
+        of_each = roughly.reshape(len(turns), len(channels))
         likely = np.argsort(of_each.min(1), kind="stable")[:UPRIGHT]
         some = [(i, j) for i in likely for j in np.argsort(of_each[i], kind="stable")[:UPRIGHT]]
         near = fitted(self.model, self.free, self.free.variance, [every[i * len(channels) + j] for i, j in some], still=ROUGHLY)

@@ -19,6 +19,13 @@ SHARED int mp_host_fitted(const long *sizes, const long *places, const double *n
                           const double *turns, const double *freed, const double *moves, const double *pulled, const double *ends,
                           double *room, double *x, double *left, double *spread);
 
+/* Four columns at once: a row is read and written once for all of them. */
+static void four_added(const double by[4], const double *const column[4], long end, double *row) {
+    const double *a = column[0], *b = column[1], *c = column[2], *d = column[3];
+    long r;
+    for (r = 0; r < end; r++) row[r] += (by[0] * a[r] + by[1] * b[r]) + (by[2] * c[r] + by[3] * d[r]);
+}
+
 /* (6, columns) what coefficients (columns, 6) do to both triangles, less what was measured where that is wanted, over the noise; rows
  * beyond a triangle's are nothing. */
 static void against(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *made, int measured,
@@ -29,21 +36,27 @@ static void against(const mp_suspect *about, const mp_told sensors[2], const mp_
     for (s = 0; s < 2; s++) {
         const mp_told *own = sensors + s;
         for (a = 0; a < 3; a++) {
-            double *row = left + (3 * s + a) * p, along = 0.0;
-            const double *freed = one->freed[s];
+            double *row = left + (3 * s + a) * p, along = 0.0, over = 1.0 / own->root[3 * s + a];
+            const double *freed = one->freed[s], *columns[4];
+            double bys[4];
+            int held = 0;
             for (r = 0; measured && r < own->rows; r++) row[r] = -own->measured[a * own->rows + r];
             for (c = 0; c < p; c++) {
-                const double *column = own->triangle + c * own->rows;
                 double by = made[c * 6 + 3 * s + a];
-                long end = c < own->rows ? c + 1 : own->rows;
                 if (by == 0.0) continue; /* most are, of what isn't supposed */
-                for (r = 0; r < end; r++) row[r] += by * column[r];
+                bys[held] = by;
+                columns[held++] = own->triangle + c * own->rows;
+                if (held < 4) continue;
+                four_added(bys, columns, c < own->rows ? c + 1 : own->rows, row);
+                held = 0;
             }
+            for (c = 0; c < held; c++)
+                for (r = 0; r < own->rows; r++) row[r] += bys[c] * columns[c][r];
             if (freed != NULL) {
                 for (r = 0; r < own->rows; r++) along += freed[r] * row[r];
                 for (r = 0; r < own->rows; r++) row[r] -= along * freed[r];
             }
-            for (r = 0; r < own->rows; r++) row[r] /= own->root[3 * s + a];
+            for (r = 0; r < own->rows; r++) row[r] *= over;
         }
     }
 }
@@ -166,7 +179,7 @@ static void sloped(const mp_suspect *about, const mp_told sensors[2], const mp_s
     for (k = 0; k < n; k++) {
         for (i = 0; i < about->entries; i++) own->moved[i] = x[i] + HALF_STEP * moves[i * n + k];
         mp_supposed_coefficients(about, own->moved, one, own->moving);
-        for (i = 0; i < all; i++) own->moving[i] = (own->moving[i] - own->made[i]) / HALF_STEP;
+        for (i = 0; i < all; i++) own->moving[i] = (own->moving[i] - own->made[i]) * (1.0 / HALF_STEP);
         against(about, sensors, one, own->moving, 0, own->slopes + k * all);
     }
 }
