@@ -53,8 +53,11 @@ class Ranking:
         """Those that are fitted by now, in any order."""
         return [each for each in self._found.values() if each[0] < self._most]
 
-    def within(self, most: float) -> Iterator[tuple[float, Fitted]]:
-        """Without those of channels that leave more than so much of chi-square whatever is supposed of them."""
+    def within(self, most: float, reach: Callable[[], float] = lambda: np.inf) -> Iterator[tuple[float, Fitted]]:
+        """Without those of channels that leave more than so much of chi-square whatever is supposed of them.
+
+        Nor of those, while it goes on, whose score is beyond ``reach`` then.
+        """
         waiting = [(score, 1, i) for i, (score, _) in self._found.items()]
         known = self._found.keys()
         for channel, own in self._of.items():
@@ -68,6 +71,8 @@ class Ranking:
                 return
             if fit:
                 yield self._found[which]
+                continue
+            if score > reach():
                 continue
             self._fit(self._of[which])
             for i in self._of[which]:

@@ -15,6 +15,9 @@ FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
 LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
 """Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
+IN_VAIN = 3.0
+"""Times what doesn't fit leaves, from which on one that is looked at roughly doesn't either; among what makes motion late ``LATER`` times
+that."""
 NO_FURTHER = 0.1
 """Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0
@@ -40,7 +43,21 @@ def searched(
     near = -np.inf
     by_promise: list[tuple[Fitted, Begun | None]] | None = None
     seen = look if first is None or first.look is None else first.look
-    for rough, found in seen.ranked.within(leaving):
+
+    def vain() -> float:
+        """Score from which on one would leave no less than another that doesn't fit; beside a first that may yet move none tells."""
+        unfit = [] if first is not None else [trial.excess for trial in best if trial.look is not None and not trial.look.close]
+        return IN_VAIN * min(unfit, default=np.inf) + CLEAR
+
+    def reach() -> float:
+        """Score beyond which nothing is tried that is about a channel alone."""
+        fitting = [trial for trial in (*others, *best) if trial.fits]
+        least = min((trial.excess for trial in fitting), default=np.inf)
+        if not fitting:
+            return vain()
+        return np.inf if _strange(fitting) else max(FURTHER * least, near) + CLEAR
+
+    for rough, found in seen.ranked.within(leaving, reach):
         fitting = [trial for trial in (*others, *best) if trial.fits]
         late = fitting and all(codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
@@ -50,6 +67,8 @@ def searched(
         enough = len(best) - len(begun) >= most[bool(fitting)]
         if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
+        if not fitting and rough > (LATER if found.supposed.code in LATE else 1.0) * vain():
+            continue
         once = None
         if found.supposed.code in LATE:
             if by_promise is None:
