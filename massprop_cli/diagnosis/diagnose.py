@@ -33,8 +33,10 @@ from massprop_cli.prepare.timing import Timing
 
 FINALISTS = (6, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
-FIRST, SECOND = 3, 2
-"""How many are tried with a second one, and how many of these each time if none makes the log fit."""
+FIRST, SECOND = (2, 3), 2
+"""How many are tried with a second one, in free flight and on a bearing; and how many of these each time if none makes the log fit."""
+CHANNELS = 3
+"""How many pairs of channels are tried."""
 LEFT = 0.5
 """Part of what one body leaves beyond chance that two may leave in all: of a change that happened it is a tenth. docs/faults.md moves."""
 WITH_IT = 0.5
@@ -288,15 +290,18 @@ def _pair(look: Look, alone: Sequence[Trial], worst: float) -> Diagnosis | None:
     each = chain((trial.fitted for trial in likeliest), turned, (found for _, found in look.ranked))
     together: list[Trial] = []
     beside = partial(_beside, look, worst=worst)
-    for found in islice(_different(each), FIRST):
+    for found in islice(_different(each), FIRST[look.model.bearing is not None]):
         trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
-        together += beside(trial, together)
-        if any(trial.fits and trial.look is not None and trial.look.chance for trial in together):
+        # one that fits alone was further off than the look tells
+        together += [trial] if trial is not None and trial.fits and trial not in alone else beside(trial, together)
+        if any(trial.fits for trial in together):
             break  # what comes near it has a part in common with it
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
     best = min(together, key=lambda trial: trial.score, default=None)
+    exact = best is not None and best.fits and best.look is not None and best.look.chance
     for i, part in enumerate(() if best is None else best.fitted.parts):
-        if i > 0 or part.unknowns:
+        # where a pair leaves no more than chance, what is about a channel may still be about it otherwise, or about another
+        if (i > 0 or part.unknowns) and not (exact and look.model.channel(part.supposed) is not None):
             together += beside(mended_alone(look, part), together)
     return _chosen(look, together)
 
@@ -319,7 +324,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
     if not supposed:
         return None
     found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
-    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:FIRST]
+    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:CHANNELS]
     trials = [tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look))]
     trial = min((one for one in trials if one is not None and one.fits), key=lambda one: one.score, default=None)
     if trial is None:
