@@ -260,10 +260,10 @@ class Look:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
         every = self._turns
         if self.model.bearing is not None:
-            rough = self._gravity
+            rough = np.array(self._gravity[: len(every)])
         else:
             rough = self.likelihoods(compared(self.model, self.free, self.free.variance, every))
-        return [every[i] for i in np.argsort(rough[: len(every)], kind="stable")[:SHARE]]
+        return [every[i] for i in np.argsort(rough, kind="stable")[:SHARE]]
 
     @cached_property
     def upright(self) -> list[Fitted]:

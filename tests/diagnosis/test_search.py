@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis import causes, search
 from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.diagnosis.diagnose import _pair
 from massprop_cli.diagnosis.look import Look
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from massprop_cli.diagnosis.trial import Trial, beyond, drifts_no_more, hopeless, tried
@@ -55,6 +56,24 @@ def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(k
     assert drifts_no_more(trial, of(look, "clock-drift")[1]) is no_more
 
 
+@pytest.mark.slow
+def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two jets that fail on a bearing, where a low-pass is curved, so that one look doesn't rule it out."""
+    failed = 'actuators.failures=[{jet="roll_p1", thrust=0.0}, {jet="pitch_n1", thrust=0.9}]'
+
+    def tried_of() -> tuple[set[str], float]:
+        look = look_at("testbed", 3, failed)
+        found = searched(look, [], (12, 12), beyond(look))
+        assert not any(trial.fits for trial in found)
+        return {code for trial in found for code in codes(trial)}, min(trial.excess for trial in found)
+
+    few, least = tried_of()
+    monkeypatch.setattr(search, "IN_VAIN", np.inf)
+    all_of_them, same = tried_of()
+    assert least == pytest.approx(same)
+    assert all_of_them - few == {"accel-filter"}
+
+
 @pytest.mark.parametrize(("name", "bent"), [("free-flyer", False), ("testbed", True)])
 def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, bent: bool) -> None:
     """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
@@ -64,3 +83,10 @@ def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: 
     for code, curved in expected.items():
         found = Fitted(supposed[code], look.model, look.stated.x, look.stated.chi_square, np.zeros(0))
         assert hopeless(look, found, 0.0) is not curved, code
+
+
+def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find_a_second_beside_it() -> None:
+    look = stated("jets.12.position_m=[0.0, 0.06, 0.0]")
+    found = _pair(look, [], np.inf)
+    assert found is not None
+    assert [(one.code, "divert_xp" in one.message) for one in found.explanations] == [("jet-position", True)]
