@@ -54,8 +54,8 @@ def net(part: Array, wrench: Array) -> Array:
         found: Array = part @ wrench
         found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
         return found
-    flat, given = part.reshape(-1, part.shape[-1]), np.ascontiguousarray(wrench, dtype=float)
     made = np.empty((*part.shape[:-1], 6))
+    flat, given = part.reshape(made.size // 6, len(wrench)), np.ascontiguousarray(wrench, dtype=float)
     sizes = [ctypes.c_long(n) for n in (*flat.shape, *_apart(flat))]
     library.mp_host_net(*sizes, *map(pointer, (flat, given, np.array([CANCELLED]), made)))
     return made

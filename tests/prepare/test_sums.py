@@ -60,6 +60,11 @@ def test_channels_add_up_to_a_wrench_and_to_nothing_where_they_cancel(layout: Ca
         assert made[k, b, i] == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
+@pytest.mark.usefixtures("either")
+def test_no_channel_makes_no_wrench() -> None:
+    assert np.array_equal(sums.net(np.zeros((CYCLES, BINS, 0)), np.zeros((0, 6))), np.zeros((CYCLES, BINS, 6)))
+
+
 def test_records_add_up_to_cycles() -> None:
     each = np.arange(36.0).reshape(12, 3)
     assert np.array_equal(sums.of_records(each, 4), [[18, 22, 26], [66, 70, 74], [114, 118, 122]])
