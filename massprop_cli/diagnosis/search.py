@@ -44,30 +44,19 @@ def searched(
     by_promise: list[tuple[Fitted, Begun | None]] | None = None
     seen = look if first is None or first.look is None else first.look
 
-    def vain() -> float:
-        """Score from which on one would leave no less than another that doesn't fit; beside a first that may yet move none tells."""
-        unfit = [] if first is not None else [trial.excess for trial in best if trial.look is not None and not trial.look.close]
-        return IN_VAIN * min(unfit, default=np.inf) + CLEAR
-
     def reach() -> float:
-        """Score beyond which nothing is tried that is about a channel alone."""
-        fitting = [trial for trial in (*others, *best) if trial.fits]
-        least = min((trial.excess for trial in fitting), default=np.inf)
-        if not fitting:
-            return vain()
-        return np.inf if _strange(fitting) else max(FURTHER * least, near) + CLEAR
+        return _reach(first, best, others, near)
 
     for rough, found in seen.ranked.within(leaving, reach):
         fitting = [trial for trial in (*others, *best) if trial.fits]
         late = fitting and all(codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
         farthest = max((LATER if late and found.supposed.code in LATE else FURTHER) * least, near) + CLEAR
-        if rough > LATER * max(worst, 0.0) + CLEAR:
-            break
-        enough = len(best) - len(begun) >= most[bool(fitting)]
+        enough = len(best) - len(begun) >= most[bool(fitting)] or rough > LATER * max(worst, 0.0) + CLEAR
+        bar = np.inf if fitting else (LATER if found.supposed.code in LATE else 1.0) * _vain(first, best)
         if enough or (rough > max(LATER * least, near) + CLEAR and not _strange(fitting)):
             break
-        if not fitting and rough > (LATER if found.supposed.code in LATE else 1.0) * vain():
+        if rough > bar:
             continue
         once = None
         if found.supposed.code in LATE:
@@ -85,6 +74,20 @@ def searched(
             best.append(trial)
             near = rough if trial.fits and not fitting else near
     return best
+
+
+def _reach(first: Trial | None, before: Sequence[Trial], others: Sequence[Trial], near: float) -> float:
+    """Score beyond which nothing is tried that is about a channel alone; what fitted first was looked at as ``near``."""
+    fitting = [trial for trial in (*others, *before) if trial.fits]
+    if not fitting:
+        return _vain(first, before)
+    return np.inf if _strange(fitting) else max(FURTHER * min(trial.excess for trial in fitting), near) + CLEAR
+
+
+def _vain(first: Trial | None, before: Sequence[Trial]) -> float:
+    """Score from which on one would leave no less than another that doesn't fit; beside a first that may yet move none tells."""
+    unfit = [] if first is not None else [trial.excess for trial in before if trial.look is not None and not trial.look.close]
+    return IN_VAIN * min(unfit, default=np.inf) + CLEAR
 
 
 def _by_promise(look: Look, first: Trial | None, seen: Look, rough: float) -> list[tuple[Fitted, Begun | None]]:
