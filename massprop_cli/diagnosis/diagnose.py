@@ -34,7 +34,8 @@ from massprop_cli.prepare.timing import Timing
 FINALISTS = (6, 12)
 """How many are applied in turn until one fits: in free flight; and on a bearing, where a wrong gyro turns gravity too."""
 FIRST, SECOND = (2, 3), 2
-"""How many are tried with a second one, in free flight and on a bearing; and how many of these each time if none makes the log fit."""
+"""How many are tried with a second one, in free flight and on a bearing, where gravity tells several mountings apart from the stated but
+not from one another; and how many of these each time if none makes the log fit. docs/faults.md moves, dead-turned."""
 CHANNELS = 3
 """How many pairs of channels are tried."""
 LEFT = 0.5
@@ -291,15 +292,17 @@ def _pair(look: Look, alone: Sequence[Trial], worst: float) -> Diagnosis | None:
     together: list[Trial] = []
     beside = partial(_beside, look, worst=worst)
     for found in islice(_different(each), FIRST[look.model.bearing is not None]):
-        trial = next((one for one in alone if one.fitted.supposed is found.supposed), None) or tried(look, found)
+        known = next((one for one in alone if one.fitted.supposed is found.supposed), None)
+        trial = known or tried(look, found)
         # one that fits alone was further off than the look tells
-        together += [trial] if trial is not None and trial.fits and trial not in alone else beside(trial, together)
+        together += [trial] if known is None and trial is not None and trial.fits else beside(trial, together)
         if any(trial.fits for trial in together):
             break  # what comes near it has a part in common with it
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
     best = min(together, key=lambda trial: trial.score, default=None)
+    parts = () if best is None else best.fitted.parts
     exact = best is not None and best.fits and best.look is not None and best.look.chance
-    for i, part in enumerate(() if best is None else best.fitted.parts):
+    for i, part in enumerate(parts if len(parts) > 1 else ()):
         # where a pair leaves no more than chance, what is about a channel may still be about it otherwise, or about another
         if (i > 0 or part.unknowns) and not (exact and look.model.channel(part.supposed) is not None):
             together += beside(mended_alone(look, part), together)

@@ -17,7 +17,7 @@ LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-fi
 """Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
 IN_VAIN = 3.0
 """Times what doesn't fit leaves, from which on one that is looked at roughly doesn't either; among what makes motion late ``LATER`` times
-that."""
+that. What fitted after one that didn't was at most 1.1, and 8 if late. docs/faults.md moves."""
 NO_FURTHER = 0.1
 """Of what is to be expected, by how much less two fits of one supposition are one."""
 STRANGE = 25.0

@@ -62,11 +62,12 @@ def test_those_of_channels_beyond_hope_are_left_out() -> None:
 
 
 def test_beyond_reach_nothing_that_is_about_a_channel_is_fitted() -> None:
-    ranked = weak(3).ranked
-    others = {id(found) for _, found in ranked.known}
-    assert {id(found) for _, found in ranked.within(np.inf, lambda: -np.inf)} == others
-    best, _ = min(ranked.within(np.inf, lambda: np.inf), key=lambda one: one[0])
-    again = weak(3).ranked
-    reached = list(again.within(np.inf, lambda: best))
-    assert reached[0][1].supposed.subject == (weak(3).names[3],)
-    assert len(again.known) < len(ranked.known)
+    look = weak(3)
+    every = replace(look).ranked
+    others = {id(found) for _, found in every.known}
+    assert {id(found) for _, found in every.within(np.inf, lambda: -np.inf)} == others
+    best, _ = next(iter(every))
+    reached = replace(look).ranked
+    (_, found), *_ = reached.within(np.inf, lambda: best)
+    assert found.supposed.subject == (look.names[3],)
+    assert len(others) < len(reached.known) < len([*every])

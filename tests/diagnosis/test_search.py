@@ -87,6 +87,10 @@ def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: 
 
 def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find_a_second_beside_it() -> None:
     look = stated("jets.12.position_m=[0.0, 0.06, 0.0]")
-    found = _pair(look, [], np.inf)
+    trial = tried(look, next(found for _, found in look.ranked))
+    assert trial is not None
+    # one that says the same, begun elsewhere, was tried before and led nowhere
+    before = replace(trial, fits=False, fitted=replace(trial.fitted, supposed=replace(trial.fitted.supposed)))
+    found = _pair(look, [before], np.inf)
     assert found is not None
     assert [(one.code, "divert_xp" in one.message) for one in found.explanations] == [("jet-position", True)]
