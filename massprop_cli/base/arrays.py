@@ -24,18 +24,10 @@ MUCH = 1e6
 """Growth of information, as part of what was there, up to which products hold it to ten digits."""
 
 
-MANY, PIECE = 4096, 256
-"""So many rows leave the processor's cache; then pieces of so many rows are made triangles first, which takes half the time."""
-
-
 def triangle_of(rows: Array) -> Array:
     """The upper triangle of an orthogonal factorisation, as many rows as there are columns, or fewer."""
     if rows.ndim > 2:
         return np.asarray(np.linalg.qr(rows, mode="r"))
-    if len(rows) >= MANY and rows.shape[1] < PIECE:
-        whole = len(rows) // PIECE * PIECE
-        pieces = triangle_of(rows[:whole].reshape(-1, PIECE, rows.shape[1]))
-        rows = np.vstack([pieces.reshape(-1, rows.shape[1]), rows[whole:]])
     # "raw" has the triangle's transpose in its lower left, and Householder vectors, which are not wanted, beside it
     packed, _ = np.linalg.qr(rows, mode="raw")
     upper = packed[:, : min(rows.shape)].T

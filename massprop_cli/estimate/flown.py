@@ -23,6 +23,7 @@ from massprop_cli.kernel import COMMANDS, PENDING, Kernel, kernel, pointer
 from massprop_cli.model.handed import checked
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
@@ -158,7 +159,6 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     ignored = np.zeros((count, 2)) if log.ignored is None else log.ignored[part]
     cycle = np.arange(part.start, part.stop)
     unused = (cycle < used.start) | (cycle >= used.stop)
-    lengths = log.interval_s[each].reshape(-1, records).sum(1)
     turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))
-    parts = (log.cycle_end_s[part], lengths, turned, felt, attitude, ignored, unused)
+    parts = (log.cycle_end_s[part], cycle_edges(log, part)[1], turned, felt, attitude, ignored, unused)
     return np.concatenate([one.reshape(count, -1) for one in (*parts, log.command[part])], 1, dtype=float)

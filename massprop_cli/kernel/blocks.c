@@ -263,7 +263,7 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
 }
 
 /* What each channel did over a cycle and under the rising half of its window, (count, channels), from its bins' integrals and first
- * moments (massprop_cli/prepare/align.py); numbers of one channel stand `across` apart, those of its bins `along`. */
+ * moments (massprop_cli/prepare/sums.py); numbers of one channel stand `across` apart, those of its bins `along`. */
 int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
                     const double *duration, double *rising, double *whole) {
     long k, b, c;
