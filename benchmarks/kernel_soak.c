@@ -11,7 +11,7 @@
 #include "table.h"
 
 static mp_flight flight;
-static double rate[3], total_ns, worst_ns, asking_ns;
+static double rate[3], inertia[3][3], cg[3], total_ns, worst_ns, asking_ns;
 static long cycles, counted, wrong;
 static unsigned long long drawn = 1;
 
@@ -55,12 +55,28 @@ static void told(void) {
     counted = 0;
 }
 
-/* Angular acceleration of the torque-free body that the estimate ended with. */
-static void dot(const double w[3], double out[3]) {
-    double momentum[3], moment[3], inertia[3][3], cofactor[3][3], determinant;
+/* The body that turns freely is the one that the vector's end is linear about; it stays so, whatever the estimate does from there on. */
+static void let_go(void) {
     int i, j;
-    for (i = 0; i < 3; i++)
+    for (i = 0; i < 3; i++) {
+        cg[i] = (double)flight.pass.reference.cg[i];
         for (j = 0; j < 3; j++) inertia[i][j] = (double)flight.pass.reference.inertia[i][j];
+    }
+}
+
+/* Body axes to the IMU's, or back. */
+static double turned(const double v[3], int axis, int back) {
+    const mp_real(*turn)[3] = mp_commands_table.body_from_imu;
+    double sum = 0;
+    int i;
+    for (i = 0; i < 3; i++) sum += (double)(back ? turn[axis][i] : turn[i][axis]) * v[i];
+    return sum;
+}
+
+/* Its angular acceleration. */
+static void dot(const double w[3], double out[3]) {
+    double momentum[3], moment[3], cofactor[3][3], determinant;
+    int i, j;
     for (i = 0; i < 3; i++) momentum[i] = inertia[i][0] * w[0] + inertia[i][1] * w[1] + inertia[i][2] * w[2];
     for (i = 0; i < 3; i++) moment[i] = w[(i + 2) % 3] * momentum[(i + 1) % 3] - w[(i + 1) % 3] * momentum[(i + 2) % 3];
     for (i = 0; i < 3; i++)
@@ -83,7 +99,7 @@ static void turn(mp_flown *flown, double size) {
         for (i = 0; i < 3; i++) w[i] = rate[i] + h / 2 * k2[i];
         dot(w, k3);
         for (i = 0; i < 3; i++) {
-            arm[i] = (double)(flight.front.vehicle.imu[i] - flight.pass.reference.cg[i]);
+            arm[i] = (double)flight.front.vehicle.imu[i] - cg[i];
             acceleration[i] = (k2[i] + k3[i]) / 2;
         }
         for (i = 0; i < 3; i++) inner[i] = w[(i + 1) % 3] * arm[(i + 2) % 3] - w[(i + 2) % 3] * arm[(i + 1) % 3];
@@ -99,8 +115,8 @@ static void turn(mp_flown *flown, double size) {
         }
     }
     for (k = 0; k < 3; k++) {
-        flown->delta_theta[k] = (mp_real)(angle[k] + size * noise() * (double)flown->duration_s);
-        flown->delta_v[k] = (mp_real)(push[k] + size * noise() * (double)flown->duration_s);
+        flown->delta_theta[k] = (mp_real)(turned(angle, k, 0) + size * noise() * (double)flown->duration_s);
+        flown->delta_v[k] = (mp_real)(turned(push, k, 0) + size * noise() * (double)flown->duration_s);
     }
 }
 
@@ -130,13 +146,14 @@ int main(int count, char **said) {
         for (i = 0; i < 3; i++) {
             flown.delta_theta[i] = (mp_real)numbers[2 + i];
             flown.delta_v[i] = (mp_real)numbers[5 + i];
-            rate[i] = numbers[2 + i] / numbers[1];
+            rate[i] = turned(numbers + 2, i, 1) / numbers[1];
         }
         for (j = 0; j < mp_commands_table.commands; j++) flown.command[j] = (mp_real)numbers[15 + j];
         flown.unused = numbers[14] > 0;
         fly(&flown);
         if (cycles == next) { told(); next *= 10; }
     }
+    let_go();
     for (j = 0; j < mp_commands_table.commands; j++) flown.command[j] = 0;
     while (cycles < wanted) {
         flown.end_s += flown.duration_s;
