@@ -19,7 +19,7 @@ def unexpected(triangle: Array, rows: Array) -> tuple[Array, Array]:
     if (library := kernel().library) is None:
         return beyond(grown(triangle, rows)[:-1], rows)
     packed = np.append(triangle[np.triu_indices(size - 1, 0, size)], 0.0)
-    left, spread, room = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(6 * (size + 6))
+    left, spread, room = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(6 * size)
     arrays = (np.ascontiguousarray(rows), packed, room, left, spread)
     library.mp_host_expected(ctypes.c_long(count), ctypes.c_long(size - 1), *map(pointer, arrays))
     return left, spread

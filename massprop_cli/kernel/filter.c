@@ -113,11 +113,12 @@ void mp_filter_step(const mp_layout *layout, mp_filter *filter, const mp_leap *l
             for (j = 0; j < 6; j++) root[i][j] = joint[i * columns + j];
     }
     for (i = 0; i < 6; i++) {
-        mp_real *own = white + i * width;
+        mp_real *own = white + i * width, over;
         for (j = 0; j < i; j++)
             if (root[i][j] != R(0))
                 for (c = 0; c < width; c++) own[c] -= root[i][j] * white[j * width + c];
-        for (c = 0; c < width; c++) own[c] /= root[i][i];
+        over = R(1) / root[i][i];
+        for (c = 0; c < width; c++) own[c] *= over;
     }
     if (layout->process == 0) return;
     for (i = 0; i < n; i++) {

@@ -63,13 +63,26 @@ static void added(mp_real begin, mp_real end, mp_real t0, mp_real t1, mp_real u0
     *moment += length * ((from - begin) * (v0 + v1) / R(2) + length * (v0 + R(2) * v1) / R(6));
 }
 
-/* What each command does in each bin of a cycle. */
-static void executed(mp_front *front, mp_real duration) {
+/* Commands of which something is executed, or may yet be. */
+typedef struct {
+    int count, which[MP_COMMANDS];
+} acting;
+
+static void acting_of(const mp_front *front, acting *out) {
+    int j;
+    out->count = 0;
+    for (j = 0; j < front->table.commands; j++)
+        if (front->pulses[j] > 0) out->which[out->count++] = j;
+}
+
+/* What each of them does in each bin of a cycle. */
+static void executed(mp_front *front, const acting *those, mp_real duration) {
     const mp_commands *table = &front->table;
-    int count = front->vehicle.bins, b, j, k;
+    int count = front->vehicle.bins, b, n, k;
     for (b = 0; b < count; b++) {
         mp_real begin = duration * (R(b) / R(count)), end = duration * (R(b + 1) / R(count));
-        for (j = 0; j < table->commands; j++) {
+        for (n = 0; n < those->count; n++) {
+            int j = those->which[n];
             mp_real integral = R(0), moment = R(0), rise = table->rise_s[j], fall = table->fall_s[j];
             for (k = 0; k < front->pulses[j]; k++) {
                 const mp_pulse *pulse = &front->pulse[j][k];
@@ -104,49 +117,58 @@ static void passed(mp_front *front, mp_real duration) {
 }
 
 /* What channels make together; nothing where they cancel but for rounding. */
-static void net(const mp_commands *table, const mp_real *part, mp_real out[6]) {
-    int i, j;
-    for (i = 0; i < 6; i++) {
-        mp_real sum = R(0), size = R(0);
-        if (table->jets) {
-            for (j = 0; j < table->commands; j++) {
-                if (part[j] == R(0)) continue;
-                sum += part[j] * table->wrench[j][i];
-                size += mp_abs(part[j]) * mp_abs(table->wrench[j][i]);
-            }
-        } else {
-            sum = part[i];
-            size = mp_abs(part[i]);
+static void net(const mp_commands *table, const acting *those, const mp_real *part, mp_real out[6]) {
+    mp_real size[6];
+    int i, n;
+    for (i = 0; i < 6; i++) out[i] = size[i] = R(0);
+    for (n = 0; n < those->count; n++) {
+        int j = those->which[n];
+        mp_real own = part[j];
+        if (!table->jets) {
+            out[j] = own;
+            continue;
         }
-        out[i] = mp_abs(sum) < CANCELLED * size ? R(0) : sum;
+        for (i = 0; i < 6; i++) {
+            mp_real made = own * table->wrench[j][i];
+            out[i] += made;
+            size[i] += mp_abs(made);
+        }
     }
+    for (i = 0; i < 6; i++)
+        if (mp_abs(out[i]) < CANCELLED * size[i]) out[i] = R(0);
 }
 
-static void impulses(mp_front *front, mp_cycle *cycle) {
+static void impulses(mp_front *front, const acting *those, mp_cycle *cycle) {
     const mp_commands *table = &front->table;
     mp_real bin_s = cycle->duration_s / R(front->vehicle.bins), skew[MP_COMMANDS], rising[MP_COMMANDS], whole[MP_COMMANDS];
-    int b, j, i, k;
-    for (j = 0; j < table->commands; j++) rising[j] = whole[j] = R(0);
+    int b, j, n, i, k;
+    for (n = 0; n < those->count; n++) rising[those->which[n]] = whole[those->which[n]] = R(0);
     for (b = 0; b < front->vehicle.bins; b++) {
-        for (j = 0; j < table->commands; j++) {
-            mp_real integral = front->integral[b][j], moment = front->moment[b][j] / bin_s;
+        for (n = 0; n < those->count; n++) {
+            mp_real integral, moment;
+            j = those->which[n];
+            integral = front->integral[b][j];
+            moment = front->moment[b][j] / bin_s;
             rising[j] += moment + R(b) * integral;
             whole[j] += integral;
             skew[j] = moment - integral / R(2);
         }
-        net(table, front->integral[b], cycle->impulse[b]);
-        net(table, skew, cycle->skew[b]);
+        net(table, those, front->integral[b], cycle->impulse[b]);
+        net(table, those, skew, cycle->skew[b]);
     }
-    for (j = 0; j < table->commands; j++) {
+    for (n = 0; n < those->count; n++) {
+        j = those->which[n];
         rising[j] /= R(front->vehicle.bins);
         skew[j] = whole[j] - rising[j];
     }
-    net(table, rising, cycle->rising);
-    net(table, skew, cycle->falling);
+    net(table, those, rising, cycle->rising);
+    net(table, those, skew, cycle->falling);
     if (!front->vehicle.pulses) return;
     memset(cycle->pulse_covariance, 0, sizeof cycle->pulse_covariance);
-    for (j = 0; j < table->commands; j++) {
-        mp_real sigma = table->pulse_sigma * whole[j];
+    for (n = 0; n < those->count; n++) {
+        mp_real sigma;
+        j = those->which[n];
+        sigma = table->pulse_sigma * whole[j];
         for (i = 0; i < 6; i++)
             for (k = 0; k < 6; k++) {
                 mp_real a = table->jets ? table->wrench[j][i] : i == j ? R(1) : R(0);
@@ -312,6 +334,7 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
 /* A cycle whose executed commands are known. */
 static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, int *usable) {
     mp_real theta[3], v[3], rounding;
+    acting those;
     int i;
     cycle->end_s = flown->end_s;
     cycle->duration_s = flown->duration_s;
@@ -327,8 +350,9 @@ static void completed(mp_front *front, const mp_flown *flown, mp_cycle *cycle, i
     }
     for (i = 0; i < 2; i++) cycle->deaf[i] = flown->deaf[i];
     attitudes(front, flown, cycle);
-    executed(front, flown->duration_s);
-    impulses(front, cycle);
+    acting_of(front, &those);
+    executed(front, &those, flown->duration_s);
+    impulses(front, &those, cycle);
     passed(front, flown->duration_s);
     /* on the ground `unused` says so too, more strictly (massprop_cli/prepare/align.py): rounding must not make two answers of it */
     rounding = R(2e-6) * front->table.period_s + R(2e-15) * mp_abs(flown->end_s);

@@ -205,14 +205,30 @@ void mp_scales(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[1
     out[9] = theta[9];
 }
 
-static int is_body(const mp_vehicle *vehicle, const mp_real theta[10]) {
-    mp_real principal[3], found[10];
-    if (!mp_finite(theta, 10) || theta[9] <= R(0)) return 0;
+/* Whether the smallest principal value is far enough above nothing, as a rule told by the circles that hold all of them. */
+static int is_round(const mp_real theta[10]) {
+    mp_real off[3], principal[3], least, most;
+    int i;
+    off[0] = mp_abs(theta[1]) + mp_abs(theta[2]);
+    off[1] = mp_abs(theta[1]) + mp_abs(theta[4]);
+    off[2] = mp_abs(theta[2]) + mp_abs(theta[4]);
+    least = theta[0] - off[0];
+    most = theta[0] + off[0];
+    for (i = 1; i < 3; i++) {
+        int own = i == 1 ? 3 : 5;
+        least = mp_min(least, theta[own] - off[i]);
+        most = mp_max(most, theta[own] + off[i]);
+    }
+    if (least > R(2) * LEAST * most) return 1;
     principal_of(theta, principal);
-    if (principal[0] < LEAST * principal[2]) return 0;
+    return !(principal[0] < LEAST * principal[2]);
+}
+
+static int is_body(const mp_vehicle *vehicle, const mp_real theta[10]) {
+    mp_real found[10];
+    if (!mp_finite(theta, 10) || theta[9] <= R(0) || !is_round(theta)) return 0;
     mp_parameters(vehicle, theta, found);
-    principal_of(found, principal);
-    return principal[0] > LEAST * principal[2];
+    return mp_finite(found, 6) && is_round(found);
 }
 
 void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step[10]) {
@@ -229,12 +245,11 @@ void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step
 }
 
 void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]) {
-    mp_real share = mp_finite(step, 10) ? R(1) : R(0), principal[3], lighter = mp_max(step[9], (R(1) / FARTHEST - R(1)) * theta[9]);
+    mp_real share = mp_finite(step, 10) ? R(1) : R(0), lighter = mp_max(step[9], (R(1) / FARTHEST - R(1)) * theta[9]);
     int again, i;
     for (again = 0; again < HALVINGS; again++) {
         for (i = 0; i < 10; i++) out[i] = share > R(0) ? theta[i] + share * (i < 9 ? step[i] : lighter) : theta[i];
-        principal_of(out, principal);
-        if (!(principal[0] < LEAST * principal[2])) return;
+        if (is_round(out)) return;
         share /= R(2);
     }
     for (i = 0; i < 10; i++) out[i] = theta[i];

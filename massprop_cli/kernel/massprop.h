@@ -207,7 +207,6 @@ typedef struct {
     mp_real white[6 * MP_WIDTH];
     mp_real ordered[6 * MP_WIDTH];
     mp_real rows[MP_WIDTH * (MP_UNKNOWNS + 1)];
-    mp_real ahead[6 * (6 + MP_UNKNOWNS)];
     mp_posed posed;
 } mp_room;
 
@@ -227,7 +226,8 @@ typedef struct {
     mp_reference reference, estimate, centre;
     mp_real centre_sizes[10];
     mp_start start;
-    mp_posed posed; /* about the estimate at the block's beginning */
+    mp_posed posed; /* about the estimate at the block's beginning, */
+    mp_real pull[10]; /* and by what sigmas the centre draws what the data don't tell there */
     mp_run run;
     int first, runs; /* of the ring */
     mp_motion last;  /* the latest cycle about the reference */

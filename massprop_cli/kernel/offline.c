@@ -13,23 +13,24 @@ SHARED int mp_host_filtered(const long *sizes, const double *transition, const d
                             double *root, double *white, double *roots);
 
 /* What of rows (count, 6, n + 1) a triangle on n unknowns, packed with what stands beside them, doesn't expect, (count, 6), and the lower
- * root of its covariance, (count, 6, 6); each cycle's rows are folded in after. room: 6 (n + 7). */
+ * root of its covariance, (count, 6, 6); each cycle's rows are folded in after. room: 6 (n + 1). */
 int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread) {
-    int n = (int)unknowns, size = n + 1, wide = n + 6, i, j;
+    int n = (int)unknowns, size = n + 1, i, j;
     long k;
     for (k = 0; k < count; k++) {
         const double *own = rows + k * 6 * size;
+        mp_real(*columns)[6] = (mp_real(*)[6])room, root[6][6];
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < n; j++) columns[j][i] = (mp_real)own[i * size + j];
+        mp_forward6(triangle, size, n, columns);
         for (i = 0; i < 6; i++) {
-            mp_real *ahead = room + i * wide, sum = (mp_real)own[i * size + n];
-            for (j = 0; j < 6; j++) ahead[j] = i == j ? R(1) : R(0);
-            (void)mp_copied(ahead + 6, own + i * size, n);
-            mp_forward(triangle, size, n, ahead + 6);
-            for (j = 0; j < n; j++) sum -= ahead[6 + j] * triangle[AT(size, j) + n - j];
+            mp_real sum = (mp_real)own[i * size + n];
+            for (j = 0; j < n; j++) sum -= columns[j][i] * triangle[AT(size, j) + n - j];
             left[k * 6 + i] = (double)sum;
         }
-        mp_lower(room, 6, wide);
+        mp_root6(columns, n, root);
         for (i = 0; i < 6; i++)
-            for (j = 0; j < 6; j++) spread[(k * 6 + i) * 6 + j] = (double)room[i * wide + j];
+            for (j = 0; j < 6; j++) spread[(k * 6 + i) * 6 + j] = (double)root[i][j];
         (void)mp_copied(room, own, 6 * size);
         mp_fold(triangle, size, room, 6);
     }

@@ -85,7 +85,7 @@ static void again(mp_pass *pass) {
         }
         mp_improve(pass, run);
         pushed(pass);
-        mp_pose(&pass->vehicle, &pass->layout, run, &pass->estimate, pass->room.rows, &pass->posed);
+        mp_pose(pass);
         if (mp_stands(pass, &pass->posed)) return;
     }
 }
@@ -108,7 +108,7 @@ static void looked(mp_pass *pass, long length) {
     dropped(pass);
     if (pass->started) {
         mp_improve(pass, run);
-        mp_pose(&pass->vehicle, &pass->layout, run, &pass->estimate, pass->room.rows, &pass->posed);
+        mp_pose(pass);
         moved = pass->spare >= 0 && !mp_stands(pass, &pass->posed);
     } else if (run->at >= pass->due) {
         long next = run->at / 200;
@@ -182,7 +182,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     if (!pass->started) mp_start_add(&pass->vehicle, &pass->start, cycle);
     taken(pass, cycle, pass->room.ordered, root);
     if (pass->started) {
-        mp_judge(&pass->layout, &pass->posed, pass->room.ordered, pass->room.ahead, row->normalised, unexplained, spread);
+        mp_judge(&pass->layout, &pass->posed, pass->room.ordered, row->normalised, unexplained, spread);
         innovated(pass, cycle, root, unexplained, spread, row);
         astray = mp_tell(pass, &pass->posed, row) && pass->spare >= 0;
         row->told = !run->stuck;

@@ -2,17 +2,11 @@
 
 #include <math.h>
 
-mp_real mp_max(mp_real a, mp_real b) { return a > b ? a : b; }
-mp_real mp_min(mp_real a, mp_real b) { return a < b ? a : b; }
-mp_real mp_abs(mp_real a) { return a < R(0) ? -a : a; }
-
 int mp_finite(const mp_real *v, int count) {
     int i, fine = 1;
     for (i = 0; i < count; i++) fine &= v[i] - v[i] == R(0);
     return fine;
 }
-
-mp_real mp_dot(const mp_real a[3], const mp_real b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 void mp_cross(const mp_real a[3], const mp_real b[3], mp_real out[3]) {
     out[0] = a[1] * b[2] - a[2] * b[1];
@@ -179,13 +173,49 @@ void mp_solved(const mp_real *a, int n, mp_real *b) {
     }
 }
 
-/* One column's reflection of six rows, which is nearly all that a cycle folds, in one sweep. */
-static void reflect6(mp_real *restrict own, mp_real *restrict rows, int size, int from, const mp_real part[6], mp_real tau) {
-    mp_real *restrict r0 = rows, *restrict r1 = rows + size, *restrict r2 = rows + 2 * size;
-    mp_real *restrict r3 = rows + 3 * size, *restrict r4 = rows + 4 * size, *restrict r5 = rows + 5 * size;
+/* What a column's reflection takes: `own` its diagonal, `power` the square of what stands below. Nothing to do where that is none. */
+static int reflected(mp_real *own, mp_real power, mp_real *over, mp_real *tau) {
+    mp_real alpha = *own, beta;
+    if (power == R(0)) return 0;
+    beta = MP_SQRT(alpha * alpha + power);
+    if (alpha > R(0)) beta = -beta;
+    *over = R(1) / (alpha - beta);
+    *tau = (beta - alpha) / beta;
+    *own = beta;
+    return 1;
+}
+
+/* Rows go six at a time: they are arguments, since only of those do compilers believe `restrict`, without which they take one number at a
+   time. What they add to the sum of a column's reflection: */
+static void gathered(mp_real *restrict sum, const mp_real *restrict r0, const mp_real *restrict r1, const mp_real *restrict r2,
+                     const mp_real *restrict r3, const mp_real *restrict r4, const mp_real *restrict r5, int count, const mp_real part[6]) {
     const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
     int c;
-    for (c = from; c < size; c++) {
+    for (c = 0; c < count; c++) sum[c] = sum[c] + p0 * r0[c] + p1 * r1[c] + p2 * r2[c] + p3 * r3[c] + p4 * r4[c] + p5 * r5[c];
+}
+
+/* and what it takes off them. */
+static void spread(const mp_real *restrict sum, mp_real *restrict r0, mp_real *restrict r1, mp_real *restrict r2, mp_real *restrict r3,
+                   mp_real *restrict r4, mp_real *restrict r5, int count, const mp_real part[6]) {
+    const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
+    int c;
+    for (c = 0; c < count; c++) {
+        mp_real by = sum[c];
+        r0[c] -= p0 * by;
+        r1[c] -= p1 * by;
+        r2[c] -= p2 * by;
+        r3[c] -= p3 * by;
+        r4[c] -= p4 * by;
+        r5[c] -= p5 * by;
+    }
+}
+
+/* Both of six rows alone, in one sweep. */
+static void reflect6(mp_real *restrict own, mp_real *restrict r0, mp_real *restrict r1, mp_real *restrict r2, mp_real *restrict r3,
+                     mp_real *restrict r4, mp_real *restrict r5, int count, const mp_real part[6], mp_real tau) {
+    const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
+    int c;
+    for (c = 0; c < count; c++) {
         mp_real sum = (own[c] + p0 * r0[c] + p1 * r1[c] + p2 * r2[c] + p3 * r3[c] + p4 * r4[c] + p5 * r5[c]) * tau;
         own[c] -= sum;
         r0[c] -= p0 * sum;
@@ -197,46 +227,91 @@ static void reflect6(mp_real *restrict own, mp_real *restrict rows, int size, in
     }
 }
 
-/* The same of any number of rows. */
-static void reflect(mp_real *own, mp_real *rows, int size, int count, int column, mp_real over, mp_real tau) {
-    mp_real sum[MP_WIDTH];
-    int i, c;
-    for (c = column + 1; c < size; c++) sum[c] = own[c];
-    for (i = 0; i < count; i++) {
-        const mp_real *row = rows + i * size;
-        mp_real part = row[column] * over;
-        if (part == R(0)) continue;
-        for (c = column + 1; c < size; c++) sum[c] += part * row[c];
+static void fold6(mp_real *triangle, int size, mp_real *rows) {
+    mp_real *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size, *r5 = r4 + size, *own = triangle;
+    mp_real part[6], over, tau;
+    int i, left;
+    for (left = size; left > 0; left--) {
+        part[0] = *r0++;
+        part[1] = *r1++;
+        part[2] = *r2++;
+        part[3] = *r3++;
+        part[4] = *r4++;
+        part[5] = *r5++;
+        over = (part[0] * part[0] + part[1] * part[1]) + (part[2] * part[2] + part[3] * part[3]) + (part[4] * part[4] + part[5] * part[5]);
+        if (reflected(own, over, &over, &tau)) {
+            for (i = 0; i < 6; i++) part[i] *= over;
+            reflect6(own + 1, r0, r1, r2, r3, r4, r5, left - 1, part, tau);
+        }
+        own += left;
     }
-    for (c = column + 1; c < size; c++) sum[c] *= tau;
-    for (c = column + 1; c < size; c++) own[c] -= sum[c];
-    for (i = 0; i < count; i++) {
-        mp_real *row = rows + i * size;
-        mp_real part = row[column] * over;
-        if (part == R(0)) continue;
-        for (c = column + 1; c < size; c++) row[c] -= part * sum[c];
+}
+
+static void reflect(mp_real *own, mp_real *rows, int size, int count, int column, mp_real over, mp_real tau) {
+    mp_real sum[MP_WIDTH], part[6];
+    int from = column + 1, left = size - from, i, k, c;
+    for (c = 0; c < left; c++) sum[c] = own[from + c];
+    for (i = 0; i + 6 <= count; i += 6) {
+        const mp_real *r = rows + i * size + from;
+        for (k = 0; k < 6; k++) part[k] = r[k * size - 1] * over;
+        gathered(sum, r, r + size, r + 2 * size, r + 3 * size, r + 4 * size, r + 5 * size, left, part);
+    }
+    for (; i < count; i++) {
+        const mp_real *r = rows + i * size + from;
+        mp_real by = r[-1] * over;
+        for (c = 0; c < left; c++) sum[c] += by * r[c];
+    }
+    for (c = 0; c < left; c++) {
+        sum[c] *= tau;
+        own[from + c] -= sum[c];
+    }
+    for (i = 0; i + 6 <= count; i += 6) {
+        mp_real *r = rows + i * size + from;
+        for (k = 0; k < 6; k++) part[k] = r[k * size - 1] * over;
+        spread(sum, r, r + size, r + 2 * size, r + 3 * size, r + 4 * size, r + 5 * size, left, part);
+    }
+    for (; i < count; i++) {
+        mp_real *r = rows + i * size + from, by = r[-1] * over;
+        for (c = 0; c < left; c++) r[c] -= by * sum[c];
     }
 }
 
 void mp_fold(mp_real *triangle, int size, mp_real *rows, int count) {
     int j, i;
+    if (count == 6) {
+        fold6(triangle, size, rows);
+        return;
+    }
     for (j = 0; j < size; j++) {
         mp_real *own = triangle + AT(size, j) - j;
-        mp_real power = R(0), alpha, beta, over, tau, part[6];
+        mp_real power = R(0), over, tau;
         for (i = 0; i < count; i++) power += rows[i * size + j] * rows[i * size + j];
-        if (power == R(0)) continue;
-        alpha = own[j];
-        beta = MP_SQRT(alpha * alpha + power);
-        if (alpha > R(0)) beta = -beta;
-        over = R(1) / (alpha - beta);
-        tau = (beta - alpha) / beta;
-        own[j] = beta;
-        if (count == 6) {
-            for (i = 0; i < 6; i++) part[i] = rows[i * size + j] * over;
-            reflect6(own, rows, size, j + 1, part, tau);
-        } else {
-            reflect(own, rows, size, count, j, over, tau);
+        if (reflected(own + j, power, &over, &tau)) reflect(own, rows, size, count, j, over, tau);
+    }
+}
+
+/* Columns that are done with go along: six at a time are quicker than fewer. */
+void mp_root6(mp_real (*a)[6], int n, mp_real out[6][6]) {
+    int i, j, k;
+    for (j = 0; j < 6; j++) {
+        mp_real alpha = R(1), power = R(0), over, tau, sum[6];
+        for (k = 0; k < n; k++) power += a[k][j] * a[k][j];
+        for (i = 0; i < 6; i++) {
+            out[i][j] = i == j ? R(1) : R(0);
+            sum[i] = R(0);
         }
+        if (!reflected(&alpha, power, &over, &tau)) continue;
+        for (k = 0; k < n; k++) {
+            mp_real *row = a[k], part = row[j] * over;
+            for (i = 0; i < 6; i++) sum[i] += part * row[i];
+        }
+        for (i = 0; i < 6; i++) sum[i] *= tau;
+        for (k = 0; k < n; k++) {
+            mp_real *row = a[k], part = row[j] * over;
+            for (i = 0; i < 6; i++) row[i] -= part * sum[i];
+        }
+        /* the row of the unit matrix reflected, with a positive diagonal */
+        for (i = j; i < 6; i++) out[i][j] = i == j ? -alpha : sum[i];
     }
 }
 
@@ -278,12 +353,17 @@ void mp_back(const mp_real *triangle, int size, int first, int n, mp_real *b) {
     }
 }
 
-void mp_forward(const mp_real *triangle, int size, int n, mp_real *a) {
-    int i, j;
+void mp_forward6(const mp_real *triangle, int size, int n, mp_real (*a)[6]) {
+    int i, j, k;
     for (i = 0; i < n; i++) {
         const mp_real *own = triangle + AT(size, i) - i;
-        a[i] /= own[i];
-        for (j = i + 1; j < n; j++) a[j] -= a[i] * own[j];
+        mp_real solved[6];
+        for (k = 0; k < 6; k++) solved[k] = a[i][k] / own[i];
+        for (k = 0; k < 6; k++) a[i][k] = solved[k];
+        for (j = i + 1; j < n; j++) {
+            mp_real *other = a[j], by = own[j];
+            for (k = 0; k < 6; k++) other[k] -= solved[k] * by;
+        }
     }
 }
 

@@ -9,10 +9,10 @@
 #define AT(size, row) ((row) * (size) - (row) * ((row) - 1) / 2) /* where a row of a packed triangle begins */
 
 int mp_finite(const mp_real *v, int count);
-mp_real mp_max(mp_real a, mp_real b);
-mp_real mp_min(mp_real a, mp_real b);
-mp_real mp_abs(mp_real a);
-mp_real mp_dot(const mp_real a[3], const mp_real b[3]);
+static inline mp_real mp_max(mp_real a, mp_real b) { return a > b ? a : b; }
+static inline mp_real mp_min(mp_real a, mp_real b) { return a < b ? a : b; }
+static inline mp_real mp_abs(mp_real a) { return a < R(0) ? -a : a; }
+static inline mp_real mp_dot(const mp_real a[3], const mp_real b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 void mp_cross(const mp_real a[3], const mp_real b[3], mp_real out[3]);
 void mp_cross_matrix(const mp_real v[3], mp_real out[3][3]);
 void mp_times(const mp_real a[3][3], const mp_real v[3], mp_real out[3]);
@@ -34,8 +34,10 @@ void mp_fold(mp_real *triangle, int size, mp_real *rows, int count);
 void mp_lower(mp_real *a, int rows, int columns);
 /* T x = b by the first n rows and columns of a packed triangle, in place; by its rows and columns from `first` on. */
 void mp_back(const mp_real *triangle, int size, int first, int n, mp_real *b);
-/* x T = a for one row a (n), in place. */
-void mp_forward(const mp_real *triangle, int size, int n, mp_real *a);
+/* Lower root (6, 6), with a positive diagonal, of 1 + A^T A for an A (n, 6), which is overwritten. */
+void mp_root6(mp_real (*a)[6], int n, mp_real out[6][6]);
+/* x T = a for six rows a, given by columns (n, 6), in place. */
+void mp_forward6(const mp_real *triangle, int size, int n, mp_real (*a)[6]);
 /* Inverse (10, 10) of the block of a packed triangle that begins at row and column `first`. */
 void mp_inverse10(const mp_real *triangle, int size, int first, mp_real out[10][10]);
 

@@ -19,6 +19,8 @@
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
 
 static const int MOMENTS[3] = {0, 3, 5};
+/* where each row of theta's root begins, and of what the slopes of inertia, CG and mu make of it */
+static const int UPPER[10] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9}, STEEPENED[10] = {0, 0, 0, 0, 0, 0, 6, 7, 8, 9};
 
 static int nuisances(const mp_layout *layout, int bound) { return layout->beginnings + (bound ? 0 : 18); }
 
@@ -110,30 +112,24 @@ static void scale_of(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
     weighed(vehicle, theta, out);
 }
 
-void mp_pose(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_reference *estimate, mp_real *rows,
-             mp_posed *out) {
-    mp_real scale[10];
-    scale_of(vehicle, estimate->theta, scale);
-    posed_of(vehicle, layout, run, estimate->theta, scale, NULL, run->bound, rows, out);
-}
-
-void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real *ahead, mp_real normalised[6],
-              mp_real unexplained[6], mp_real spread[6][6]) {
-    int count = posed->count, size = count + 1, wide = 6 + count, i, j;
-    mp_real rows[6 * (MP_UNKNOWNS + 1)];
+void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real normalised[6], mp_real unexplained[6],
+              mp_real spread[6][6]) {
+    int count = posed->count, size = count + 1, i, j;
+    mp_real rows[6 * (MP_UNKNOWNS + 1)], columns[MP_UNKNOWNS][6];
     for (i = 0; i < 6; i++) {
-        mp_real *row = rows + i * size, *own = ahead + i * wide;
+        mp_real *row = rows + i * size;
         reduced(layout, posed, ordered + i * layout->width, 0, row);
-        for (j = 0; j < 6; j++) own[j] = i == j ? R(1) : R(0);
-        for (j = 0; j < count; j++) own[6 + j] = row[j];
-        mp_forward(posed->triangle, size, count, own + 6);
+        for (j = 0; j < count; j++) columns[j][i] = row[j];
         unexplained[i] = row[count];
-        for (j = 0; j < count; j++) unexplained[i] -= own[6 + j] * posed->triangle[AT(size, j) + count - j];
     }
-    mp_lower(ahead, 6, wide);
+    mp_forward6(posed->triangle, size, count, columns);
+    for (j = 0; j < count; j++) {
+        mp_real right = posed->triangle[AT(size, j) + count - j];
+        for (i = 0; i < 6; i++) unexplained[i] -= columns[j][i] * right;
+    }
+    mp_root6(columns, count, spread);
     for (i = 0; i < 6; i++) {
         mp_real sum = unexplained[i];
-        for (j = 0; j < 6; j++) spread[i][j] = ahead[i * wide + j];
         for (j = 0; j < i; j++) sum -= spread[i][j] * normalised[j];
         normalised[i] = sum / spread[i][i];
     }
@@ -163,12 +159,19 @@ static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const m
     return left / own;
 }
 
+void mp_pose(mp_pass *pass) {
+    mp_real scale[10];
+    scale_of(&pass->vehicle, pass->estimate.theta, scale);
+    posed_of(&pass->vehicle, &pass->layout, &pass->run, pass->estimate.theta, scale, NULL, pass->run.bound, pass->room.rows, &pass->posed);
+    pulled(pass, pass->estimate.theta, pass->pull);
+}
+
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
 static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
     mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
     mp_real mu = posed->theta[9] + step[9], untold = MP_UNTOLD_MASS * mu;
     int i, j;
-    pulled(pass, posed->theta, pull);
+    memcpy(pull, pass->pull, sizeof pull);
     /* where the log doesn't tell the mass, the rest is judged beside the known one */
     if (mass > R(0)) {
         mp_real faint = MP_FAINT_MASS * mp_max(R(1) / mass, posed->theta[9]);
@@ -202,12 +205,13 @@ static void split(const mp_pass *pass, const mp_real theta[10], const mp_real si
         out[6 + i] = (theta[6 + i] - pass->reference.theta[6 + i]) * mp_max(relative[(i + 1) % 3], relative[(i + 2) % 3]);
 }
 
-static void outer10(mp_real a[10][10], mp_real out[10][10]) {
+/* A A^T, of an A with nothing left of where `first` says each row begins. */
+static void outer10(mp_real a[10][10], const int first[10], mp_real out[10][10]) {
     int i, j, k;
     for (i = 0; i < 10; i++)
         for (j = 0; j <= i; j++) {
             mp_real sum = R(0);
-            for (k = 0; k < 10; k++) sum += a[i][k] * a[j][k];
+            for (k = first[i]; k < 10; k++) sum += a[i][k] * a[j][k];
             out[i][j] = out[j][i] = sum;
         }
 }
@@ -228,7 +232,7 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row) {
             step[i] += root[i][j] * right[j];
         }
     }
-    outer10(root, covariance);
+    outer10(root, UPPER, covariance);
     for (i = 0; i < 10; i++) sigma[i] = MP_SQRT(covariance[i][i]);
     sensed(pass, posed, step, covariance, at);
     mp_slopes(&pass->vehicle, at, slopes);
@@ -236,15 +240,20 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row) {
     split(pass, at, sigma, apart);
     for (i = 0; i < 10; i++)
         for (j = 0; j < 10; j++) mean[i] += slopes[i][j] * (posed->theta[j] + step[j] - at[j]);
-    for (i = 0; i < 10; i++)
-        for (j = 0; j < 10; j++) {
-            moved[i][j] = R(0);
-            for (k = 0; k <= j; k++) moved[i][j] += slopes[i][k] * root[k][j];
+    for (i = 0; i < 10; i++) {
+        for (j = 0; j < 10; j++) moved[i][j] = R(0);
+        for (k = 0; k < 10; k++) {
+            if (slopes[i][k] == R(0)) continue;
+            for (j = 0; j < 10; j++) moved[i][j] += slopes[i][k] * root[k][j];
         }
-    outer10(moved, covariance);
-    for (i = 0; i < 10; i++)
-        for (j = 0; j < 10; j++)
-            for (k = 6; k < 9; k++) covariance[i][j] += slopes[i][k] * apart[k] * (slopes[j][k] * apart[k]);
+    }
+    outer10(moved, STEEPENED, covariance);
+    for (k = 6; k < 9; k++) {
+        mp_real off[10];
+        for (i = 0; i < 10; i++) off[i] = slopes[i][k] * apart[k];
+        for (i = 0; i < 10; i++)
+            for (j = 0; j < 10; j++) covariance[i][j] += off[i] * off[j];
+    }
     for (i = 0; i < 3; i++) row->relative[i] = mp_min(sigma[MOMENTS[i]] / mp_max(at[MOMENTS[i]], MP_TINY), R(1e6));
     return mp_stale(pass, at, sigma, ASTRAY);
 }

@@ -7,12 +7,11 @@
 #define STALE R(0.1)  /* largest second-order error of what is linear about the reference, in sigmas, before it is renewed, */
 #define ASTRAY R(0.4) /* and of a value given on the way, before a block is ended for it */
 
-/* All that a run has taken in, about an estimate, with the data's own prior. */
-void mp_pose(const mp_vehicle *vehicle, const mp_layout *layout, const mp_run *run, const mp_reference *estimate, mp_real *rows,
-             mp_posed *out);
+/* All that the run has taken in, about the estimate, with the data's own prior, in pass->posed. */
+void mp_pose(mp_pass *pass);
 /* What one more cycle's ordered rows (6, width) say, added. Innovations are judged by what stood before. */
-void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real *ahead, mp_real normalised[6],
-              mp_real unexplained[6], mp_real spread[6][6]);
+void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, mp_real normalised[6], mp_real unexplained[6],
+              mp_real spread[6][6]);
 /* A row's mass properties, and 1 where theta is too far from the reference for the second order not to show. */
 int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row);
 /* The estimate that the run gives, in pass->estimate; what the data don't tell stays near the centre. */
