@@ -6,13 +6,17 @@ those of two stretches are joined by one factorisation. So the log is gone throu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
-from massprop_cli.estimate.regression import STEPS, STILL, Regression
+from massprop_cli.estimate.regression import STEPS, STILL
+from massprop_cli.estimate.triangle import Triangle
+from massprop_cli.model import handed
 from massprop_cli.model.lift import Lift
+from massprop_cli.model.lifted import compiled
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
@@ -30,18 +34,21 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
     if piece.stop - piece.start < 4 * SHORTEST:
         return None
 
+    regression = Triangle(samples, piece, vehicle, Consider())
+    whole = regression.whole(reference)
+
     def told(first: int, end: int) -> Array:
-        return stretch(samples, slice(first, end), reference, vehicle)
+        return regression.stretch(whole, slice(first, end))
 
-    def misfit(before: Array, after: Array) -> float:
-        return sum(least(side, lift, lift.theta(reference)) for side in (before, after))
+    def best_of(moments: Sequence[int], before: Sequence[Array], after: Sequence[Array]) -> int:
+        left = least(np.stack([*before, *after]), reference, vehicle).reshape(2, -1).sum(0)
+        return moments[int(np.argmin(left))]
 
-    lift = Lift(plant_of(vehicle))
     edges = [int(k) for k in np.unique(np.linspace(piece.start, piece.stop, BLOCKS + 1).astype(int))]
     parts = [told(first, end) for first, end in pairwise(edges)]
     before, after = list(accumulate(parts, joined)), list(accumulate(reversed(parts), joined))[::-1]
-    tried = {k: misfit(before[i], after[i + 1]) for i, k in enumerate(edges[1:-1]) if _has_room(k, piece)}
-    best = min(tried, key=lambda k: tried[k])
+    roomy = [i for i, k in enumerate(edges[1:-1]) if _has_room(k, piece)]
+    best = best_of([edges[i + 1] for i in roomy], [before[i] for i in roomy], [after[i + 1] for i in roomy])
     at = edges.index(best)
     first, end = edges[at - 1], edges[at + 1]
     left = before[at - 2] if at > 1 else np.zeros_like(before[0])
@@ -52,8 +59,7 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
         moments = [k for k in range(low + step, high, step) if _has_room(k, piece) and min(k - first, end - k) > 1]
         if not moments:
             break
-        tried = {k: misfit(joined(left, told(first, k)), joined(told(k, end), right)) for k in moments}
-        best = min(tried, key=lambda k: tried[k])
+        best = best_of(moments, [joined(left, told(first, k)) for k in moments], [joined(told(k, end), right) for k in moments])
         low, high = max(best - step, first), min(best + step, end)
         if step == 1:
             break
@@ -64,20 +70,24 @@ def _has_room(k: int, piece: slice) -> bool:
     return k in range(piece.start + SHORTEST, piece.stop - SHORTEST + 1)
 
 
-def stretch(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved) -> Array:
-    """(N + 1, N + 1) triangle of what a stretch says of φ, the rate at its start and all other nuisances unknown; last, what is left."""
-    regression = Regression(samples, cycles, vehicle, Consider())
-    run, _ = regression.take(regression.begin(reference), cycles.stop)
-    return run.triangle[regression.free :, regression.free :]
-
-
 def joined(one: Array, other: Array) -> Array:
     """What two stretches say together."""
     return triangle_of(np.vstack([one, other]))
 
 
-def least(triangle: Array, lift: Lift, theta: Array) -> float:
-    """Chi-square of the body near ``theta`` (10,) that fits a triangle best: Gauss–Newton steps, each held back by the body's own size."""
+def least(triangles: Array, reference: Reference, vehicle: Resolved) -> Array:
+    """(M,) chi-square of the body near a reference that fits each of ``triangles`` (M, N + 1, N + 1) best.
+
+    Gauss–Newton steps, each held back by the body's own size. Where there is a compiled kernel that knows the vehicle it takes them.
+    """
+    lift = Lift(plant_of(vehicle))
+    theta = lift.theta(reference)
+    if compiled(vehicle):
+        return handed.least(handed.vehicle_numbers(vehicle, (False,) * 4, handed.Begun()), theta, triangles, STEPS, STILL)
+    return np.array([_least(triangle, lift, theta) for triangle in triangles])
+
+
+def _least(triangle: Array, lift: Lift, theta: Array) -> float:
     by_phi, measured = triangle[:, : lift.size], triangle[:, lift.size]
     for _ in range(STEPS):
         phi, slopes = lift.coefficients(theta)

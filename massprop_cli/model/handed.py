@@ -109,6 +109,17 @@ def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tup
     return found
 
 
+def least(numbers: Array, theta: Array, triangles: Array, steps: int, still: float) -> Array:
+    """(M,) chi-square of :func:`massprop_cli.diagnosis.change.least` of each of ``triangles`` (M, N + 1, N + 1)."""
+    library = kernel().library
+    if library is None:
+        raise RuntimeError("there is no compiled kernel")
+    found, given = np.empty(len(triangles)), np.ascontiguousarray(triangles)
+    count = ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)
+    checked(library.mp_host_least(pointer(numbers), pointer(np.ascontiguousarray(theta)), *count, pointer(given), pointer(found)))
+    return found
+
+
 class StatusError(RuntimeError):
     """The kernel doesn't take a cycle: ``enum mp_status`` of massprop_cli/kernel/massprop.h."""
 

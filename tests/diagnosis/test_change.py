@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change
+from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.kernel import kernel
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import Reference, plant_of
+from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
@@ -27,6 +31,12 @@ def docked(seed: int) -> tuple[Samples, Vehicle, Reference, int]:
     about = Reference(1.5 * tensor(true[:6]), true[6:9] + 0.01, 0.8 / true[9])
     at = int(np.searchsorted(samples.executed.start_s, used.phases[0].end_s - 1e-6))
     return samples, used, about, at
+
+
+def stretch(samples: Samples, cycles: slice, about: Reference, used: Vehicle) -> Array:
+    """What a stretch says of φ, reduced by itself."""
+    alone = Triangle(samples, cycles, resolved(used), Consider())
+    return alone.stretch(alone.whole(about), cycles)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -48,19 +58,44 @@ def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:
     samples, used = flown.samples(np.random.default_rng(3)), flown.used
     lift = Lift(plant_of(used))
     about = reference(flight.TRUTH)
-    triangle = change.stretch(samples, slice(2, 320), about, resolved(used))
-    left = change.least(triangle, lift, lift.theta(about))
+    triangle = stretch(samples, slice(2, 320), about, used)
+    (left,) = change.least(triangle[None], about, resolved(used))
     rows = 6 * 318
     assert left == pytest.approx(rows - 19, abs=4 * np.sqrt(2 * rows))
-    heavier = lift.theta(Reference(1.1 * about.inertia, about.cg, about.mu))
+    other = Reference(1.1 * about.inertia, about.cg, about.mu)
+    heavier = lift.theta(other)
     by_phi, measured = triangle[:, :-1], triangle[:, -1]
     assert ((measured - by_phi @ lift.coefficients(heavier)[0]) ** 2).sum() > 100 * left
-    assert change.least(triangle, lift, heavier) == pytest.approx(left, rel=1e-3)
+    assert change.least(triangle[None], other, resolved(used)) == pytest.approx(left, rel=1e-3)
 
 
 def test_two_stretches_say_together_what_their_rows_say() -> None:
     flown = flight.standard("free", 320)
     samples, used, about = flown.samples(np.random.default_rng(4)), flown.used, reference(flight.TRUTH)
-    one, other = (change.stretch(samples, piece, about, resolved(used)) for piece in (slice(2, 160), slice(160, 320)))
+    one, other = (stretch(samples, piece, about, used) for piece in (slice(2, 160), slice(160, 320)))
     both = change.joined(one, other)
     np.testing.assert_allclose(both.T @ both, one.T @ one + other.T @ other, rtol=1e-9, atol=1e-9 * np.abs(both.T @ both).max())
+
+
+@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_the_kernel_finds_the_bodies_that_numpy_finds(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of stretches of all lengths, from a beginning that is half as heavy again."""
+    flown = flight.standard(kind, 320)
+    samples, used, true = flown.samples(np.random.default_rng(5)), flown.used, reference(flight.TRUTH)
+    about = Reference(1.5 * true.inertia, true.cg, true.mu / 1.5)
+    triangles = np.stack([stretch(samples, slice(2, end), about, used) for end in (40, 80, 160, 320)])
+    found = change.least(triangles, about, resolved(used))
+    monkeypatch.setattr(change, "compiled", lambda _: False)
+    np.testing.assert_allclose(found, change.least(triangles, about, resolved(used)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["free", "air_bearing"])
+def test_a_stretch_of_a_longer_log_says_what_it_says_by_itself(kind: str) -> None:
+    flown = flight.standard(kind, 320)
+    samples, used, about = flown.samples(np.random.default_rng(6)), flown.used, reference(flight.TRUTH)
+    longer = Triangle(samples, slice(2, 320), resolved(used), Consider())
+    whole = longer.whole(about)
+    for cycles in (slice(2, 60), slice(60, 200), slice(200, 320)):
+        found, alone = longer.stretch(whole, cycles), stretch(samples, cycles, about, used)
+        np.testing.assert_allclose(found.T @ found, alone.T @ alone, rtol=1e-9, atol=1e-9 * np.abs(alone.T @ alone).max())
