@@ -23,7 +23,7 @@ onethread.prefer()
 from commit import commit  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
-from fault_runs import Run, Status, clean, run, warm_up  # noqa: E402
+from fault_runs import LONG, TIMES, Run, Status, clean, run, warm_up  # noqa: E402
 from fault_vehicles import VEHICLES  # noqa: E402
 
 from massprop_cli import __version__  # noqa: E402
@@ -57,7 +57,8 @@ def main() -> None:
                 if found is not None:
                     print(_shown(found), flush=True)
             return
-        print(HEAD.format(version=__version__, commit=commit(), first=arguments.first, last=seeds[-1] if seeds else "none"))
+        told: dict[str, object] = {"version": __version__, "commit": commit(), "long": LONG, "times": TIMES}
+        print(HEAD.format(**told, first=arguments.first, last=seeds[-1] if seeds else "none"))
         runs = []
         # the faults of one vehicle and seed are one piece of work: they share its clean flight
         for done, found in enumerate(pool.map(_run, tasks, chunksize=max(len(faults), 1)), 1):
@@ -213,6 +214,7 @@ vehicle, seed by seed; jet, axis, sign, size and time change with the seed. A ce
 
 Where the mass properties change, a value is held against the nearest that was true at some time. Time is CPU time over that of the same
 log without the fault: median, most; first of the estimate alone, then of `massprop estimate` as a whole, with its start and what it writes.
+Where that is more than {long:g} times, both are timed {times} times more and the least counts.
 """
 TOTALS_HEAD = """Wanted: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, nothing that looks good and is wrong, no time over 3.
 

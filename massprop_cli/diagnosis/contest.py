@@ -50,10 +50,12 @@ class Fitted:
         """An entry of x."""
         return self.x[self.model.place(name)]
 
-    @property
+    @cached_property
     def parts(self) -> list[Fitted]:
         """Of two suppositions at once, each; else itself."""
-        parts = self.supposed.parts or (self.supposed,)
+        if not self.supposed.parts:
+            return [self]
+        parts = self.supposed.parts
         spreads = np.split(self.spread, np.cumsum([part.free.shape[1] for part in parts])[:-1])
         return [replace(self, supposed=part, spread=own) for part, own in zip(parts, spreads, strict=True)]
 
@@ -73,7 +75,7 @@ class Fitted:
         found: Array = np.sqrt(((self.supposed.free[self.model.place(name)] * self.spread) ** 2).sum(1))
         return found
 
-    @property
+    @cached_property
     def moved(self) -> Array:
         """(d,) the unknowns, each over what is to be expected of it."""
         found: Array = np.linalg.lstsq(self.supposed.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0]
