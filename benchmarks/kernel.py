@@ -60,7 +60,9 @@ makes the same calls while records arrive on standard input:
     tail -f telemetry.csv | massprop live --vehicle vehicle.toml --out flight | controller
 
 Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
-...}}`, SI, null where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then.
+...}}`, SI, null where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then, and
+`contradicted` where the latest 256 cycles' innovations are more than twice as large as the stated noise makes them: then something else is
+flown than the vehicle file says, and no value is to be used.
 Noise levels and delay must be stated in the vehicle file. In the end the recording (record.csv) is estimated like any log; in that
 result the disturbances are sized too, so that it may say more than the last line did.
 """

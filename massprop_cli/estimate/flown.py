@@ -31,7 +31,7 @@ from massprop_cli.prepare.timing import Timing
 
 VALUES = 30
 """Values, sigmas and verdicts of the ten quantities."""
-VERDICTS = ("untold", "not_excited", "not_converged", "converged")
+VERDICTS = ("untold", "not_excited", "not_converged", "converged", "contradicted")
 """By the kernel's numbers."""
 NO_TOLERANCE = (0.0, 0.0, 0.0)
 

@@ -10,6 +10,9 @@
 #define HALVED R(0.5)  /* a quantity is informed once its sigma is below this part of the prior's */
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
+#define LATEST 256     /* cycles over which what the model leaves is averaged, */
+#define LOUDEST R(25)  /* no one of which counts more than this; */
+#define MISFIT R(4)    /* beyond this model and flight contradict each other: twice the noise that is stated */
 
 static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
@@ -105,15 +108,32 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
+/* Whether the latest innovations are far larger than they should be. */
+static int contradicted(const mp_row *row, mp_steady *steady) {
+    mp_real square = R(0);
+    int i, count = 0;
+    for (i = 0; i < 6; i++) {
+        if (!row->expected[i / 3]) continue;
+        square += row->normalised[i] * row->normalised[i];
+        count += 1;
+    }
+    if (count > 0) {
+        if (steady->counted < LATEST) steady->counted += 1;
+        steady->misfit += (mp_min(square / R(count), LOUDEST) - steady->misfit) / R(steady->counted);
+    }
+    return steady->misfit > MISFIT;
+}
+
 void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out) {
     mp_real trace = pass->estimate.inertia[0][0] + pass->estimate.inertia[1][1] + pass->estimate.inertia[2][2];
-    int i;
+    int i, astray;
     memset(out, 0, sizeof *out);
     if (!row->told) {
         memset(steady, 0, sizeof *steady);
         return;
     }
     quantities(rule, &pass->vehicle, row, out);
+    astray = contradicted(row, steady);
     for (i = 0; i < 10; i++) {
         mp_real size = i < 6 ? trace : i < 9 ? MP_SQRT(trace * pass->estimate.mu) : R(1) / pass->estimate.mu;
         mp_real tolerance = rule->tolerance[i < 6 ? 0 : i < 9 ? 1 : 2] * (rule->relative ? size : R(1));
@@ -127,5 +147,6 @@ void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_s
         out->verdict[i] = !informed ? MP_NOT_EXCITED : MP_NOT_CONVERGED;
         if (steady->steady[i] == rule->count) out->verdict[i] = MP_CONVERGED;
         if (informed && out->sigma[i] < SURE * tolerance && steady->steady[i] * BEGUN >= rule->count) out->verdict[i] = MP_CONVERGED;
+        if (astray) out->verdict[i] = MP_CONTRADICTED;
     }
 }

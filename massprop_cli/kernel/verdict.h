@@ -20,7 +20,8 @@ enum mp_verdict {
     MP_UNTOLD = 0,        /* nothing can be said */
     MP_NOT_EXCITED = 1,   /* the motion has hardly informed it */
     MP_NOT_CONVERGED = 2, /* informed, but it has moved more than the tolerance */
-    MP_CONVERGED = 3
+    MP_CONVERGED = 3,
+    MP_CONTRADICTED = 4   /* what is flown isn't what the tables say: not to be used */
 };
 
 /* ixx ixy ixz iyy iyz izz [kg m^2], cg_x cg_y cg_z [m], mass [kg]. */
@@ -32,11 +33,13 @@ typedef struct {
     int verdict[10];
 } mp_values;
 
-/* How long each has stood still. */
+/* How long each has stood still, and how much larger than stated what the model leaves is. */
 typedef struct {
     int told[10];
     mp_real value[10];
     int steady[10];
+    int counted;
+    mp_real misfit; /* mean square of the latest normalised innovations: 1, where all is as stated */
 } mp_steady;
 
 /* The quantities of a row. Verdicts rest on the sizes known by then; on the ground they rest on those known at the end. */

@@ -26,6 +26,9 @@ from massprop_cli.prepare.timing import Timing
 
 END, LENGTH, THETA, VELOCITY, ATTITUDE, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 12), slice(12, 14), 14
 """Where a cycle's numbers stand (:func:`massprop_cli.estimate.flown.cycles_of`); commands follow."""
+LATEST, LOUDEST, MISFIT = 256, 25.0, 4.0
+"""Cycles over which what the model leaves is averaged, the most that one of them counts, and the mean square of normalised innovations
+beyond which model and flight contradict each other: twice the noise that is stated."""
 
 
 class OnNumPy:
@@ -68,7 +71,7 @@ class OnNumPy:
                 rows, reference = self._passed(flown, slice(first, stop))
         values, covariance = quantities(rows.parameters, self.leg.own)
         sigmas = np.sqrt(np.einsum("kii->ki", covariance))
-        return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], reference)[None])
+        return Reported(rows, values, sigmas, self.steady.verdicts(values[0], sigmas[0], rows.normalised[0], reference)[None])
 
     def _passed(self, flown: Array, cycles: slice) -> tuple[Rows, Reference | None]:
         """The row after the last of ``cycles``, and the present estimate."""
@@ -112,8 +115,17 @@ class Steady:
 
     def _begin(self) -> None:
         self.steady, self.values = np.zeros(10), np.full(10, np.nan)
+        self.counted, self.misfit = 0, 0.0
 
-    def verdicts(self, values: Array, sigmas: Array, reference: Reference | None) -> Array:
+    def _contradicted(self, normalised: Array) -> bool:
+        """Whether the latest innovations are far larger than they should be."""
+        squares = normalised[~np.isnan(normalised)] ** 2
+        if len(squares):
+            self.counted = min(self.counted + 1, LATEST)
+            self.misfit += (min(float(squares.mean()), LOUDEST) - self.misfit) / self.counted
+        return self.misfit > MISFIT
+
+    def verdicts(self, values: Array, sigmas: Array, normalised: Array, reference: Reference | None) -> Array:
         """(10,) numbers of ``VERDICTS`` of the next row, by the sizes of the present estimate."""
         if reference is None:
             self._begin()
@@ -130,5 +142,7 @@ class Steady:
         self.values = values
         stands = (self.steady == self.count) | (informed & sure & (self.steady >= BEGUN * self.count))
         said = np.where(stands, "converged", np.where(informed, "not_converged", "not_excited"))
+        if self._contradicted(normalised):
+            said[:] = "contradicted"
         said[np.isnan(values)] = "untold"
         return np.array([VERDICTS.index(one) for one in said], dtype=float)

@@ -144,19 +144,32 @@ class Beside:
         return one
 
 
+def both(name: str, monkeypatch: pytest.MonkeyPatch, cycles: int, *assignments: str) -> list[Any]:
+    """What is said of the first cycles of a sample log."""
+    text = io.BytesIO()
+    pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet").slice(0, cycles), text)
+    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
+    monkeypatch.setattr(legs, "Compiled", Beside)
+    lines = text.getvalue().decode().splitlines(keepends=True)
+    return [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, print)]
+
+
 @compiled
 @pytest.mark.parametrize("name", ["free-flyer", "docking", "air-bearing"])
 def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Delays of two cycles and of none, a gap between phases."""
-    text = io.BytesIO()
-    pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet").slice(0, 260), text)
-    phases = 'phases=[{name="a", start_s=0.0, end_s=6.0}, {name="b", start_s=7.0, end_s=100.0}]'
-    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", [phases])
-    monkeypatch.setattr(legs, "Compiled", Beside)
-    lines = text.getvalue().decode().splitlines(keepends=True)
-    said = [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, print)]
+    said = both(name, monkeypatch, 260, 'phases=[{name="a", start_s=0.0, end_s=6.0}, {name="b", start_s=7.0, end_s=100.0}]')
     assert {one["phase"] for one in said} == {"a", "b"}
     assert sum(e["verdict"] == "converged" for e in said[-1]["estimates"].values()) > 0
+
+
+@compiled
+def test_both_say_that_what_is_flown_is_another_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Delay of a twentieth of a cycle less than flown: every value that is told is contradicted, none ever called converged."""
+    said = both("free-flyer", monkeypatch, 120, "cycle.command_delay_cycles=1.95")
+    verdicts = [[e["verdict"] for e in one["estimates"].values()] for one in said]
+    assert set(verdicts[-1]) - {"untold"} == {"contradicted"}
+    assert not any("converged" in each for each in verdicts)
 
 
 @compiled

@@ -67,6 +67,7 @@ def test_each_cycle_says_what_the_replay_says(name: str) -> None:
                 if one["value"] is not None:
                     assert abs(one["value"] - value) < 1e-6 * sigma
                     assert one["sigma"] == pytest.approx(sigma, rel=1e-6)
+    assert not any(e["verdict"] == "contradicted" for line in said if isinstance(each := line["estimates"], dict) for e in each.values())
 
 
 def test_objects_say_what_lines_of_csv_say() -> None:
