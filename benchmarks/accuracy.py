@@ -14,15 +14,19 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-from commit import commit
+from massprop_cli.base import onethread
 
-from massprop_cli import QUANTITIES, UNITS, __version__, flow
-from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import docking
-from massprop_cli.conclude.verdict import conclude
-from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import bound, scenario, simulate
+onethread.prefer()
+
+import numpy as np  # noqa: E402
+from commit import commit  # noqa: E402
+
+from massprop_cli import QUANTITIES, UNITS, __version__, flow  # noqa: E402
+from massprop_cli.base.arrays import Array  # noqa: E402
+from massprop_cli.conclude import docking  # noqa: E402
+from massprop_cli.conclude.verdict import conclude  # noqa: E402
+from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
+from massprop_cli.testbed import bound, scenario, simulate  # noqa: E402
 
 SCENARIOS = ("preliminary", "refined", "docking", "testbed", "free-flyer")
 METHODS = ("thesis", "default", "refine")

@@ -12,16 +12,20 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-from commit import commit
+from massprop_cli.base import onethread
 
-from massprop_cli import __version__
-from massprop_cli.base.arrays import Array
-from massprop_cli.estimate import engine, noiselevels
-from massprop_cli.estimate.history import phase_cycles
-from massprop_cli.inputs.vehicle import Phase
-from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
+onethread.prefer()
+
+import numpy as np  # noqa: E402
+from commit import commit  # noqa: E402
+
+from massprop_cli import __version__  # noqa: E402
+from massprop_cli.base.arrays import Array  # noqa: E402
+from massprop_cli.estimate import engine, noiselevels  # noqa: E402
+from massprop_cli.estimate.history import phase_cycles  # noqa: E402
+from massprop_cli.inputs.vehicle import Phase  # noqa: E402
+from massprop_cli.prepare.timing import Timing  # noqa: E402
+from massprop_cli.testbed import scenario, simulate  # noqa: E402
 
 SCENARIOS = ("preliminary", "refined", "free-flyer", "testbed", "docking")
 LIMITS = {"share": 5e-4, "worst": 8.0}

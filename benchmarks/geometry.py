@@ -14,17 +14,21 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-from commit import commit
+from massprop_cli.base import onethread
 
-from massprop_cli import QUANTITIES, __version__, flow
-from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import rotation
-from massprop_cli.inputs.equipment import Jet
-from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.scenario import ScenarioSource
+onethread.prefer()
+
+import numpy as np  # noqa: E402
+from commit import commit  # noqa: E402
+
+from massprop_cli import QUANTITIES, __version__, flow  # noqa: E402
+from massprop_cli.base.arrays import Array  # noqa: E402
+from massprop_cli.base.rigidbody import rotation  # noqa: E402
+from massprop_cli.inputs.equipment import Jet  # noqa: E402
+from massprop_cli.inputs.vehicle import Vehicle  # noqa: E402
+from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
+from massprop_cli.testbed import scenario, simulate  # noqa: E402
+from massprop_cli.testbed.scenario import ScenarioSource  # noqa: E402
 
 CASES = {"free-flyer": 24.0, "planar": 24.0}
 """Scenarios, and how much of each is flown, s."""

@@ -14,19 +14,23 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
+from massprop_cli.base import onethread
 
-from massprop_cli import CG, INERTIA, QUANTITIES, UNITS, flow
-from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import docking
-from massprop_cli.conclude.verdict import conclude
-from massprop_cli.estimate import thesis
-from massprop_cli.estimate.history import phase_cycles
-from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.prepare.align import align
-from massprop_cli.prepare.compensate import Samples, compensate
-from massprop_cli.testbed import scenario, simulate
+onethread.prefer()
+
+import numpy as np  # noqa: E402
+
+from massprop_cli import CG, INERTIA, QUANTITIES, UNITS, flow  # noqa: E402
+from massprop_cli.base.arrays import Array  # noqa: E402
+from massprop_cli.conclude import docking  # noqa: E402
+from massprop_cli.conclude.verdict import conclude  # noqa: E402
+from massprop_cli.estimate import thesis  # noqa: E402
+from massprop_cli.estimate.history import phase_cycles  # noqa: E402
+from massprop_cli.inputs.vehicle import Vehicle  # noqa: E402
+from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
+from massprop_cli.prepare.align import align  # noqa: E402
+from massprop_cli.prepare.compensate import Samples, compensate  # noqa: E402
+from massprop_cli.testbed import scenario, simulate  # noqa: E402
 
 PUBLISHED = {
     "4.1": ("preliminary", 0, [0.70, 0.10, 0.09, 4.00, 0.10, 4.00, 0.10, 0.00, 0.10, 19.99]),
