@@ -22,7 +22,7 @@ BLOCK, LONGEST = 16, 128
 """Cycles taken in at a time: when the estimate has just moved, and at most; in between, half of those since."""
 RING, LEARNING = 256, 1024
 """Cycles that are taken in anew when the estimate has moved: once each axis is known, and before."""
-AGAIN = 4
+AGAIN = 8
 """How often, on the average, a cycle may be taken in anew."""
 FIRST = 16
 """Least number of cycles between attempts to find a first reference."""

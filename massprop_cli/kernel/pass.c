@@ -10,7 +10,7 @@
 #include "small.h"
 #include "solve.h"
 
-#define AGAIN 4       /* how often, on the average, a cycle may be taken in anew */
+#define AGAIN 8       /* how often, on the average, a cycle may be taken in anew */
 #define ATTEMPT 16    /* least number of cycles between attempts to find a first reference */
 #define PASSES 4      /* how often in a row cycles are taken in anew */
 #define CHECKPOINT 64 /* cycles from which on they may be, next time */
