@@ -90,10 +90,16 @@ def limits(where: Path) -> list[str]:
     return re.findall(r"-DMP_\w+=\d+", (where / "Makefile").read_text())
 
 
-def soaked(where: Path, *arguments: str, optimised: tuple[str, ...] = ("-O3",)) -> list[list[str]]:
+def optimised(where: Path) -> str:
+    """What the flight folder's Makefile asks the compiler for."""
+    return (where / "Makefile").read_text().partition("OPTIMISED = ")[2].partition("\n")[0]
+
+
+def soaked(where: Path, *arguments: str, as_flown: bool = False) -> list[list[str]]:
     """The lines of kernel_soak.c, built as pip builds the kernel, or as the flight folder's Makefile does."""
     sources = [str(path) for path in where.glob("*.c") if path.name not in ("replay.c", "size.c")]
-    flags = ["-std=c99", *optimised, "-ffp-contract=off", *limits(where), f"-I{where}"]
+    level = optimised(where).split() if as_flown else [flag for flag in FLAGS if flag.startswith("-O")]
+    flags = ["-std=c99", *level, "-ffp-contract=off", *limits(where), f"-I{where}"]
     subprocess.run(["cc", *flags, *sources, str(SOAK), "-o", str(where / "soak"), "-lm"], check=True)
     with (where / "vector.txt").open() as vector:
         run = subprocess.run([str(where / "soak"), *arguments], stdin=vector, capture_output=True, text=True, check=False)
@@ -104,14 +110,15 @@ def costs(where: Path, longest: int) -> None:
     """Time of a cycle against the flight's length."""
     beside = filterpy_us()
     print("## A cycle\n\nThe free-flyer sample, then the same body turning freely, with the noise that its vehicle file states.\n")
-    print("| cycles | mean of one, us | worst, us | mean / filterpy update | mean / filterpy update, -O2 | wrong numbers |")
+    print("| cycles | mean of one, us | worst, us | mean / filterpy update | mean / filterpy update, as flown | wrong numbers |")
     print("|--:|--:|--:|--:|--:|--:|")
-    flown = soaked(where, str(longest), "1e-4", optimised=("-O2",))
+    flown = soaked(where, str(longest), "1e-4", as_flown=True)
     for (cycles, mean, worst, wrong), (_, slower, *_) in zip(soaked(where, str(longest), "1e-4"), flown, strict=True):
         ratios = ["-" if beside is None else f"{float(of) / 1000 / beside:.2f}" for of in (mean, slower)]
         print(f"| {int(cycles):,} | {float(mean) / 1000:.1f} | {float(worst) / 1000:,.0f} | {' | '.join(ratios)} | {wrong} |")
     told = "filterpy is not installed here" if beside is None else f"filterpy's update of 9 states by 3 measurements took {beside:.1f} us"
-    print(f"\n{told}. The worst cycles are those after which the latest are taken in anew, or in which the machine did something else.\n")
+    print(f"\n{told}. The kernel is built as pip builds it, and as flown with {optimised(where)}.")
+    print("The worst cycles are those after which the latest are taken in anew, or in which the machine did something else.\n")
 
 
 def health(where: Path, longest: int) -> None:

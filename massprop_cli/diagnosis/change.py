@@ -34,11 +34,11 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
     if piece.stop - piece.start < 4 * SHORTEST:
         return None
 
-    regression = Triangle(samples, piece, vehicle, Consider())
-    whole = regression.whole(reference)
+    triangle = Triangle(samples, piece, vehicle, Consider())
+    begun, whole = triangle.begin(reference), triangle.whole(reference)
 
     def told(first: int, end: int) -> Array:
-        return regression.stretch(whole, slice(first, end))
+        return triangle.stretch(begun, whole, slice(first, end))
 
     def best_of(moments: Sequence[int], before: Sequence[Array], after: Sequence[Array]) -> int:
         left = least(np.stack([*before, *after]), reference, vehicle).reshape(2, -1).sum(0)

@@ -89,12 +89,9 @@ class Posed:
         return Fits(found[0], found[1].swapaxes(1, 2), found[2])
 
     def _run(self, name: str, unknowns: int, *arrays: Array | NDArray[np.uint8] | None, count: int | None = None) -> None:
-        library = kernel().library
-        if library is None:
-            raise RuntimeError("there is no compiled kernel")
         every, *shape = self._sizes[:4]
         sizes = np.array([every if count is None else count, *shape, unknowns, *self._sizes[4:]], ctypes.c_long)
         triangles = (ctypes.c_void_p * len(self._triangles))(*(part.ctypes.data for part in self._triangles))
         shared = ctypes.c_void_p(sizes.ctypes.data), ctypes.c_void_p(self._places.ctypes.data), pointer(self._numbers), triangles
-        if library[name](*shared, *(None if part is None else pointer(part) for part in arrays)):
+        if kernel().compiled[name](*shared, *(None if part is None else pointer(part) for part in arrays)):
             raise np.linalg.LinAlgError("a fit has no next step")

@@ -41,9 +41,7 @@ class Pass:
     """The causal pass through one phase."""
 
     def __init__(self, samples: Source, cycles: slice, vehicle: Resolved) -> None:
-        library = kernel().library
-        if library is None:
-            raise RuntimeError("there is no compiled kernel")
+        library = kernel().compiled
         self.library, self.samples, self.cycles, self.vehicle = library, samples, cycles, vehicle
         self._room = np.empty(library.mp_host_size(), np.uint8)
         self.memory = pointer(self._room)

@@ -77,9 +77,7 @@ class Flight:
     """The kernel from a flight's first cycle on."""
 
     def __init__(self, commands: Array, vehicle: Array, rule: Array, by: Kernel | None = None) -> None:
-        library = (by or kernel()).library
-        if library is None:
-            raise RuntimeError("there is no compiled kernel")
+        library = (by or kernel()).compiled
         self.library = library
         self.channels = 15 if vehicle[0] else 12
         self._room = np.empty(library.mp_host_flight_size(), np.uint8)

@@ -77,9 +77,6 @@ def filtered(state: State, system: System, new: bool, every: bool = False) -> tu
 
 def _compiled(state: State, system: System, process: Array, new: bool) -> tuple[State, Taken]:
     """The same in the kernel (massprop_cli/kernel/offline.c)."""
-    library = kernel().library
-    if library is None:
-        raise RuntimeError("there is no compiled kernel")
     first, (cycles, _, given), (states, columns), noises = int(not new), system.measured.shape, state.mean.shape, process.shape[2]
     sizes = np.array([cycles, first, states, given, columns - given, noises], ctypes.c_long)
     parts = (system.transition, system.drive, process, system.observation, system.measured, system.noise)
@@ -87,7 +84,7 @@ def _compiled(state: State, system: System, process: Array, new: bool) -> tuple[
     mean, root = np.array(state.mean, order="C"), np.array(state.root[:, :states], order="C")
     white, roots = np.empty((cycles - first, 6, columns)), np.empty((cycles - first, 6, 6))
     arrays = (*map(np.ascontiguousarray, parts), room, mean, root, white, roots)
-    library.mp_host_filtered(ctypes.c_void_p(sizes.ctypes.data), *map(pointer, arrays))
+    kernel().compiled.mp_host_filtered(ctypes.c_void_p(sizes.ctypes.data), *map(pointer, arrays))
     return State(mean, root), Taken(white, roots, ())
 
 

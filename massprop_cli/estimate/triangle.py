@@ -23,7 +23,7 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.model.system import System, begun, drift, prior, system_of
+from massprop_cli.model.system import System, beginnings, drift, prior, system_of
 from massprop_cli.prepare.compensate import Source
 
 WEIGHED = 0.5
@@ -96,14 +96,15 @@ class Triangle:
         """Of all cycles of the phase."""
         return self._system(self.cycles.start, self.cycles.stop, reference)
 
-    def stretch(self, whole: System, cycles: slice) -> Array:
-        """(N + 1, N + 1) triangle of what a stretch says of φ, all nuisances unknown at its start; last, what is left."""
+    def stretch(self, begun: Run, whole: System, cycles: slice) -> Array:
+        """(N + 1, N + 1) triangle of what a stretch says of φ, all nuisances unknown at its start; last, what is left.
+
+        ``begun`` is a run before its first cycle, ``whole`` the system of all cycles of the phase.
+        """
         part = whole.part(cycles.start - self.cycles.start, cycles.stop - self.cycles.start)
-        part = replace(part, begun=begun(self.samples.part(cycles), self.samples, self.vehicle))
-        size = self.free + self.lift.size + 1
-        _, taken = filtered(unknown_beginnings(self.prior, part), part, True, self.drifting)
-        rows = ordered(taken.white, self.lift.size, self.free)
-        return triangle_of(np.vstack([known_rows(self.prior, size), rows]))[self.free :, self.free :]
+        part = replace(part, begun=beginnings(self.samples.part(cycles), self.samples, self.vehicle))
+        run, _ = self._with(replace(begun, at=cycles.start), cycles.stop, part)
+        return run.triangle[self.free :, self.free :]
 
     def _system(self, first: int, end: int, reference: Reference) -> System:
         """Of the cycles from ``first`` on, with the step that leads into it."""

@@ -28,6 +28,13 @@ class Kernel(NamedTuple):
     name: str
     """For run.json: which, and why."""
 
+    @property
+    def compiled(self) -> ctypes.CDLL:
+        """The library; RuntimeError where NumPy runs."""
+        if self.library is None:
+            raise RuntimeError("there is no compiled kernel")
+        return self.library
+
 
 @cache
 def kernel() -> Kernel:

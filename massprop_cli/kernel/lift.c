@@ -205,8 +205,9 @@ void mp_scales(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[1
     out[9] = theta[9];
 }
 
-/* Whether the smallest principal value is far enough above nothing, as a rule told by the circles that hold all of them. */
-static int is_round(const mp_real theta[10]) {
+/* Whether a symmetric matrix's smallest principal value is no less than LEAST of the largest: as a rule the circles that hold them (Gershgorin
+   1931) tell it. */
+static int is_definite(const mp_real theta[10]) {
     mp_real off[3], principal[3], least, most;
     int i;
     off[0] = mp_abs(theta[1]) + mp_abs(theta[2]);
@@ -226,9 +227,9 @@ static int is_round(const mp_real theta[10]) {
 
 static int is_body(const mp_vehicle *vehicle, const mp_real theta[10]) {
     mp_real found[10];
-    if (!mp_finite(theta, 10) || theta[9] <= R(0) || !is_round(theta)) return 0;
+    if (!mp_finite(theta, 10) || theta[9] <= R(0) || !is_definite(theta)) return 0;
     mp_parameters(vehicle, theta, found);
-    return mp_finite(found, 6) && is_round(found);
+    return mp_finite(found, 6) && is_definite(found);
 }
 
 void mp_stepped(const mp_vehicle *vehicle, mp_real theta[10], const mp_real step[10]) {
@@ -249,7 +250,7 @@ void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]
     int again, i;
     for (again = 0; again < HALVINGS; again++) {
         for (i = 0; i < 10; i++) out[i] = share > R(0) ? theta[i] + share * (i < 9 ? step[i] : lighter) : theta[i];
-        if (is_round(out)) return;
+        if (is_definite(out)) return;
         share /= R(2);
     }
     for (i = 0; i < 10; i++) out[i] = theta[i];

@@ -86,7 +86,7 @@ static void again(mp_pass *pass) {
         mp_improve(pass, run);
         pushed(pass);
         mp_pose(pass);
-        if (mp_stands(pass, &pass->posed)) return;
+        if (mp_stands(pass)) return;
     }
 }
 
@@ -109,7 +109,7 @@ static void looked(mp_pass *pass, long length) {
     if (pass->started) {
         mp_improve(pass, run);
         mp_pose(pass);
-        moved = pass->spare >= 0 && !mp_stands(pass, &pass->posed);
+        moved = pass->spare >= 0 && !mp_stands(pass);
     } else if (run->at >= pass->due) {
         long next = run->at / 200;
         pass->due = run->at + (next > ATTEMPT ? next : ATTEMPT);
@@ -184,7 +184,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     if (pass->started) {
         mp_judge(&pass->layout, &pass->posed, pass->room.ordered, row->normalised, unexplained, spread);
         innovated(pass, cycle, root, unexplained, spread, row);
-        astray = mp_tell(pass, &pass->posed, row) && pass->spare >= 0;
+        astray = mp_tell(pass, row) && pass->spare >= 0;
         row->told = !run->stuck;
     }
     mp_fold(run->triangle, pass->layout.width, pass->room.ordered, 6);
@@ -196,7 +196,7 @@ int mp_step(mp_pass *pass, const mp_cycle *cycle, mp_row *row) {
     length = run->at - pass->block_begin;
     looked(pass, length);
     if (!pass->started) return MP_OK;
-    (void)mp_tell(pass, &pass->posed, row);
+    (void)mp_tell(pass, row);
     row->told = !run->stuck;
     return MP_OK;
 }

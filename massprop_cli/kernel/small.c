@@ -185,32 +185,8 @@ static int reflected(mp_real *own, mp_real power, mp_real *over, mp_real *tau) {
     return 1;
 }
 
-/* Rows go six at a time: they are arguments, since only of those do compilers believe `restrict`, without which they take one number at a
-   time. What they add to the sum of a column's reflection: */
-static void gathered(mp_real *restrict sum, const mp_real *restrict r0, const mp_real *restrict r1, const mp_real *restrict r2,
-                     const mp_real *restrict r3, const mp_real *restrict r4, const mp_real *restrict r5, int count, const mp_real part[6]) {
-    const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
-    int c;
-    for (c = 0; c < count; c++) sum[c] = sum[c] + p0 * r0[c] + p1 * r1[c] + p2 * r2[c] + p3 * r3[c] + p4 * r4[c] + p5 * r5[c];
-}
-
-/* and what it takes off them. */
-static void spread(const mp_real *restrict sum, mp_real *restrict r0, mp_real *restrict r1, mp_real *restrict r2, mp_real *restrict r3,
-                   mp_real *restrict r4, mp_real *restrict r5, int count, const mp_real part[6]) {
-    const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
-    int c;
-    for (c = 0; c < count; c++) {
-        mp_real by = sum[c];
-        r0[c] -= p0 * by;
-        r1[c] -= p1 * by;
-        r2[c] -= p2 * by;
-        r3[c] -= p3 * by;
-        r4[c] -= p4 * by;
-        r5[c] -= p5 * by;
-    }
-}
-
-/* Both of six rows alone, in one sweep. */
+/* One column's reflection of six rows, which is nearly all that a cycle folds, in one sweep. The rows are arguments, since only of those do
+   compilers believe `restrict`, without which they take one number at a time. */
 static void reflect6(mp_real *restrict own, mp_real *restrict r0, mp_real *restrict r1, mp_real *restrict r2, mp_real *restrict r3,
                      mp_real *restrict r4, mp_real *restrict r5, int count, const mp_real part[6], mp_real tau) {
     const mp_real p0 = part[0], p1 = part[1], p2 = part[2], p3 = part[3], p4 = part[4], p5 = part[5];
@@ -229,49 +205,40 @@ static void reflect6(mp_real *restrict own, mp_real *restrict r0, mp_real *restr
 
 static void fold6(mp_real *triangle, int size, mp_real *rows) {
     mp_real *r0 = rows, *r1 = r0 + size, *r2 = r1 + size, *r3 = r2 + size, *r4 = r3 + size, *r5 = r4 + size, *own = triangle;
-    mp_real part[6], over, tau;
     int i, left;
-    for (left = size; left > 0; left--) {
-        part[0] = *r0++;
-        part[1] = *r1++;
-        part[2] = *r2++;
-        part[3] = *r3++;
-        part[4] = *r4++;
-        part[5] = *r5++;
-        over = (part[0] * part[0] + part[1] * part[1]) + (part[2] * part[2] + part[3] * part[3]) + (part[4] * part[4] + part[5] * part[5]);
-        if (reflected(own, over, &over, &tau)) {
-            for (i = 0; i < 6; i++) part[i] *= over;
-            reflect6(own + 1, r0, r1, r2, r3, r4, r5, left - 1, part, tau);
-        }
-        own += left;
+    for (left = size; left > 0; own += left--) {
+        mp_real p[6], power, over, tau;
+        p[0] = *r0++;
+        p[1] = *r1++;
+        p[2] = *r2++;
+        p[3] = *r3++;
+        p[4] = *r4++;
+        p[5] = *r5++;
+        power = (p[0] * p[0] + p[1] * p[1]) + (p[2] * p[2] + p[3] * p[3]) + (p[4] * p[4] + p[5] * p[5]);
+        if (!reflected(own, power, &over, &tau)) continue;
+        for (i = 0; i < 6; i++) p[i] *= over;
+        reflect6(own + 1, r0, r1, r2, r3, r4, r5, left - 1, p, tau);
     }
 }
 
+/* One column's reflection of any number of rows. */
 static void reflect(mp_real *own, mp_real *rows, int size, int count, int column, mp_real over, mp_real tau) {
-    mp_real sum[MP_WIDTH], part[6];
-    int from = column + 1, left = size - from, i, k, c;
+    mp_real sum[MP_WIDTH];
+    int from = column + 1, left = size - from, i, c;
     for (c = 0; c < left; c++) sum[c] = own[from + c];
-    for (i = 0; i + 6 <= count; i += 6) {
-        const mp_real *r = rows + i * size + from;
-        for (k = 0; k < 6; k++) part[k] = r[k * size - 1] * over;
-        gathered(sum, r, r + size, r + 2 * size, r + 3 * size, r + 4 * size, r + 5 * size, left, part);
-    }
-    for (; i < count; i++) {
+    for (i = 0; i < count; i++) {
         const mp_real *r = rows + i * size + from;
         mp_real by = r[-1] * over;
+        if (by == R(0)) continue;
         for (c = 0; c < left; c++) sum[c] += by * r[c];
     }
     for (c = 0; c < left; c++) {
         sum[c] *= tau;
         own[from + c] -= sum[c];
     }
-    for (i = 0; i + 6 <= count; i += 6) {
-        mp_real *r = rows + i * size + from;
-        for (k = 0; k < 6; k++) part[k] = r[k * size - 1] * over;
-        spread(sum, r, r + size, r + 2 * size, r + 3 * size, r + 4 * size, r + 5 * size, left, part);
-    }
-    for (; i < count; i++) {
+    for (i = 0; i < count; i++) {
         mp_real *r = rows + i * size + from, by = r[-1] * over;
+        if (by == R(0)) continue;
         for (c = 0; c < left; c++) r[c] -= by * sum[c];
     }
 }

@@ -167,20 +167,21 @@ void mp_pose(mp_pass *pass) {
 }
 
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
-static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
+static void sensed(const mp_pass *pass, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
+    const mp_real *theta = pass->posed.theta;
     mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
-    mp_real mu = posed->theta[9] + step[9], untold = MP_UNTOLD_MASS * mu;
+    mp_real mu = theta[9] + step[9], untold = MP_UNTOLD_MASS * mu;
     int i, j;
     memcpy(pull, pass->pull, sizeof pull);
     /* where the log doesn't tell the mass, the rest is judged beside the known one */
     if (mass > R(0)) {
-        mp_real faint = MP_FAINT_MASS * mp_max(R(1) / mass, posed->theta[9]);
+        mp_real faint = MP_FAINT_MASS * mp_max(R(1) / mass, theta[9]);
         if (covariance[9][9] > faint * faint) pull[9] = EXACT / mass;
     } else if (mu > R(0) && covariance[9][9] < untold * untold) {
         pull[9] = mp_max(pull[9], mu); /* a search that began orders of magnitude away draws no mass that the log tells */
     }
     for (i = 0; i < 10; i++) {
-        left[i] = (step[i] + posed->theta[i] - pass->centre.theta[i]) / pull[i];
+        left[i] = (step[i] + theta[i] - pass->centre.theta[i]) / pull[i];
         for (j = 0; j < 10; j++) joint[10 * i + j] = covariance[i][j] / pull[i] / pull[j] + (i == j ? R(1) : R(0));
     }
     memcpy(sensible, step, sizeof sensible);
@@ -192,7 +193,7 @@ static void sensed(const mp_pass *pass, const mp_posed *posed, const mp_real ste
             sensible[i] = step[i] - sum;
         }
     }
-    mp_nearest(posed->theta, sensible, out);
+    mp_nearest(theta, sensible, out);
 }
 
 /* Error of c or kappa, as its product with J is split about the reference: its own move, where another axis' J is faint. */
@@ -216,7 +217,8 @@ static void outer10(mp_real a[10][10], const int first[10], mp_real out[10][10])
         }
 }
 
-int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row) {
+int mp_tell(mp_pass *pass, mp_row *row) {
+    const mp_posed *posed = &pass->posed;
     mp_real root[10][10], step[10], right[10], at[10], sigma[10], slopes[10][10], apart[10], moved[10][10], share;
     mp_real *mean = row->mean, (*covariance)[10] = row->covariance;
     int i, j, k;
@@ -234,7 +236,7 @@ int mp_tell(mp_pass *pass, const mp_posed *posed, mp_row *row) {
     }
     outer10(root, UPPER, covariance);
     for (i = 0; i < 10; i++) sigma[i] = MP_SQRT(covariance[i][i]);
-    sensed(pass, posed, step, covariance, at);
+    sensed(pass, step, covariance, at);
     mp_slopes(&pass->vehicle, at, slopes);
     mp_parameters(&pass->vehicle, at, mean);
     split(pass, at, sigma, apart);
@@ -287,7 +289,8 @@ static mp_real told_by_torque(const mp_pass *pass, const mp_real theta[10], cons
     return R(pass->run.at) * turning * (widest * widest);
 }
 
-int mp_stands(const mp_pass *pass, const mp_posed *posed) {
+int mp_stands(const mp_pass *pass) {
+    const mp_posed *posed = &pass->posed;
     mp_real sigma[10], elapsed = pass->end_s - pass->begun_s;
     int i;
     for (i = 0; i < 3; i++) {

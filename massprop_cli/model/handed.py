@@ -82,9 +82,6 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
 
     ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
     """
-    library = kernel().library
-    if library is None:
-        raise RuntimeError("there is no compiled kernel")
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
     steps, drive, measured = np.empty((count - 1, 3)), np.empty((count - 1, n, 1 + combined)), np.empty((count, 6, 1 + combined))
@@ -93,30 +90,26 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
     rows, stride = (ctypes.c_long(length) for length in cycles.shape)
     whole = None if onto is None else np.ascontiguousarray(onto)
     by = None if whole is None else pointer(whole)
-    checked(library.mp_host_lifted(pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out))
+    checked(
+        kernel().compiled.mp_host_lifted(pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out)
+    )
     return found
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
     """The arrays of :func:`massprop_cli.model.lifted.integrals_about`, handed over as :func:`lifted` hands them."""
-    library = kernel().library
-    if library is None:
-        raise RuntimeError("there is no compiled kernel")
     count = len(cycles)
     found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
     rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    checked(library.mp_host_integrals(pointer(numbers), pointer(about), rows, stride, pointer(cycles), *map(pointer, found)))
+    checked(kernel().compiled.mp_host_integrals(pointer(numbers), pointer(about), rows, stride, pointer(cycles), *map(pointer, found)))
     return found
 
 
 def least(numbers: Array, theta: Array, triangles: Array, steps: int, still: float) -> Array:
     """(M,) chi-square of :func:`massprop_cli.diagnosis.change.least` of each of ``triangles`` (M, N + 1, N + 1)."""
-    library = kernel().library
-    if library is None:
-        raise RuntimeError("there is no compiled kernel")
     found, given = np.empty(len(triangles)), np.ascontiguousarray(triangles)
     count = ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)
-    checked(library.mp_host_least(pointer(numbers), pointer(np.ascontiguousarray(theta)), *count, pointer(given), pointer(found)))
+    checked(kernel().compiled.mp_host_least(pointer(numbers), pointer(np.ascontiguousarray(theta)), *count, pointer(given), pointer(found)))
     return found
 
 

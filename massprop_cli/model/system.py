@@ -89,11 +89,11 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         step[:, states:] = np.diag(walk) * np.sqrt(here.executed.duration_s[1:])[:, None, None]
         roots.append(step)
     return System(
-        transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise, begun(here, samples, vehicle)
+        transition, drive, np.concatenate(roots, -1) if roots else None, observation, measured, noise, beginnings(here, samples, vehicle)
     )
 
 
-def begun(here: Samples, samples: Source, vehicle: Resolved) -> Array:
+def beginnings(here: Samples, samples: Source, vehicle: Resolved) -> Array:
     """(n, 1 + n) of the first of these cycles: by then a bias has carried the attitude off."""
     layout, count = Layout.of(samples, vehicle), len(prior(samples, vehicle))
     found = np.eye(count, 1 + count, 1)

@@ -36,7 +36,7 @@ def docked(seed: int) -> tuple[Samples, Vehicle, Reference, int]:
 def stretch(samples: Samples, cycles: slice, about: Reference, used: Vehicle) -> Array:
     """What a stretch says of φ, reduced by itself."""
     alone = Triangle(samples, cycles, resolved(used), Consider())
-    return alone.stretch(alone.whole(about), cycles)
+    return alone.stretch(alone.begin(about), alone.whole(about), cycles)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -95,7 +95,7 @@ def test_a_stretch_of_a_longer_log_says_what_it_says_by_itself(kind: str) -> Non
     flown = flight.standard(kind, 320)
     samples, used, about = flown.samples(np.random.default_rng(6)), flown.used, reference(flight.TRUTH)
     longer = Triangle(samples, slice(2, 320), resolved(used), Consider())
-    whole = longer.whole(about)
+    begun, whole = longer.begin(about), longer.whole(about)
     for cycles in (slice(2, 60), slice(60, 200), slice(200, 320)):
-        found, alone = longer.stretch(whole, cycles), stretch(samples, cycles, about, used)
+        found, alone = longer.stretch(begun, whole, cycles), stretch(samples, cycles, about, used)
         np.testing.assert_allclose(found.T @ found, alone.T @ alone, rtol=1e-9, atol=1e-9 * np.abs(alone.T @ alone).max())
