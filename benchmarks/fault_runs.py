@@ -46,7 +46,8 @@ WRONG = ("--set", "cycle.command_delay_cycles=2.5")
 """What the sample log doesn't fit, so that a cause is looked for."""
 TIMES = 3
 LONG = 3.0
-"""Times its clean twin's command, above which a log is timed again, ``TIMES`` times: what else the machine does only makes times longer."""
+"""Times its clean twin's command, above which a log is timed again as often as its twin is anyhow: what else the machine does only makes
+times longer."""
 UNKNOWN = frozenset({"contradicted", "cause-unknown"})
 Status = Literal["right", "half", "wrong", "unknown", "silent", "harmless", "hidden", "refused", "crash"]
 
@@ -129,26 +130,43 @@ def run(fault: str, vehicle: str, seed: int) -> Run | None:
         status = "hidden"
     right = any(all(_fits(c, drawn.case.bodies) for c in answer.conclusions) for answer in found.mended)
     made = Run(fault, vehicle, seed, drawn.what, status, values, right, seconds, clean_seconds, found.notices)
-    return made if made.command_ratio < LONG else _timed_again(made, drawn.case, flown.clean)
+    return made if made.command_ratio < LONG else replace(made, seconds=min(seconds, _least_seconds(drawn.case, vehicle)))
 
 
-def _timed_again(made: Run, case: Case, twin: Case) -> Run:
-    """With the least time of a few, of the log and of its twin in turn."""
-    both = [[_examined(one, made.vehicle)[1] for one in (case, twin)] for _ in range(TIMES)]
-    seconds, clean_seconds = np.min([*both, [made.seconds, made.clean_seconds]], axis=0)
-    return replace(made, seconds=float(seconds), clean_seconds=float(clean_seconds))
+@dataclass(frozen=True)
+class Clean:
+    """What was said of a log without fault."""
+
+    vehicle: str
+    codes: tuple[str, ...]
+    """Causes named."""
+    told: int
+    """Values with a sigma, ..."""
+    converged: int
+    """... those called converged, ..."""
+    wrong: int
+    """... and wrong."""
 
 
-def clean(vehicle: str, seed: int) -> tuple[tuple[str, ...], int]:
-    """Causes named of a log without fault, and how many of its quantities look good and are wrong."""
-    found, _ = _twin(vehicle, seed)
+def clean(vehicle: str, seed: int) -> Clean:
+    """Of one."""
+    case = subject(vehicle, seed).clean
+    found, _ = _examined(case, vehicle)
     codes = {notice.code for notice in found.notices} & CAUSES - VEHICLES[vehicle].said
-    return tuple(sorted(codes)), sum(value.good for value in _values(found, subject(vehicle, seed).clean.bodies))
+    values = tuple(_values(found, case.bodies))
+    converged = sum(value.verdict == "converged" for value in values)
+    return Clean(vehicle, tuple(sorted(codes)), len(values), converged, sum(value.good for value in values))
 
 
 @lru_cache(maxsize=2)
 def _twin(vehicle: str, seed: int) -> tuple[Analysis, float]:
-    return _examined(subject(vehicle, seed).clean, vehicle)
+    case = subject(vehicle, seed).clean
+    found, seconds = _examined(case, vehicle)
+    return found, min(seconds, _least_seconds(case, vehicle))
+
+
+def _least_seconds(case: Case, name: str) -> float:
+    return min(_examined(case, name)[1] for _ in range(TIMES))
 
 
 def _examined(case: Case, name: str) -> tuple[Analysis, float]:

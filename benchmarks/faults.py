@@ -23,7 +23,7 @@ onethread.prefer()
 from commit import commit  # noqa: E402
 from fault_kinds import FAULTS  # noqa: E402
 from fault_named import CAUSES  # noqa: E402
-from fault_runs import LONG, TIMES, Run, Status, clean, run, warm_up  # noqa: E402
+from fault_runs import LONG, TIMES, WRONG, Clean, Run, Status, clean, overhead, run, warm_up  # noqa: E402
 from fault_vehicles import VEHICLES  # noqa: E402
 
 from massprop_cli import __version__  # noqa: E402
@@ -51,14 +51,16 @@ def main() -> None:
     faults = _chosen(arguments.fault)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     tasks = [(fault, vehicle, seed) for vehicle in vehicles for seed in seeds for fault in faults]
+    if not arguments.show:
+        told: dict[str, object] = {"version": __version__, "commit": commit(), "long": LONG, "more": 1 + TIMES}
+        told |= {"plain": overhead(()), "faulty": overhead(WRONG)}  # before the pool, whose processes know it then
+        print(HEAD.format(**told, first=arguments.first, last=seeds[-1] if seeds else "none"))
     with ProcessPoolExecutor(arguments.jobs, initializer=warm_up) as pool:
         if arguments.show:
             for found in pool.map(_run, tasks):
                 if found is not None:
                     print(_shown(found), flush=True)
             return
-        told: dict[str, object] = {"version": __version__, "commit": commit(), "long": LONG, "times": TIMES}
-        print(HEAD.format(**told, first=arguments.first, last=seeds[-1] if seeds else "none"))
         runs = []
         # the faults of one vehicle and seed are one piece of work: they share its clean flight
         for done, found in enumerate(pool.map(_run, tasks, chunksize=max(len(faults), 1)), 1):
@@ -100,7 +102,7 @@ def _run(task: Task) -> Run | None:
     return run(*task)
 
 
-def _clean(log: tuple[str, int]) -> tuple[tuple[str, ...], int]:
+def _clean(log: tuple[str, int]) -> Clean:
     return clean(*log)
 
 
@@ -185,15 +187,17 @@ def _misses(runs: Iterable[Run]) -> str:
     return "<!--\n" + "\n".join(lines) + "\n-->\n"
 
 
-def _clean_table(logs: Sequence[tuple[str, int]], found: Sequence[tuple[tuple[str, ...], int]]) -> str:
+def _clean_table(logs: Sequence[tuple[str, int]], found: Sequence[Clean]) -> str:
     lines = [CLEAN_HEAD]
     for vehicle in dict.fromkeys(name for name, _ in logs):
-        own = [(seed, causes, good) for (name, seed), (causes, good) in zip(logs, found, strict=True) if name == vehicle]
-        counted = Counter(code for _, causes, _ in own for code in causes)
+        own = [(seed, one) for (name, seed), one in zip(logs, found, strict=True) if name == vehicle]
+        counted = Counter(code for _, one in own for code in one.codes)
         said = ", ".join(f"{code} {n}" for code, n in counted.most_common()) or "none"
-        at = [str(seed) for seed, causes, good in own if causes or good]
-        lines.append(f"| {vehicle} | {len(own)} | {said} | {sum(good for *_, good in own)} |" + (f" <!-- {' '.join(at)} -->" if at else ""))
-    lines.append(f"\n{sum(bool(causes) for causes, _ in found)} of {len(found)} clean logs have a cause named.")
+        converged, told, wrong = (sum(getattr(one, name) for _, one in own) for name in ("converged", "told", "wrong"))
+        at = [str(seed) for seed, one in own if one.codes or one.wrong]
+        row = f"| {vehicle} | {len(own)} | {said} | {converged} of {told} | {wrong} |"
+        lines.append(row + (f" <!-- {' '.join(at)} -->" if at else ""))
+    lines.append(f"\n{sum(bool(one.codes) for one in found)} of {len(found)} clean logs have a cause named.")
     return "\n".join(lines)
 
 
@@ -214,15 +218,16 @@ vehicle, seed by seed; jet, axis, sign, size and time change with the seed. A ce
 
 Where the mass properties change, a value is held against the nearest that was true at some time. Time is CPU time over that of the same
 log without the fault: median, most; first of the estimate alone, then of `massprop estimate` as a whole, with its start and what it writes.
-Where that is more than {long:g} times, both are timed {times} times more and the least counts.
+A twin is timed {more} times, a log of more than {long:g} times its twin's command too, and the least counts. A start and what is written
+take {plain:.2f} s of CPU, {faulty:.2f} s of a log with a fault.
 """
 TOTALS_HEAD = """Wanted: 95 % right (80 % on noisy and disturbed), at most 1 % wrong, nothing that looks good and is wrong, no time over 3.
 
 | vehicle | runs | right, of harm that a log can tell | wrong cause | looks good | mended right | time; over 3 | command; over 3 | refused |
 |---|--:|--:|--:|--:|--:|--:|--:|--:|"""
 CLEAN_HEAD = """
-| without fault | logs | causes named | values converged and wrong |
-|---|--:|---|--:|"""
+| without fault | logs | causes named | values called converged | and wrong |
+|---|--:|---|--:|--:|"""
 
 if __name__ == "__main__":
     main()
