@@ -39,6 +39,13 @@ SOAK = Path(__file__).with_name("kernel_soak.c")
 ARM = "arm-none-eabi-gcc"
 M4F = ["-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-DMP_SINGLE", "-fcallgraph-info=su"]
 
+RINGS = (1024, 256, 128), (256, 128, 128), (128, 64, 128), (64, 64, 64), (32, 32, 32)
+"""MP_LEARNING, MP_RING and MP_LONGEST."""
+RAM = """RAM of the free-flyer sample's vehicle (aim: 65,536 bytes) by the cycles that are held to be taken in anew: MP_LEARNING, MP_RING
+and MP_LONGEST of massprop.h. Last, by how much fewer of them move a final value of the sample logs, in double precision.
+
+| cycles | RAM | of that, cycles held | checkpoints | moves by up to |
+|---|--:|--:|--:|--:|"""
 
 INTRODUCTION = """# The compiled kernel
 
@@ -61,8 +68,9 @@ makes the same calls while records arrive on standard input:
 
 Each line of its output is one cycle: `{"time_s": ..., "phase": ..., "estimates": {"ixx": {"value": ..., "sigma": ..., "verdict": ...},
 ...}}`, SI, null where nothing can be said, verdicts `untold`, `not_excited`, `not_converged`, `converged` by the sizes known by then, and
-`contradicted` where the latest 256 cycles' innovations are more than twice as large as the stated noise makes them: then something else is
-flown than the vehicle file says, and no value is to be used.
+`contradicted` where the gyro's or the accelerometer's latest 256 cycles leave normalised innovations with a mean square above 1.5 (1, where
+all is as stated; [how well that tells](aboard.md)): then something else is flown than the vehicle file says, or noise is stated more than
+1.22 times too small, and no value is to be used.
 Noise levels and delay must be stated in the vehicle file. In the end the recording (record.csv) is estimated like any log; in that
 result the disturbances are sized too, so that it may say more than the last line did.
 """
@@ -181,41 +189,55 @@ def sizes(where: Path) -> None:
         return
     sources = [path for path in where.glob("*.c") if path.name not in ("replay.c", "size.c")]
     (where / "state.c").write_text('#include "flight.h"\nmp_flight state;\nmp_cycle held[MP_HELD];\nmp_run ring[MP_CHECKPOINTS];\n')
+    flags = [*M4F, "-std=c99", "-ffp-contract=off", *limits(where)]
+    for source in sources:
+        subprocess.run([ARM, *flags, "-c", source.name, "-o", f"{source.stem}.o"], cwd=where, check=True)
+    names = [f"{source.stem}.o" for source in sources if source.name != "table.c"]
+    table = subprocess.run(["arm-none-eabi-size", *names], cwd=where, capture_output=True, text=True, check=True).stdout
+    code = sum(int(line.split()[0]) for line in table.splitlines()[1:])
     print("| | bytes | aim |\n|---|--:|--:|")
-    for learning, ring in ((1024, 256), (128, 64)):
-        flags = [*M4F, "-std=c99", "-ffp-contract=off", *limits(where)]
-        if learning != 1024:
-            # the limits are the header's own; a smaller ring is another estimator, and is named as such
-            text = (where / "massprop.h").read_text()
-            text = re.sub(r"#define MP_LEARNING \d+", f"#define MP_LEARNING {learning}", text)
-            (where / "massprop.h").write_text(re.sub(r"#define MP_RING \d+", f"#define MP_RING {ring}", text))
-        for source in (*sources, where / "state.c"):
-            subprocess.run([ARM, *flags, "-c", source.name, "-o", f"{source.stem}.o"], cwd=where, check=True)
-        names = [f"{source.stem}.o" for source in sources if source.name != "table.c"]
-        table = subprocess.run(["arm-none-eabi-size", *names], cwd=where, capture_output=True, text=True, check=True).stdout
-        code = sum(int(line.split()[0]) for line in table.splitlines()[1:])
+    print(f"| code, without the vehicle's table | {code:,} | 32,768 |")
+    print(f"| stack, along the deepest chain of calls from mp_flight_step | {deepest(where):,} | 8,192 |\n")
+    print(RAM)
+    full = ends(kernel())
+    for cycles in RINGS:
+        own = [f"-D{name}={size}" for name, size in zip(("MP_LEARNING", "MP_RING", "MP_LONGEST"), cycles, strict=True)]
+        subprocess.run([ARM, *flags, *own, "-c", "state.c", "-o", "state.o"], cwd=where, check=True)
         listed = subprocess.run(["arm-none-eabi-nm", "-S", "state.o"], cwd=where, capture_output=True, text=True, check=True).stdout
-        room = {line.split()[3]: int(line.split()[1], 16) for line in listed.splitlines()}
-        if learning == 1024:
-            print(f"| code, without the vehicle's table | {code:,} | 32,768 |")
-            print(f"| stack, along the deepest chain of calls from mp_flight_step | {deepest(where):,} | 8,192 |")
-        print(f"| RAM, rings of {learning} and {ring} cycles | {room['state']:,} | 65,536 |")
-        print(f"| ... of that, cycles held | {room['held']:,} | |\n| ... checkpoints | {room['ring']:,} | |")
+        ram = {line.split()[3]: int(line.split()[1], 16) for line in listed.splitlines()}
+        moved = max(np.nanmax(np.abs(a - b) / sigma) for (a, _), (b, sigma) in zip(ends(built(where, own)), full, strict=True))
+        held = " | ".join(f"{ram[name]:,}" for name in ("state", "held", "ring"))
+        print(f"| {', '.join(map(str, cycles))} | {held} | {moved:.2g} sigma |")
     print()
+
+
+def built(where: Path, flags: list[str]) -> Kernel:
+    """The kernel with other limits or another precision."""
+    library = where / f"{'-'.join(flag.strip('-') for flag in flags)}.so"
+    sources = map(str, sorted(Path(room.__file__).parent.glob("*.c")))
+    subprocess.run(["cc", *FLAGS, *flags, *sources, "-o", str(library), "-lm"], check=True)
+    return Kernel(opened(library), " ".join(flags))
+
+
+def samples() -> Iterator[tuple[str, resolve.Constants]]:
+    """The sample logs with a truth."""
+    for name in ("free-flyer", "docking", "high-rate", "air-bearing"):
+        log = SAMPLES / name / "log.parquet"
+        yield name, resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log)
+
+
+def ends(of: Kernel) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Values and sigmas at the end of each of their phases."""
+    return [last(found, leg, of) for _, found in samples() for leg in found.legs]
 
 
 def precision(where: Path) -> None:
     """Final errors in double and in single."""
-    library = where / "single.so"
-    sources = map(str, sorted(Path(room.__file__).parent.glob("*.c")))
-    subprocess.run(["cc", *FLAGS, "-DMP_SINGLE", *sources, "-o", str(library), "-lm"], check=True)
-    single = Kernel(opened(library), "single")
+    single = built(where, ["-DMP_SINGLE"])
     print("## Single precision\n\nErrors over the sigmas of double precision, at the end of each phase of the sample logs with a truth.\n")
     print("| log | phase | rms, double | rms, single | ratio | quantity moved most, by |\n|---|---|--:|--:|--:|---|")
-    for name in ("free-flyer", "docking", "high-rate", "air-bearing"):
-        log = SAMPLES / name / "log.parquet"
-        found = resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log)
-        truth = json.loads(log.with_name("truth.json").read_text())["phases"]
+    for name, found in samples():
+        truth = json.loads((SAMPLES / name / "truth.json").read_text())["phases"]
         for number, leg in enumerate(found.legs):
             ends = [last(found, leg, of) for of in (kernel(), single)]
             true = np.array([truth[number][q] for q in QUANTITIES])

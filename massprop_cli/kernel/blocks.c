@@ -366,6 +366,7 @@ int mp_host_carried(long chains, long count, const double *turns, double *carrie
     int i;
     for (n = 0; n < chains; n++, carried += 3)
         for (k = 0; k < count; k++, carried += 3, turns += 9)
-            for (i = 0; i < 3; i++) carried[3 + i] = turns[3 * i] * carried[0] + turns[3 * i + 1] * carried[1] + turns[3 * i + 2] * carried[2];
+            for (i = 0; i < 3; i++)
+                carried[3 + i] = turns[3 * i] * carried[0] + turns[3 * i + 1] * carried[1] + turns[3 * i + 2] * carried[2];
     return MP_OK;
 }

@@ -142,7 +142,7 @@ void mp_ordered(const mp_layout *layout, const mp_real *white, mp_real *rows) {
 
 void mp_renew(const mp_vehicle *vehicle, const mp_layout *layout, mp_run *run) {
     int i, c, first = 1 + layout->coefficients, much = 0;
-    if (!run->begun || layout->process > 0 || vehicle->bearing) return;
+    if (!run->begun || layout->process > 0 || MP_ON_BEARING(vehicle)) return;
     for (i = 0; i < 3; i++)
         for (c = 0; c < 3; c++) much |= mp_abs(run->filter.mean[i][first + c]) >= GROWN;
     if (!much) return;

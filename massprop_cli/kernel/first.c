@@ -24,7 +24,7 @@ static void carried(const mp_vehicle *vehicle, const mp_cycle *cycle, mp_real ou
     mp_real arm[3], dot[3], euler[3], inner[3], outer[3];
     int i;
     for (i = 0; i < 3; i++) {
-        arm[i] = vehicle->imu[i] - (vehicle->bearing ? vehicle->centre[i] : R(0));
+        arm[i] = vehicle->imu[i] - (MP_ON_BEARING(vehicle) ? vehicle->centre[i] : R(0));
         dot[i] = cycle->rate_step[i] / cycle->duration_s;
     }
     mp_cross(dot, arm, euler);
@@ -42,12 +42,12 @@ void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cy
     for (i = 0; i < 3; i++) load[i] = felt[i] * cycle->duration_s;
     if (start->cycles > 0) {
         for (i = 0; i < 3; i++) {
-            row[i] = vehicle->bearing ? (start->load[i] + load[i]) / R(2) : start->rising[3 + i] + cycle->falling[3 + i];
+            row[i] = MP_ON_BEARING(vehicle) ? (start->load[i] + load[i]) / R(2) : start->rising[3 + i] + cycle->falling[3 + i];
             row[TORQUE + i] = start->rising[i] + cycle->falling[i];
             row[GROWTH + i] = cycle->rate[i] - start->rate[i];
             start->growth = mp_max(start->growth, mp_abs(row[GROWTH + i]));
         }
-        if (vehicle->bearing) {
+        if (MP_ON_BEARING(vehicle)) {
             mp_real impulse[3], moment[3];
             for (i = 0; i < 3; i++) impulse[i] = start->rising[3 + i] + cycle->falling[3 + i];
             mp_cross(vehicle->centre, impulse, moment);
@@ -59,9 +59,9 @@ void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cy
     }
     for (i = 0; i < 3; i++) {
         push[i] = (cycle->rising[3 + i] + cycle->falling[3 + i]) / cycle->duration_s;
-        felt[i] -= vehicle->bearing ? vehicle->gravity * (cycle->up[0][i] + cycle->up[1][i]) / R(2) : R(0);
+        felt[i] -= MP_ON_BEARING(vehicle) ? vehicle->gravity * (cycle->up[0][i] + cycle->up[1][i]) / R(2) : R(0);
     }
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         level(cycle->up[0], push);
         level(cycle->up[0], felt);
     }
@@ -184,7 +184,7 @@ static void unturned(const mp_vehicle *vehicle, mp_real mu, mp_reference *out) {
     int i, j;
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) inertia[i][j] = i == j ? own : R(0);
-    mp_body_of(vehicle, (const mp_real(*)[3])inertia, vehicle->bearing ? vehicle->centre : origin, mu, out);
+    mp_body_of(vehicle, (const mp_real(*)[3])inertia, MP_ON_BEARING(vehicle) ? vehicle->centre : origin, mu, out);
 }
 
 void mp_fallback(const mp_vehicle *vehicle, mp_reference *out) {
@@ -202,7 +202,7 @@ int mp_start_found(const mp_vehicle *vehicle, const mp_start *start, mp_referenc
     if (!(mu > R(0))) mu = fallback_mu(vehicle, scale);
     reach = MP_SQRT(R(3) * mu / scale);
     memcpy(triangle, start->triangle, sizeof triangle);
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_real mass = mp_max(R(1) / mu - vehicle->bearing_mass, R(0.01) / mu);
         for (i = 0; i < 3; i++)
             for (j = i; j < 3; j++) triangle[AT(COLUMNS, i) + j - i] *= mass;
@@ -229,7 +229,7 @@ int mp_start_found(const mp_vehicle *vehicle, const mp_start *start, mp_referenc
     cg[0] = R(-0.5) * (couple[2][1] - couple[1][2]);
     cg[1] = R(-0.5) * (couple[0][2] - couple[2][0]);
     cg[2] = R(-0.5) * (couple[1][0] - couple[0][1]);
-    if (vehicle->bearing)
+    if (MP_ON_BEARING(vehicle))
         for (i = 0; i < 3; i++) cg[i] += vehicle->centre[i];
     mp_body_of(vehicle, (const mp_real(*)[3])inertia, cg, mu, out);
     return 1;

@@ -290,9 +290,9 @@ static void backed(const mp_front *front, mp_real out[4]) {
 /* The vertical at both ends of a cycle, and how the attitude is carried from one to the other. */
 static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
     mp_real turn[3], coning[3], first[3][3], mean[3][3], back[4], then[4], step[4];
-    int biased = front->vehicle.bearing && !front->table.logged && front->vehicle.gyro_bias, i, j;
+    int biased = MP_ON_BEARING(&front->vehicle) && !front->table.logged && front->vehicle.gyro_bias, i, j;
     for (i = 0; i < 3; i++) cycle->carried[i] = cycle->rate[i];
-    if (!front->vehicle.bearing) {
+    if (!MP_ON_BEARING(&front->vehicle)) {
         memset(cycle->up, 0, sizeof cycle->up);
         return;
     }

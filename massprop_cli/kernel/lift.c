@@ -60,8 +60,8 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
                      mp_real slopes[MP_COEFFICIENTS][10]) {
     mp_real inverse[3][3], inertia[3][3], turn[3][3], lever[3][3], coupling[3][6], gyro[3][6];
     const mp_real *moment = theta + 6;
-    mp_real mu = theta[9], scale = vehicle->bearing ? mu : R(1);
-    int channels = vehicle->bearing ? 15 : 12, last = 3 * channels, k, a, c;
+    mp_real mu = theta[9], scale = MP_ON_BEARING(vehicle) ? mu : R(1);
+    int channels = MP_ON_BEARING(vehicle) ? 15 : 12, last = 3 * channels, k, a, c;
     mp_tensor(theta, inverse);
     mp_inverse((const mp_real(*)[3])inverse, inertia);
     mp_cross_matrix(moment, turn);
@@ -72,8 +72,8 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
         mp_real *row = phi + a * channels;
         for (c = 0; c < 3; c++) {
             row[c] = inverse[a][c];
-            row[3 + c] = vehicle->bearing ? -vehicle->gravity * lever[a][c] : -lever[a][c];
-            if (vehicle->bearing) row[6 + c] = -mu * lever[a][c];
+            row[3 + c] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * lever[a][c] : -lever[a][c];
+            if (MP_ON_BEARING(vehicle)) row[6 + c] = -mu * lever[a][c];
         }
         for (c = 0; c < 6; c++) row[channels - 6 + c] = -gyro[a][c];
     }
@@ -94,8 +94,8 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
             mp_real(*row)[10] = slopes + a * channels;
             for (c = 0; c < 3; c++) {
                 row[c][k] = unit[a][c];
-                row[3 + c][k] = vehicle->bearing ? -vehicle->gravity * by_lever[a][c] : -by_lever[a][c];
-                if (vehicle->bearing) row[6 + c][k] = -mu * by_lever[a][c];
+                row[3 + c][k] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * by_lever[a][c] : -by_lever[a][c];
+                if (MP_ON_BEARING(vehicle)) row[6 + c][k] = -mu * by_lever[a][c];
             }
             for (c = 0; c < 6; c++) row[channels - 6 + c][k] = other[a][c] - by_gyro[a][c];
         }
@@ -108,14 +108,14 @@ void mp_coefficients(const mp_vehicle *vehicle, const mp_real theta[10], mp_real
         for (a = 0; a < 3; a++) {
             mp_real(*row)[10] = slopes + a * channels;
             for (c = 0; c < 3; c++) {
-                row[3 + c][6 + k] = vehicle->bearing ? -vehicle->gravity * by_moment[a][c] : -by_moment[a][c];
-                if (!vehicle->bearing) continue;
+                row[3 + c][6 + k] = MP_ON_BEARING(vehicle) ? -vehicle->gravity * by_moment[a][c] : -by_moment[a][c];
+                if (!MP_ON_BEARING(vehicle)) continue;
                 row[6 + c][6 + k] = -mu * by_moment[a][c];
                 row[6 + c][9] = -lever[a][c];
             }
         }
         slopes[last + 1 + k][6 + k] = scale;
-        if (vehicle->bearing) slopes[last + 1 + k][9] = moment[k];
+        if (MP_ON_BEARING(vehicle)) slopes[last + 1 + k][9] = moment[k];
     }
     slopes[last][9] = R(1);
 }
@@ -126,7 +126,7 @@ void mp_parameters(const mp_vehicle *vehicle, const mp_real theta[10], mp_real o
     mp_tensor(theta, inverse);
     mp_inverse((const mp_real(*)[3])inverse, inertia);
     for (i = 6; i < 10; i++) out[i] = theta[i];
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_real mass = rotating(vehicle, theta[9]), offset[3], spread[3][3];
         for (i = 0; i < 3; i++) offset[i] = theta[6 + i] / mass;
         spread_of(offset, spread);
@@ -153,7 +153,7 @@ void mp_slopes(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[1
         mp_elements((const mp_real(*)[3])changed, six);
         for (i = 0; i < 6; i++) out[i][k] = -six[i];
     }
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         const mp_real *kappa = theta + 6;
         mp_real mass = rotating(vehicle, theta[9]), by_mass = R(-1) / (theta[9] * theta[9]) / (mass * mass), spread[3][3];
         for (k = 0; k < 3; k++) {
@@ -183,7 +183,7 @@ void mp_sizes(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[10
     int i;
     principal_of(theta, principal);
     trace = R(1) / principal[0] + R(1) / principal[1] + R(1) / principal[2];
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         factor = rotating(vehicle, theta[9]);
         trace -= R(2) * mp_dot(theta + 6, theta + 6) / factor;
     }
@@ -200,13 +200,13 @@ void mp_scales(const mp_vehicle *vehicle, const mp_real theta[10], mp_real out[1
     for (i = 0; i < 3; i++) own[i] = MP_SQRT(mp_abs(inverse[i][i]));
     for (i = 0; i < 6; i++) out[i] = own[FIRST[i]] * own[SECOND[i]];
     moment = MP_SQRT(mp_abs((inertia[0][0] + inertia[1][1] + inertia[2][2]) * theta[9]));
-    if (vehicle->bearing) moment *= rotating(vehicle, theta[9]);
+    if (MP_ON_BEARING(vehicle)) moment *= rotating(vehicle, theta[9]);
     for (i = 6; i < 9; i++) out[i] = moment;
     out[9] = theta[9];
 }
 
-/* Whether a symmetric matrix's smallest principal value is no less than LEAST of the largest: as a rule the circles that hold them (Gershgorin
-   1931) tell it. */
+/* Whether a symmetric matrix's smallest principal value is no less than LEAST of the largest: as a rule the circles that hold them
+   (Gershgorin 1931) tell it. */
 static int is_definite(const mp_real theta[10]) {
     mp_real off[3], principal[3], least, most;
     int i;
@@ -259,7 +259,7 @@ void mp_nearest(const mp_real theta[10], const mp_real step[10], mp_real out[10]
 void mp_body(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real bias[3], const mp_real acceleration[3],
              const mp_real *phi, mp_reference *out) {
     mp_real found[10], made[MP_COEFFICIENTS];
-    int channels = vehicle->bearing ? 15 : 12, i, j;
+    int channels = MP_ON_BEARING(vehicle) ? 15 : 12, i, j;
     mp_parameters(vehicle, theta, found);
     if (phi == NULL) mp_coefficients(vehicle, theta, made, NULL);
     memset(out, 0, sizeof *out);
@@ -282,7 +282,7 @@ void mp_body_of(const mp_vehicle *vehicle, const mp_real given[3][3], const mp_r
         theta[6 + i] = cg[i];
         for (j = 0; j < 3; j++) inertia[i][j] = given[i][j];
     }
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_real mass = rotating(vehicle, mu), offset[3], spread[3][3];
         for (i = 0; i < 3; i++) {
             offset[i] = cg[i] - vehicle->centre[i];

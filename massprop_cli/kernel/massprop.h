@@ -41,10 +41,16 @@ typedef double mp_real;
 
 #define MP_UNTOLD_MASS ((mp_real)0.3) /* a relative sigma of 1/m above this says nothing about m; */
 #define MP_FAINT_MASS ((mp_real)0.03) /* above this, on a bearing, a known mass tells it */
-#define MP_BLOCK 16       /* cycles between looks at the estimate where it has just moved, */
-#define MP_LONGEST 128    /* and at most */
-#define MP_RING 256       /* cycles that are taken in anew when the estimate has moved: once each axis is known, */
-#define MP_LEARNING 1024  /* and before */
+#define MP_BLOCK 16 /* cycles between looks at the estimate where it has just moved, */
+#ifndef MP_LONGEST
+#define MP_LONGEST 128 /* and at most */
+#endif
+#ifndef MP_RING
+#define MP_RING 256 /* cycles that are taken in anew when the estimate has moved: once each axis is known, */
+#endif
+#ifndef MP_LEARNING
+#define MP_LEARNING 1024 /* and before; a multiple of MP_BLOCK */
+#endif
 #define MP_HELD (MP_LEARNING + MP_LONGEST + 2)
 #define MP_CHECKPOINTS (MP_LEARNING / MP_BLOCK + 4)
 
@@ -79,6 +85,9 @@ typedef struct {
     mp_real bearing_mass;      /* kg */
     mp_real gravity;           /* m/s^2 */
 } mp_vehicle;
+
+/* Whether it is on a bearing. Compiled with channels for free flight alone, what only a bearing wants is left out. */
+#define MP_ON_BEARING(vehicle) (MP_CHANNELS > 12 && (vehicle)->bearing)
 
 /* One cycle: what the IMU told, and what the commands did. Body axes. */
 typedef struct {

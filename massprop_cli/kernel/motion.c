@@ -33,7 +33,7 @@ static void driven(const mp_vehicle *vehicle, const mp_reference *about, const m
                    const mp_real level_of[3], mp_real out[3]) {
     mp_real acts[9];
     int i, j, count = 6;
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_cross(vehicle->centre, wrench + 3, acts);
         for (i = 0; i < 3; i++) acts[i] = wrench[i] - acts[i];
         for (i = 0; i < 3; i++) acts[3 + i] = up[i];
@@ -119,12 +119,12 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
             bin *here = bins + b;
             mp_real coupling[3], dot[3];
             coupled(about, channels, here->rate, bin_s * R(count), coupling);
-            if (vehicle->bearing || again == 0) {
+            if (MP_ON_BEARING(vehicle) || again == 0) {
                 driven(vehicle, about, here->wrench, here->up, here->up, here->driven);
                 driven(vehicle, about, cycle->skew[b], zero, here->up, here->late);
             }
             for (i = 0; i < 3; i++) dot[i] = here->driven[i] + coupling[i];
-            if (vehicle->bearing) {
+            if (MP_ON_BEARING(vehicle)) {
                 mp_real swung[3];
                 swing(about, here, swung);
                 for (i = 0; i < 3; i++) dot[i] += swung[i];
@@ -145,7 +145,7 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
             bin *here = bins + b;
             mp_real angle[3];
             for (i = 0; i < 3; i++) here->rate[i] += rates[0][i];
-            if (!vehicle->bearing) continue;
+            if (!MP_ON_BEARING(vehicle)) continue;
             for (i = 0; i < 3; i++) {
                 mp_real own = here->rate[i] * bin_s;
                 turned[i] += own;
@@ -153,7 +153,7 @@ static void within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycl
             }
             tilted(cycle->up[0], angle, here->up);
         }
-        if (vehicle->bearing) tilted(cycle->up[0], turned, ups[1]);
+        if (MP_ON_BEARING(vehicle)) tilted(cycle->up[0], turned, ups[1]);
     }
 }
 
@@ -178,7 +178,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         rising[i] = cycle->rising[i];
         whole[i] = cycle->rising[i] + cycle->falling[i];
     }
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_cross(vehicle->centre, rising + 3, lag);
         mp_cross(vehicle->centre, whole + 3, plain);
         for (i = 0; i < 3; i++) {
@@ -194,7 +194,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         mp_products(here->rate_dot, by);
         for (i = 0; i < 6; i++) windowed(rising + channels - 6 + i, whole + channels - 6 + i, s[i] + by[i] * squared, b, count, bin_s);
         for (i = 0; i < 3; i++) windowed(out->turning[0] + i, out->turning[1] + i, here->rate[i], b, count, bin_s);
-        if (vehicle->bearing) {
+        if (MP_ON_BEARING(vehicle)) {
             mp_real flat[3], late[3], swung[3];
             level(here->up, here->wrench + 3, flat);
             level(here->up, cycle->skew[b] + 3, late);
@@ -213,7 +213,7 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
     for (i = 0; i < 6; i++) rising[channels - 6 + i] += (ends[1][i] - ends[0][i]) * bin_s / R(12) / R(count);
     for (i = 0; i < 3; i++) {
         out->turning[0][i] += (rates[1][i] - rates[0][i]) * bin_s / R(12) / R(count);
-        if (vehicle->bearing) rising[3 + i] += (ups[1][i] - ups[0][i]) * bin_s / R(12) / R(count);
+        if (MP_ON_BEARING(vehicle)) rising[3 + i] += (ups[1][i] - ups[0][i]) * bin_s / R(12) / R(count);
     }
     for (i = 0; i < channels; i++) {
         out->falling[i] = whole[i] - rising[i];
@@ -243,7 +243,7 @@ static void felt(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cy
     mp_cross_matrix(dot, rotation);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) rotation[i][j] += centripetal[i][j];
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_real kappa[3], along[3][3], flat[3][3], swung[3][3], seen[3][3], other[3];
         for (i = 0; i < 3; i++) {
             arm[i] = vehicle->imu[i] - vehicle->centre[i];
@@ -353,7 +353,7 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
     mp_product((const mp_real(*)[3])out->euler, (const mp_real(*)[3])coupled, along);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) out->by_rate[i][j] = R(2) * across[i][j] + along[i][j];
-    if (vehicle->bearing) { /* what hangs on it turns under its weight meanwhile, by half a cycle's turn in the mean */
+    if (MP_ON_BEARING(vehicle)) { /* what hangs on it turns under its weight meanwhile, by half a cycle's turn in the mean */
         by_attitude(vehicle, about, out, R(0), across);
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) out->by_rate[i][j] += across[i][j] * half_s;
@@ -366,9 +366,9 @@ static void by_rate(const mp_vehicle *vehicle, const mp_layout *layout, const mp
 static void pushed(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_reference *about, mp_real moment[3][6], mp_real felt[3][6]) {
     mp_real turn[3][3], inverse[3][3], flat[3][3], along[3][3], arm[3][3], swung[3][3], direct[3][6], reach[3];
     int i, j, k;
-    mp_cross_matrix(vehicle->bearing ? vehicle->centre : about->cg, turn);
+    mp_cross_matrix(MP_ON_BEARING(vehicle) ? vehicle->centre : about->cg, turn);
     mp_tensor(about->theta, inverse);
-    for (i = 0; i < 3; i++) reach[i] = vehicle->imu[i] - (vehicle->bearing ? vehicle->centre[i] : about->cg[i]);
+    for (i = 0; i < 3; i++) reach[i] = vehicle->imu[i] - (MP_ON_BEARING(vehicle) ? vehicle->centre[i] : about->cg[i]);
     mp_cross_matrix(reach, arm);
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) {
@@ -377,7 +377,7 @@ static void pushed(const mp_vehicle *vehicle, const mp_cycle *cycle, const mp_re
             swung[i][j] = R(0);
         }
     memcpy(direct, moment, sizeof direct);
-    if (vehicle->bearing) {
+    if (MP_ON_BEARING(vehicle)) {
         mp_real kappa[3], up[3];
         for (i = 0; i < 3; i++) {
             kappa[i] = about->theta[9] * about->theta[6 + i];

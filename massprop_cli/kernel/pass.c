@@ -116,7 +116,7 @@ static void looked(mp_pass *pass, long length) {
         moved = mp_start_found(&pass->vehicle, &pass->start, &pass->estimate);
         if (moved) {
             pass->centre = pass->estimate;
-            if (pass->vehicle.bearing && pass->vehicle.known_mass > R(0)) pass->centre.theta[9] = R(1) / pass->vehicle.known_mass;
+            if (MP_ON_BEARING(&pass->vehicle) && pass->vehicle.known_mass > R(0)) pass->centre.theta[9] = R(1) / pass->vehicle.known_mass;
             mp_sizes(&pass->vehicle, pass->centre.theta, pass->centre_sizes);
         }
     }

@@ -101,7 +101,8 @@ static void sigmas_of(const mp_posed *posed, mp_real out[10]) {
 
 /* Sigmas of theta, that of mu not beyond what a known mass leaves; where the log tells another, it is heard. */
 static void weighed(const mp_vehicle *vehicle, const mp_real theta[10], mp_real sigma[10]) {
-    if (vehicle->bearing && vehicle->known_mass > R(0)) sigma[9] = mp_min(sigma[9], WEIGHED * mp_max(R(1) / vehicle->known_mass, theta[9]));
+    if (MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0))
+        sigma[9] = mp_min(sigma[9], WEIGHED * mp_max(R(1) / vehicle->known_mass, theta[9]));
 }
 
 /* One sigma of each of theta before anything is known. */
@@ -138,7 +139,7 @@ void mp_judge(const mp_layout *layout, mp_posed *posed, const mp_real *ordered, 
 
 /* Where the search began draws what the data don't tell, by these sigmas. */
 static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]) {
-    mp_real cg = pass->vehicle.bearing ? BALANCED : R(1);
+    mp_real cg = MP_ON_BEARING(&pass->vehicle) ? BALANCED : R(1);
     int i;
     mp_sizes(&pass->vehicle, theta, out);
     for (i = 0; i < 10; i++) out[i] = mp_max(out[i], pass->centre_sizes[i]) * (i < 6 ? R(0.2) : i < 9 ? cg : R(1));
@@ -151,7 +152,7 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
 static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real scale[10], mp_real own, mp_real *right,
                      mp_real drawn, mp_real faint) {
     mp_real left = own * own - R(1), alone;
-    if ((vehicle->bearing && vehicle->known_mass > R(0)) || !(left > R(0))) return R(1);
+    if ((MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0)) || !(left > R(0))) return R(1);
     left = MP_SQRT(left);
     alone = *right * (own / left) - drawn / left;
     if (!(scale[9] < faint * (theta[9] * left + scale[9] * alone))) return R(1);
@@ -169,7 +170,7 @@ void mp_pose(mp_pass *pass) {
 /* Where the inertia I = J^-1 may be judged: theta by the data, near the centre where these don't tell. */
 static void sensed(const mp_pass *pass, const mp_real step[10], mp_real covariance[10][10], mp_real out[10]) {
     const mp_real *theta = pass->posed.theta;
-    mp_real pull[10], left[10], joint[100], sensible[10], mass = pass->vehicle.bearing ? pass->vehicle.known_mass : R(0);
+    mp_real pull[10], left[10], joint[100], sensible[10], mass = MP_ON_BEARING(&pass->vehicle) ? pass->vehicle.known_mass : R(0);
     mp_real mu = theta[9] + step[9], untold = MP_UNTOLD_MASS * mu;
     int i, j;
     memcpy(pull, pass->pull, sizeof pull);
@@ -267,7 +268,7 @@ int mp_stale(const mp_pass *pass, const mp_real theta[10], const mp_real sigma[1
     mp_scales(&pass->vehicle, pass->reference.theta, begun);
     for (i = 0; i < 10; i++) {
         mp_real apart = theta[i] - pass->reference.theta[i];
-        mp_real scale = i >= 6 && i < 9 && pass->vehicle.bearing ? BALANCED * scales[i] : scales[i];
+        mp_real scale = i >= 6 && i < 9 && MP_ON_BEARING(&pass->vehicle) ? BALANCED * scales[i] : scales[i];
         /* what is small beside the reference is known to be so */
         stale |= sigma[i] < KNOWN * mp_max(scales[i], begun[i]) && apart * apart > most * sigma[i] * scale;
     }
@@ -284,7 +285,7 @@ static mp_real told_by_torque(const mp_pass *pass, const mp_real theta[10], cons
         mp_real apart = pass->estimate.acceleration[i] - pass->reference.acceleration[i];
         turning += apart * apart;
     }
-    if (pass->vehicle.bearing) widest *= theta[9];
+    if (MP_ON_BEARING(&pass->vehicle)) widest *= theta[9];
     widest /= mp_min(noise[0], mp_min(noise[1], noise[2]));
     return R(pass->run.at) * turning * (widest * widest);
 }
@@ -406,7 +407,7 @@ static mp_real improved(mp_pass *pass, mp_run *run, const mp_real theta[10]) {
     mp_coefficients(&pass->vehicle, best->theta, phi, NULL);
     state_of(layout, run, layout->at_bias, phi, best->beginnings, bias);
     /* until commands alone tell each axis, a steady torque may be anything; on a bearing the weight that it holds up may be as much */
-    if (bound || pass->vehicle.bearing) state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
+    if (bound || MP_ON_BEARING(&pass->vehicle)) state_of(layout, run, layout->at_torque, phi, best->beginnings, acceleration);
     mp_body(&pass->vehicle, best->theta, bias, acceleration, best == &loose ? loose.phi : NULL, &pass->estimate);
     run->bound = bound;
     run->stuck = best->stuck;
