@@ -21,6 +21,7 @@ GOOD = [
     "faults.md",
     "check.md",
     "causal.md",
+    "aboard.md",
     "thesis-tables.md",
     "thesis-tuning.md",
 ]

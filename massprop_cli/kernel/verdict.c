@@ -11,8 +11,9 @@
 #define SURE R(0.1)    /* a sigma below this part of the tolerance makes up for steady updates that are missing, */
 #define BEGUN 4        /* but for this part of their number */
 #define LATEST 256     /* cycles over which what the model leaves is averaged, */
-#define LOUDEST R(25)  /* no one of which counts more than this; */
-#define MISFIT R(4)    /* beyond this model and flight contradict each other: twice the noise that is stated */
+#define LOUDEST R(25)  /* no one of which counts more than this, */
+#define AS_STATED 16   /* after so many that are taken to be as stated; */
+#define MISFIT R(1.5)  /* beyond this model and flight contradict each other: noise is stated 1.22 times too small, or more */
 
 static const int MOMENTS[3] = {0, 3, 5}, FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
@@ -84,19 +85,19 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     int i, j, known = -1, weighed;
     for (i = 0; i < rule->known; i++)
         if (rule->known_index[i] == 9) known = i;
-    weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (vehicle->bearing && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
+    weighed = mu > R(0) && !(MP_SQRT(row.covariance[9][9]) > (MP_ON_BEARING(vehicle) && known >= 0 ? MP_FAINT_MASS : MP_UNTOLD_MASS) * mu);
     if (!weighed && known >= 0) { /* inertia and CG are linear in its reciprocal */
         mp_real mass = rule->known_value[known], relative = rule->known_sigma[known] / mass;
         condition(row.mean, row.covariance, NULL, 9, R(1) / mass, (relative * relative + scale) / (mass * mass));
     }
     for (i = 0; i < 10; i++) {
-        out->told[i] = i < 6 || weighed || (i < 9 && (!vehicle->bearing || known >= 0));
+        out->told[i] = i < 6 || weighed || (i < 9 && (!MP_ON_BEARING(vehicle) || known >= 0));
         out->value[i] = i < 9 ? row.mean[i] : weighed ? R(1) / mu : R(0);
         slope[i] = i < 9 ? R(1) : weighed ? R(-1) / (mu * mu) : R(0);
         part[i] = i >= 6 && i < 9 ? R(0) : out->value[i];
     }
     /* what of the mass doesn't turn isn't proportional to the thrust */
-    if (vehicle->bearing && weighed && out->value[9] > vehicle->bearing_mass)
+    if (MP_ON_BEARING(vehicle) && weighed && out->value[9] > vehicle->bearing_mass)
         for (i = 0; i < 3; i++)
             part[6 + i] = (vehicle->centre[i] - out->value[6 + i]) * (vehicle->bearing_mass / (out->value[9] - vehicle->bearing_mass));
     for (i = 0; i < 10; i++)
@@ -108,20 +109,23 @@ static void quantities(const mp_rule *rule, const mp_vehicle *vehicle, const mp_
     for (i = 0; i < 10; i++) out->sigma[i] = out->told[i] ? MP_SQRT(out->covariance[i][i]) : R(0);
 }
 
-/* Whether the latest innovations are far larger than they should be. */
+/* Whether the latest innovations of the gyro or of the accelerometer are larger than they should be. */
 static int contradicted(const mp_row *row, mp_steady *steady) {
-    mp_real square = R(0);
-    int i, count = 0;
-    for (i = 0; i < 6; i++) {
-        if (!row->expected[i / 3]) continue;
-        square += row->normalised[i] * row->normalised[i];
-        count += 1;
+    int i, sensor, astray = 0;
+    for (sensor = 0; sensor < 2; sensor++) {
+        mp_real square = R(0);
+        if (steady->counted[sensor] == 0) {
+            steady->counted[sensor] = AS_STATED;
+            steady->misfit[sensor] = R(1);
+        }
+        if (row->expected[sensor]) {
+            for (i = 0; i < 3; i++) square += row->normalised[3 * sensor + i] * row->normalised[3 * sensor + i];
+            if (steady->counted[sensor] < LATEST) steady->counted[sensor] += 1;
+            steady->misfit[sensor] += (mp_min(square / R(3), LOUDEST) - steady->misfit[sensor]) / R(steady->counted[sensor]);
+        }
+        if (steady->misfit[sensor] > MISFIT) astray = 1;
     }
-    if (count > 0) {
-        if (steady->counted < LATEST) steady->counted += 1;
-        steady->misfit += (mp_min(square / R(count), LOUDEST) - steady->misfit) / R(steady->counted);
-    }
-    return steady->misfit > MISFIT;
+    return astray;
 }
 
 void mp_report(const mp_rule *rule, const mp_pass *pass, const mp_row *row, mp_steady *steady, mp_values *out) {

@@ -38,8 +38,8 @@ typedef struct {
     int told[10];
     mp_real value[10];
     int steady[10];
-    int counted;
-    mp_real misfit; /* mean square of the latest normalised innovations: 1, where all is as stated */
+    int counted[2];
+    mp_real misfit[2]; /* mean square of the latest normalised innovations, gyro's and accelerometer's: 1, where all is as stated */
 } mp_steady;
 
 /* The quantities of a row. Verdicts rest on the sizes known by then; on the ground they rest on those known at the end. */

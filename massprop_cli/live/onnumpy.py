@@ -26,9 +26,9 @@ from massprop_cli.prepare.timing import Timing
 
 END, LENGTH, THETA, VELOCITY, ATTITUDE, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 12), slice(12, 14), 14
 """Where a cycle's numbers stand (:func:`massprop_cli.estimate.flown.cycles_of`); commands follow."""
-LATEST, LOUDEST, MISFIT = 256, 25.0, 4.0
-"""Cycles over which what the model leaves is averaged, the most that one of them counts, and the mean square of normalised innovations
-beyond which model and flight contradict each other: twice the noise that is stated."""
+LATEST, LOUDEST, AS_STATED, MISFIT = 256, 25.0, 16, 1.5
+"""Cycles over which what the model leaves is averaged; the most that one of them counts; how many before the first are taken to be as
+stated; and the mean square of a sensor's normalised innovations beyond which model and flight contradict each other."""
 
 
 class OnNumPy:
@@ -115,15 +115,15 @@ class Steady:
 
     def _begin(self) -> None:
         self.steady, self.values = np.zeros(10), np.full(10, np.nan)
-        self.counted, self.misfit = 0, 0.0
+        self.counted, self.misfit = [AS_STATED] * 2, [1.0] * 2
 
     def _contradicted(self, normalised: Array) -> bool:
-        """Whether the latest innovations are far larger than they should be."""
-        squares = normalised[~np.isnan(normalised)] ** 2
-        if len(squares):
-            self.counted = min(self.counted + 1, LATEST)
-            self.misfit += (min(float(squares.mean()), LOUDEST) - self.misfit) / self.counted
-        return self.misfit > MISFIT
+        """Whether the latest innovations of the gyro or of the accelerometer are larger than they should be."""
+        for sensor, squares in enumerate(normalised.reshape(2, 3) ** 2):
+            if not np.isnan(squares).any():
+                self.counted[sensor] = min(self.counted[sensor] + 1, LATEST)
+                self.misfit[sensor] += (min(float(squares.mean()), LOUDEST) - self.misfit[sensor]) / self.counted[sensor]
+        return max(self.misfit) > MISFIT
 
     def verdicts(self, values: Array, sigmas: Array, normalised: Array, reference: Reference | None) -> Array:
         """(10,) numbers of ``VERDICTS`` of the next row, by the sizes of the present estimate."""
