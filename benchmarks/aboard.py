@@ -45,8 +45,8 @@ PAGE = """# What is called converged on board
 Made by `{command} > docs/aboard.md` at commit {commit} (massprop {version}): the faulty and clean logs of [faults](faults.md), cycle by
 cycle through what [`massprop live` and the flown code](kernel.md) call. There no cause is looked for and no noise is sized; all values are
 `contradicted` while a sensor's latest 256 cycles have normalised innovations with a mean square above 1.5. What hides below that, and a
-fault that no log can tell (all thrust off by the same part), stays: `massprop estimate` on the recording tests each assumption by itself. The vehicles:
-{vehicles}. A value is wrong if it is more than 4 sigma and half a percent of its size off.
+fault that no log can tell (all thrust off by the same part), stays: `massprop estimate` on the recording tests each assumption by itself.
+The vehicles: {vehicles}. A value is wrong if it is more than 4 sigma and half a percent of its size off.
 
 Of {clean} clean logs {ever} had values contradicted at any cycle (of docking but for the cycles between docking and the phase that says
 so), and {wrong} a wrong value called converged at any cycle.
