@@ -139,31 +139,14 @@ def fed(
     if consider.scales:
         mounting = np.array(vehicle.imu.body_from_imu)
         whole = samples.part(cycles).specific_force_m_s2 + vehicle.environment.steady_force_m_s2
-        push(*thrust_columns(samples, cycles, reference, vehicle, here), mounting * (whole @ mounting)[:, None, :])
+        of_each = samples.part(cycles).executed.channels.wrench
+        thrusts = Wrenches(np.arange(len(of_each)), of_each)
+        push(*wrench_columns(samples, cycles, reference, vehicle, here, thrusts), mounting * (whole @ mounting)[:, None, :])
     for variant in moved_imu:
         add(variant)
     if consider.jets.kinds:
         push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
-
-
-def thrust_columns(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted | None = None
-) -> tuple[Array, Array]:
-    """What each channel's own part of the thrust does, per unit of its relative change.
-
-    (K − 1, 3, C) growth of the rate and (K, 3, C) specific force. ``here`` is the response of ``cycles`` where it is at hand.
-    """
-    to_rate = (here or lifted(samples, cycles, reference, vehicle)).moment_to_rate
-    executed, plant = samples.part(cycles).executed, plant_of(vehicle)
-    channels = executed.channels
-    rising, whole = channels.rising, channels.whole
-    moment = plant.jet_moment(reference) @ channels.wrench.T
-    growth = (to_rate @ moment) * (rising[:-1] + (whole - rising)[1:])[:, None, :]
-    arm = np.array(vehicle.imu.position_m) - plant.centre(reference)
-    turning = np.linalg.solve(reference.inertia, moment)
-    push = reference.mu * channels.wrench[:, 3:].T + np.cross(turning.T, arm).T
-    return growth, push * whole[:, None, :] / executed.duration_s[:, None, None]
 
 
 def wrench_columns(

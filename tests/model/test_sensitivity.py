@@ -102,6 +102,33 @@ def test_a_bearing_says_what_its_mass_and_gravity_do(bearing: Analysis, code: st
     held(assumption, moved, bearing, 0.1)
 
 
+@pytest.mark.parametrize(("line", "by"), [("divert_x", 0.04), ("divert_y", 0.04), ("roll", 0.001)])
+def test_a_jets_thrust_on_a_bearing_shifts_and_shows_what_fitting_again_does(bearing: Analysis, line: str, by: float) -> None:
+    """Of a push only the level part moves body and base; the vertical one the bearing takes."""
+    assert bearing.examination is not None
+    (response,) = bearing.examination.responses
+    (settled,) = bearing.settled
+    assert response is not None
+    assert settled.reference is not None
+    names = [jet.name for jet in bearing.vehicle.jets]
+    step = np.zeros(response.shift.shape[1])
+    step[len(step) - len(names) :] = [name.startswith(line) for name in names]
+    ends = []
+    for factor in np.exp([-by, 0.0, by]):
+        used = faulty.pushing(bearing.vehicle, {name: float(factor) for name in names if name.startswith(line)})
+        samples = Timing(2.0, 0.0).of(bearing.log, used)
+        ends.append(offline.settle(samples, settled.cycles, settled.phase, settled.reference, resolved(used)).history)
+    moved = (ends[2].values[-1] - ends[0].values[-1]) / (2 * by)
+    shift = response.shift @ step
+    shift[9] /= -(settled.reference.mu**2)
+    for found, expected, sigma, name in zip(shift, moved, settled.sigmas[-1], QUANTITIES, strict=True):
+        assert found == pytest.approx(expected, rel=0.02, abs=2.0 * sigma), name  # of a percent: a fiftieth of a sigma
+    squares = [sum(float((part**2).sum()) for part in end.whitened()) for end in ends]
+    curvature, slope = (squares[0] + squares[2] - 2 * squares[1]) / (2 * by**2), (squares[2] - squares[0]) / (4 * by)
+    assert float(step @ response.misfit @ step) == pytest.approx(curvature, rel=0.05)
+    assert float(response.gram[0, 1:] @ step) == pytest.approx(slope, rel=0.05, abs=0.2 * np.sqrt(curvature))
+
+
 def test_a_delay_a_tenth_of_a_cycle_longer_shifts_what_is_estimated_as_it_says(flyer: Analysis) -> None:
     (assumption,) = by_code(flyer, "command-delay")
     step = 0.002
