@@ -37,8 +37,6 @@ from massprop_cli.model.handed import StatusError
 VEHICLES = ("jets", "wrench", "bearing", "docking", "noisy", "canted")
 """Not the heavy one, whose jets' lag the kernel doesn't hold, nor the disturbed one, whose torque isn't stated."""
 CONVERGED, CONTRADICTED = (VERDICTS.index(verdict) for verdict in ("converged", "contradicted"))
-UNSTATED = slice(180, 240)
-"""Cycles of the docking vehicle between docking and the phase that says so."""
 
 PAGE = """# What is called converged on board
 
@@ -48,8 +46,8 @@ cycle through what [`massprop live` and the flown code](kernel.md) call. There n
 fault that no log can tell (all thrust off by the same part), stays: `massprop estimate` on the recording tests each assumption by itself.
 The vehicles: {vehicles}. A value is wrong if it is more than 4 sigma and half a percent of its size off.
 
-Of {clean} clean logs {ever} had values contradicted at any cycle (of docking but for the cycles between docking and the phase that says
-so), and {wrong} a wrong value called converged at any cycle.
+Of {clean} clean logs {end} have values contradicted in the end, {ever} had at any cycle ({where}), and {wrong} had a wrong value called
+converged at any cycle. A body that is sought from few cycles on may be far off at first, and what it leaves then counts for 256 cycles.
 """
 
 
@@ -65,8 +63,8 @@ class Told:
     """... and is called converged, ..."""
     contradicted: bool
     """... or values are contradicted then."""
-    ever: float
-    """Part of the cycles at which values were contradicted; of a clean docking but for ``UNSTATED``."""
+    ever: bool
+    """... or were at any cycle."""
     wrong_cycles: float
     """Part of the cycles at which a value was called converged and was wrong."""
 
@@ -86,8 +84,7 @@ def told(fault: str, vehicle: str, seed: int) -> Told | None:
         return None
     off, converged, contradicted = (np.stack(part) for part in zip(*each, strict=True))
     silent, judged = (np.atleast_1d(one.any(1)) for one in (off & converged, contradicted))
-    shown = np.delete(judged, np.r_[UNSTATED]) if not fault and vehicle == "docking" else judged
-    return Told(fault, vehicle, bool(off[-1:].any()), bool(silent[-1]), bool(judged[-1]), float(shown.mean()), float(silent.mean()))
+    return Told(fault, vehicle, bool(off[-1:].any()), bool(silent[-1]), bool(judged[-1]), bool(judged.any()), float(silent.mean()))
 
 
 def _flown(case: Case, name: str) -> Iterator[Completed]:
@@ -142,7 +139,9 @@ def print_page(found: list[Told], options: list[str]) -> None:
             version=__version__,
             vehicles=", ".join(VEHICLES),
             clean=len(clean),
-            ever=sum(one.ever > 0 for one in clean),
+            end=sum(one.contradicted for one in clean),
+            ever=sum(one.ever for one in clean),
+            where=", ".join(f"{n} of {name}" for name, n in Counter(one.vehicle for one in clean if one.ever).items()) or "none",
             wrong=sum(one.wrong_cycles > 0 for one in clean),
         )
     )
