@@ -22,11 +22,11 @@ from massprop_cli.conclude.verdict import POSITIVE, Conclusion
 SURE = 4.8
 """Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""
 WARY = 2.5
-"""Sigmas from which on it is in doubt: so little, by chance, in one of 80 of each. Then what much hangs on it is not called converged: six
-of a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less
-than ``SURE``. docs/faults.md moves."""
+"""Sigmas from which on it is in doubt: so little, by chance, in one of 80 of each. Then what hangs on it is not called converged: seven of
+a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less than
+``SURE``. docs/faults.md moves."""
 FAR, PART = 2.0, 0.005
-"""Of its sigma and of its size, the change of a value that hangs much on an assumption in doubt."""
+"""Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its likeliest change is uncertain itself."""
 SCALES = (GYRO, ACCELEROMETER)
 """Of a sensor's three axes, each of which is tested by itself too."""
 MOVES = 1.0
