@@ -173,6 +173,18 @@ def test_both_say_that_what_is_flown_is_another_vehicle(monkeypatch: pytest.Monk
 
 
 @compiled
+@pytest.mark.parametrize("key", ["gyro_noise_rad_s", "accel_noise_m_s2"])
+@pytest.mark.parametrize(("too_small", "contradicted"), [(1.1, False), (1.4, True)])
+def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_or_more(
+    key: str, too_small: float, contradicted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1.5 in variance; over some hundred cycles 1.1 and 1.4 in sigma are three sigma of chance from that, and more."""
+    noise = getattr(vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml").vehicle.imu, key)
+    said = both("free-flyer", monkeypatch, 160, f"imu.{key}={noise / too_small}")
+    assert any(e["verdict"] == "contradicted" for e in said[-1]["estimates"].values()) == contradicted
+
+
+@compiled
 def test_without_a_compiler_numpy_flies_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     source, flight = flown("estimate", CUT_S)
     monkeypatch.setattr(legs, "kernel", lambda: Kernel(None, "NumPy"))
