@@ -152,13 +152,14 @@ def by_misfit(
 
 
 def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
-    """Why values are not to be called converged where the cause of a misfit is unknown: noise sized in its place makes their sigmas.
+    """Why values are not to be called converged where the cause of a misfit is unknown: their sigmas are none of what it may do to them.
 
-    Those that stay are as uncertain as the thrust is stated to be, which is more.
+    That holds where several causes would mend the log, too, and all of them give the same value: the true one may be another. Those that
+    stay are as uncertain as the thrust is stated to be, which is more.
     """
     reason = (
-        "log and vehicle file don't fit, cause unknown: noise was sized in its place, and its sigma is none of what that may hide; look at "
-        "what came nearest in the warning cause-unknown"
+        "log and vehicle file don't fit, cause unknown, and its sigma is none of what that may hide; look at what came nearest in the "
+        "warning cause-unknown"
     )
     sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     by_noise = _own_variance(conclusion, vehicle) > sigma**2 / 2

@@ -11,7 +11,7 @@ from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
-from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.ready import Ready, ready
 from massprop_cli.estimate.history import History
@@ -49,7 +49,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     unknown = _unexplained(told.diagnosis, answer.notices)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
     named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
-    vain = [Notice("cause-unknown", unknown)] if unknown else []
+    vain = [Notice(UNKNOWN, unknown)] if unknown else []
     said = *begun.log.notices, *begun.notices, *vain, *answer.notices
     return Analysis(
         log=log,

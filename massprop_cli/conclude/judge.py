@@ -14,6 +14,7 @@ from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
+from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -44,7 +45,7 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         nameless = [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
         against += [] if own else nameless
     cause = together(against)
-    if found.unknown:
+    if found.unknown or (own and all(fault.notice.code == UNKNOWN for fault in own)):
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))

@@ -16,7 +16,7 @@ from itertools import chain, islice
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import causes, change, delay
+from massprop_cli.diagnosis import UNKNOWN, causes, change, delay
 from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of
 from massprop_cli.diagnosis.delay import Found, near
@@ -50,7 +50,6 @@ TRIED = (
 )
 NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""
-UNKNOWN = "cause-unknown"
 EVEN = 6.0
 """−2 log of the odds (1 : 20) below which two of a kind are named side by side."""
 

@@ -53,11 +53,13 @@ class Ranking:
         """Those that are fitted by now, in any order."""
         return [each for each in self._found.values() if each[0] < self._most]
 
-    def within(self, most: float, reach: Callable[[], float] = lambda: np.inf) -> Iterator[tuple[float, Fitted]]:
+    def within(self, most: float, reach: Callable[[], float] = lambda: np.inf, rivals: float = 0.0) -> Iterator[tuple[float, Fitted]]:
         """Without those of channels that leave more than so much of chi-square whatever is supposed of them.
 
-        Nor of those, while it goes on, whose score is beyond ``reach`` then.
+        Nor of those, while it goes on, whose score is beyond ``reach`` then. With the ``rivals`` of the first, whose scores are so near its
+        own, though they be too faint to be named themselves.
         """
+        bar = self._most
         waiting = [(score, 1, i) for i, (score, _) in self._found.items()]
         known = self._found.keys()
         for channel, own in self._of.items():
@@ -67,9 +69,10 @@ class Ranking:
         heapq.heapify(waiting)
         while waiting:
             score, fit, which = heapq.heappop(waiting)
-            if score >= self._most:
+            if score >= bar:
                 return
             if fit:
+                bar, rivals = max(bar, score + rivals), 0.0
                 yield self._found[which]
                 continue
             if score > reach():

@@ -47,7 +47,7 @@ def searched(
     def reach() -> float:
         return _reach(first, best, others, near)
 
-    for rough, found in seen.ranked.within(leaving, reach):
+    for rough, found in seen.ranked.within(leaving, reach, CLEAR):
         fitting = [trial for trial in (*others, *best) if trial.fits]
         late = fitting and all(codes(trial) <= LATE for trial in fitting)
         least = min((trial.excess for trial in fitting), default=np.inf)
