@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.conclude.contradict import by_lost
+from massprop_cli.conclude.analysis import MendedAnswer
+from massprop_cli.conclude.contradict import Fault, by_lost
+from massprop_cli.conclude.judge import judged
+from massprop_cli.diagnosis.cures import Cure
 from massprop_cli.flow import Analysis
+from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Known, Phase
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
@@ -188,6 +192,23 @@ def test_what_was_known_of_a_split_phase_is_of_neither_part() -> None:
     known = used.model_copy(update={"known": {"mass": Known(value=22.0, sigma=0.1)}})
     cut = split(known, [Phase(name="all", start_s=0.0, end_s=60.0)], 30.0)
     assert [cut.in_phase(phase).known for phase in cut.phases] == [{}, {}]
+
+
+def test_what_several_causes_agree_on_is_in_doubt_where_none_of_them_is_sure() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    clean = faulty.examined(log, used)
+    good = {name for name, verdict in faulty.verdicts(clean).items() if verdict == "converged"}
+    assert len(good) > 5
+
+    def verdicts(code: str) -> set[str]:
+        fault = Fault(Notice(code, "the log fits if this, or if that"), Cure(()))
+        # what mends it gives the same values, and so do its rivals
+        answer = MendedAnswer(fault, (), clean.conclusions, ([clean.conclusions[0].values],))
+        found = judged(replace(clean, faults=(fault,)), [answer])
+        return {name for name, verdict in faulty.verdicts(found).items() if verdict == "converged"}
+
+    assert verdicts("jet-sign") == good
+    assert verdicts("cause-unknown") == set()
 
 
 def test_a_clean_log_is_not_contradicted() -> None:

@@ -71,3 +71,14 @@ def test_beyond_reach_nothing_that_is_about_a_channel_is_fitted() -> None:
     (_, found), *_ = reached.within(np.inf, lambda: best)
     assert found.supposed.subject == (look.names[3],)
     assert len(others) < len(reached.known) < len([*every])
+
+
+def test_rivals_of_the_first_come_though_they_be_too_faint_to_be_named() -> None:
+    look = weak(3)
+    best, _ = next(iter(look.ranked))
+    faint = replace(look).ranked
+    faint._most = best + 1e-6  # the first alone is likely enough
+    assert len(list(faint.within(np.inf))) == 1
+    near = [score for score, _ in faint.within(np.inf, rivals=1e6)]
+    assert near == [score for score, _ in replace(look).ranked.within(np.inf, rivals=1e6)]
+    assert len(near) > 100
