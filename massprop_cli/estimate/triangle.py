@@ -16,9 +16,12 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.estimate import compiled
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, filtered, known_rows, ordered, unknown_beginnings
+from massprop_cli.model import handed
 from massprop_cli.model.lift import Lift
+from massprop_cli.model.lifted import reference_numbers
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.plant.plant import MU
 from massprop_cli.model.resolved import Resolved
@@ -79,6 +82,8 @@ class Triangle:
         known = vehicle.known.get("mass")
         self.weighed = 1 / known.value if known is not None and self.lift.plant.pivoted else None
         """1/kg, of a mass that is known from elsewhere, on a bearing."""
+        self.in_kernel = lift is None and compiled.holds(vehicle, consider)
+        """Whether the compiled kernel takes the cycles in, as in flight."""
         self._begun: tuple[Reference, Array, Array] | None = None
 
     def begin(self, reference: Reference) -> Run:
@@ -90,6 +95,8 @@ class Triangle:
 
     def take(self, run: Run, end: int) -> tuple[Run, Taken]:
         """The cycles from ``run.at`` to ``end``."""
+        if self.in_kernel:
+            return self._compiled(run, end)
         return self._with(run, end, self._system(run.at, end, run.reference))
 
     def whole(self, reference: Reference) -> System:
@@ -111,16 +118,29 @@ class Triangle:
         cycles = slice(max(first - 1, self.cycles.start), end)
         return system_of(self.samples, cycles, reference, self.vehicle, self.consider, self.lift)
 
+    def _compiled(self, run: Run, end: int) -> tuple[Run, Taken]:
+        """The cycles from ``run.at`` to ``end`` by the compiled kernel (massprop_cli/kernel/offline.c)."""
+        first, begun = self.samples.part(slice(self.cycles.start, self.cycles.start + 1)), run.state is not None
+        fed = handed.packed(self.samples.part(slice(run.at - begun, end)), self.vehicle)
+        width, states = len(run.triangle), len(self.prior)
+        state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
+        about = reference_numbers(run.reference, self.lift)
+        after, white, roots = handed.taken(
+            compiled.table(self.samples, self.vehicle), about, first.attitude_error_rad, fed, handed.Filtered(*state, run.triangle), begun
+        )
+        run = replace(run, at=end, state=State(after.mean, after.root), triangle=after.triangle)
+        return self._renewed(run), Taken(white, roots, ())
+
     def _with(self, run: Run, end: int, system: System) -> tuple[Run, Taken]:
         state, taken = filtered(run.state or unknown_beginnings(self.prior, system), system, run.state is None, self.drifting)
         triangle = triangle_of(np.vstack([run.triangle, ordered(taken.white, self.lift.size, self.free)]))
-        return self._renewed(replace(run, at=end, state=state, triangle=triangle), system), taken
+        return self._renewed(replace(run, at=end, state=state, triangle=triangle)), taken
 
-    def _renewed(self, run: Run, system: System) -> Run:
+    def _renewed(self, run: Run) -> Run:
         """With the rate unknown again once an error of where it began has grown ``GROWN`` times: a free body's motion forgets."""
         turn = slice(-self.free, 3 - self.free or None)
-        if run.state is None or system.process is not None or self.lift.plant.pivoted:
-            return run
+        if run.state is None or run.state.root.any() or self.lift.plant.pivoted:
+            return run  # beside a disturbance it forgets by itself
         if np.abs(run.state.mean[:3, turn]).max() < GROWN:
             return run
         # the triangle's first rows alone hold the old beginning; all others are what it leaves

@@ -39,7 +39,7 @@ SHARED int mp_host_net(long count, long channels, long along, long across, const
                        double *out);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
-static void reference_of(const double *from, int channels, mp_reference *out) {
+void mp_reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
     from = mp_copied(out->theta, from, 10);
@@ -132,7 +132,7 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
     long k;
     int status = mp_laid_out(&vehicle, &layout);
     if (status != MP_OK) return status;
-    reference_of(reference, layout.channels, &about);
+    mp_reference_of(reference, layout.channels, &about);
     for (k = 0; k < count; k++) {
         mp_cycle_of(&vehicle, rows + k * stride, &cycle);
         mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
@@ -158,7 +158,7 @@ int mp_host_integrals(const double *table, const double *reference, long count, 
     long k;
     int i, status = mp_laid_out(&vehicle, &layout);
     if (status != MP_OK) return status;
-    reference_of(reference, layout.channels, &about);
+    mp_reference_of(reference, layout.channels, &about);
     for (k = 0; k < count; k++) {
         const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
         mp_cycle_of(&vehicle, rows + k * stride, &cycle);

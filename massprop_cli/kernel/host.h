@@ -14,5 +14,6 @@
 const double *mp_copied(mp_real *to, const double *from, int count);
 mp_vehicle mp_vehicle_of(const double *table);
 void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out);
+void mp_reference_of(const double *from, int channels, mp_reference *out);
 
 #endif

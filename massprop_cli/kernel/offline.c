@@ -1,10 +1,15 @@
-/* What off-line fits need of many cycles at once, for the ground: the filter on all nuisances (massprop_cli/estimate/nuisance.py), and what
- * rows bring that those before them did not tell (massprop_cli/estimate/ahead.py). */
+/* What off-line fits need of many cycles at once, for the ground: cycles taken in as in flight (massprop_cli/estimate/triangle.py), the
+ * filter on all nuisances beside assumptions (massprop_cli/estimate/nuisance.py), and what rows bring that those before them did not tell
+ * (massprop_cli/estimate/ahead.py). */
 #include <stddef.h>
 #include <string.h>
 
+#include "filter.h"
 #include "host.h"
 #include "small.h"
+
+SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
+                         const double *rows, double *mean, double *root, double *triangle, double *white, double *roots);
 
 SHARED int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread);
 
@@ -34,6 +39,60 @@ int mp_host_expected(long count, long unknowns, const double *rows, mp_real *tri
         (void)mp_copied(room, own, 6 * size);
         mp_fold(triangle, size, room, 6);
     }
+    return MP_OK;
+}
+
+/* The filter's mean (n, width) and root (n, n), and the packed triangle: of a run, or from there (`given`). */
+static void exchanged(const mp_layout *layout, mp_run *run, int given, double *mean, double *root, double *triangle) {
+    int n = layout->states, width = layout->width, i, j;
+    for (i = 0; i < n; i++) {
+        for (j = 0; j < width; j++) {
+            if (given) run->filter.mean[i][j] = (mp_real)mean[i * width + j];
+            else mean[i * width + j] = (double)run->filter.mean[i][j];
+        }
+        for (j = 0; j < n; j++) {
+            if (given) run->filter.root[i][j] = (mp_real)root[i * n + j];
+            else root[i * n + j] = (double)run->filter.root[i][j];
+        }
+    }
+    for (i = 0; i < MP_PACKED(width); i++) {
+        if (given) run->triangle[i] = (mp_real)triangle[i];
+        else triangle[i] = (double)run->triangle[i];
+    }
+}
+
+/* Cycles by rows, as mp_host_run has them, into a filter and a triangle, as they are before and after them. In a phase's first cycle the
+ * filter begins; where it has `begun` the first row is the cycle before. Of each cycle taken in: white (K, 6, width) and roots (K, 6, 6). */
+int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
+                  const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
+    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_layout layout;
+    mp_reference about;
+    mp_cycle cycle;
+    mp_motion motion[2];
+    mp_leap leap;
+    mp_run run;
+    mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)], own[6 * MP_WIDTH], ordered[6 * MP_WIDTH], spread[6][6], first[3][4];
+    long k;
+    int i, status = mp_laid_out(&vehicle, &layout);
+    if (status != MP_OK) return status;
+    mp_reference_of(reference, layout.channels, &about);
+    (void)mp_copied(first[0], attitude_error, 12);
+    exchanged(&layout, &run, 1, mean, root, triangle);
+    for (k = 0; k < count; k++) {
+        mp_motion *here = &motion[k % 2];
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, here);
+        if (k == 0 && begun) continue;
+        if (k > 0) mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
+        else mp_filter_begin(&layout, (const mp_real(*)[4])first, &run.filter);
+        mp_filter_step(&layout, &run.filter, k > 0 ? &leap : NULL, here, joint, own, spread);
+        for (i = 0; i < 6 * layout.width; i++) *white++ = (double)own[i];
+        for (i = 0; i < 36; i++) *roots++ = (double)spread[i / 6][i % 6];
+        mp_ordered(&layout, own, ordered);
+        mp_fold(run.triangle, layout.width, ordered, 6);
+    }
+    exchanged(&layout, &run, 0, mean, root, triangle);
     return MP_OK;
 }
 

@@ -80,7 +80,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
 def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
     """The arrays of :class:`massprop_cli.model.lifted.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
 
-    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
+    ``numbers`` are the vehicle's, ``about`` those of a reference (``mp_reference_of`` in massprop_cli/kernel/blocks.c).
     """
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
@@ -94,6 +94,36 @@ def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: i
         kernel().compiled.mp_host_lifted(pointer(numbers), pointer(about), rows, stride, pointer(cycles), by, ctypes.c_int(combined), out)
     )
     return found
+
+
+class Filtered(NamedTuple):
+    """The filter on the nuisances, as the kernel has it: n states of c columns."""
+
+    mean: Array
+    """(n, c)"""
+    root: Array
+    """(n, n)"""
+    triangle: Array
+    """(c, c) of what it has left of the log."""
+
+
+def taken(
+    numbers: Array, about: Array, attitude_error: Array, cycles: Array, before: Filtered, begun: bool
+) -> tuple[Filtered, Array, Array]:
+    """Cycles, as :func:`packed` has them, through the filter: where it is then, and of each (K, 6, c) whitened, (K, 6, 6) their root.
+
+    ``begun``: the first cycle is but the one before those that are taken in; else it is the phase's first.
+    """
+    size, count = len(before.triangle), len(cycles) - begun
+    upper = np.triu_indices(size)
+    after = np.array(before.mean, order="C"), np.array(before.root, order="C"), before.triangle[upper]
+    white, roots = np.empty((count, 6, size)), np.empty((count, 6, 6))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    given = (*map(pointer, (numbers, about, np.ascontiguousarray(attitude_error))), ctypes.c_int(begun), rows, stride, pointer(cycles))
+    checked(kernel().compiled.mp_host_taken(*given, *map(pointer, (*after, white, roots))))
+    triangle = np.zeros((size, size))
+    triangle[upper] = after[2]
+    return Filtered(*after[:2], triangle), white, roots
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:

@@ -271,11 +271,11 @@ def compiled(vehicle: Vehicle) -> bool:
 def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
     """The same by the compiled kernel."""
     numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
-    about, states = _reference_numbers(reference, lift), layout.size - RATE.start
+    about, states = reference_numbers(reference, lift), layout.size - RATE.start
     return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
 
 
-def _reference_numbers(reference: Reference, lift: Lift) -> Array:
+def reference_numbers(reference: Reference, lift: Lift) -> Array:
     """What the equations are linear about, as the kernel has it."""
     theta = lift.theta(reference)
     motion = (reference.gyro_bias, reference.acceleration, response_of(reference, lift, theta).ravel())
@@ -337,7 +337,7 @@ def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) ->
     lift = Lift(plant_of(vehicle))
     if compiled(vehicle):
         numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun())
-        return handed.integrals(numbers, _reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
+        return handed.integrals(numbers, reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
     return integrals(samples, lift, lift.theta(reference), motion_within(samples, reference, lift))
 
 

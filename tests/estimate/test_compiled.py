@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massprop_cli import job
+from massprop_cli import flow, job
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate import compiled, engine, flown
 from massprop_cli.estimate.history import History
@@ -112,6 +112,31 @@ def test_every_value_of_every_cycle_agrees(log: str, monkeypatch: pytest.MonkeyP
         assert apart(own.normalised, other.normalised, np.ones(1)) < AGREE
         assert np.abs(own.covariance - other.covariance).max() < AGREE * np.abs(other.covariance).max()
         same_reference(own.reference, other.reference)
+
+
+@pytest.mark.parametrize(
+    ("log", "assignments"),
+    [
+        ("free-flyer/log", ()),
+        ("free-flyer/log", ("environment.disturbance_torque_n_m=0.002", "environment.disturbance_walk_n_m=1e-4")),
+        ("air-bearing/log", ("imu.gyro_bias_sigma_rad_s=1e-4", "imu.accel_bias_sigma_m_s2=1e-3")),
+        ("docking/log", ()),
+    ],
+)
+def test_off_line_fits_and_what_they_leave_agree(log: str, assignments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    own = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments).settled
+    with monkeypatch.context() as numpy_alone:
+        numpy_alone.setattr(compiled, "holds", lambda *_: False)
+        others = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments).settled
+    for mine, theirs in zip(own, others, strict=True):
+        assert mine.residual is not None
+        assert theirs.residual is not None
+        sigma = np.sqrt(np.diag(theirs.bare[1]))
+        assert apart(mine.bare[0], theirs.bare[0], sigma) < AGREE
+        assert np.abs(mine.bare[1] - theirs.bare[1]).max() < AGREE * np.abs(theirs.bare[1]).max()
+        assert apart(mine.normalised, theirs.normalised, np.ones(1)) < AGREE
+        assert apart(mine.residual.value, theirs.residual.value, theirs.residual.sigma) < AGREE
+        assert apart(mine.residual.sigma, theirs.residual.sigma, theirs.residual.sigma) < AGREE
 
 
 @pytest.mark.parametrize("log", ["free-flyer/log", "air-bearing/log"])

@@ -149,8 +149,8 @@ def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.
     renewed: list[int] = []
     once = Regression._renewed
 
-    def counted(self: Regression, run: Run, system: System) -> Run:
-        found = once(self, run, system)
+    def counted(self: Regression, run: Run) -> Run:
+        found = once(self, run)
         renewed.extend([run.at] * (found is not run))
         return found
 
