@@ -20,6 +20,9 @@ typedef struct {
 SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
                           int combined, const lifted *out);
 
+SHARED int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
+                          const double *rate, double *next, double *seen);
+
 SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
                         const double *lag, double *integral, double *moment);
 
@@ -142,6 +145,48 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
             step_written(&layout, &about, from, into, &leap, onto, combined, k - 1, out);
         }
         cycle_written(&layout, &motion[k % 2], onto, combined, k, out);
+    }
+    return MP_OK;
+}
+
+/* Of coefficients phi and rates (K, 3), all other states zero: (K - 1, n) the state one step on, and (K, 6) what is measured beyond what
+ * the rates give. */
+int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
+                   const double *rate, double *next, double *seen) {
+    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_layout layout;
+    mp_reference about;
+    mp_motion motion[2];
+    mp_leap leap;
+    mp_cycle cycle;
+    double made[3];
+    const double *last;
+    long k;
+    int i, j, status = mp_laid_out(&vehicle, &layout);
+    if (status != MP_OK) return status;
+    mp_reference_of(reference, layout.channels, &about);
+    last = phi + 3 * layout.channels;
+    for (k = 0; k < count; k++) {
+        const mp_motion *here = &motion[k % 2];
+        const double *now = rate + 3 * k, *before = now - 3;
+        double *turning = seen + 6 * k, *pushing = turning + 3;
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
+        combine(here->mean, layout.channels, phi, 1, made);
+        for (i = 0; i < 3; i++) {
+            turning[i] = (double)here->raw_rate[i] - now[i];
+            pushing[i] = (double)here->measured[i];
+            for (j = 0; j < 3; j++) pushing[i] -= (double)here->euler[i][j] * made[j] + (double)here->by_rate[i][j] * now[j];
+            for (j = 0; j < 4; j++) pushing[i] -= (double)here->own[i][j] * last[j];
+        }
+        if (k == 0) continue;
+        mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
+        combine(leap.step, layout.channels, phi, 1, made);
+        for (i = 0; i < layout.states; i++) {
+            next[i] = (double)leap.drive[i];
+            for (j = 0; j < 3; j++) next[i] += (double)leap.transition[i][j] * before[j] + (i < 3 ? (double)leap.solve[i][j] * made[j] : 0.0);
+        }
+        next += layout.states;
     }
     return MP_OK;
 }

@@ -119,11 +119,20 @@ def taken(
     after = np.array(before.mean, order="C"), np.array(before.root, order="C"), before.triangle[upper]
     white, roots = np.empty((count, 6, size)), np.empty((count, 6, 6))
     rows, stride = (ctypes.c_long(length) for length in cycles.shape)
-    given = (*map(pointer, (numbers, about, np.ascontiguousarray(attitude_error))), ctypes.c_int(begun), rows, stride, pointer(cycles))
-    checked(kernel().compiled.mp_host_taken(*given, *map(pointer, (*after, white, roots))))
+    before_them, among = (numbers, about, np.ascontiguousarray(attitude_error)), (cycles, *after, white, roots)
+    checked(kernel().compiled.mp_host_taken(*map(pointer, before_them), ctypes.c_int(begun), rows, stride, *map(pointer, among)))
     triangle = np.zeros((size, size))
     triangle[upper] = after[2]
     return Filtered(*after[:2], triangle), white, roots
+
+
+def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,)."""
+    found = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    before, after = (numbers, about, np.ascontiguousarray(phi)), (cycles, np.ascontiguousarray(rate), *found)
+    checked(kernel().compiled.mp_host_beyond(*map(pointer, before), rows, stride, *map(pointer, after)))
+    return found
 
 
 def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
@@ -137,9 +146,9 @@ def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tup
 
 def least(numbers: Array, theta: Array, triangles: Array, steps: int, still: float) -> Array:
     """(M,) chi-square of :func:`massprop_cli.diagnosis.change.least` of each of ``triangles`` (M, N + 1, N + 1)."""
-    found, given = np.empty(len(triangles)), np.ascontiguousarray(triangles)
-    count = ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)
-    checked(kernel().compiled.mp_host_least(pointer(numbers), pointer(np.ascontiguousarray(theta)), *count, pointer(given), pointer(found)))
+    count, found = (ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)), np.empty(len(triangles))
+    before, after = (numbers, np.ascontiguousarray(theta)), (np.ascontiguousarray(triangles), found)
+    checked(kernel().compiled.mp_host_least(*map(pointer, before), *count, *map(pointer, after)))
     return found
 
 

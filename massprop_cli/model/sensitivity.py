@@ -21,7 +21,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, compiled, lifted
+from massprop_cli.model.lifted import Lifted, beyond, compiled, lifted
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source
@@ -208,10 +208,12 @@ def _expected(
     if within not in coefficients:
         coefficients[within] = lift.coefficients(lift.theta(reference))[0]
     phi = coefficients[within]
+    if compiled(vehicle):
+        return beyond(side.samples, cycles, reference, vehicle, phi, state[:, :3])
     same = id(side.samples), id(vehicle.environment)
-    if same not in moved and not compiled(vehicle):
+    if same not in moved:
         moved[same] = motion_within(side.samples.part(cycles), reference, lift)
-    return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved.get(same)), np.ones(1), state)
+    return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same]), np.ones(1), state)
 
 
 def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Array]:

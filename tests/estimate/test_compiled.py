@@ -123,12 +123,13 @@ def test_every_value_of_every_cycle_agrees(log: str, monkeypatch: pytest.MonkeyP
         ("docking/log", ()),
     ],
 )
-def test_off_line_fits_and_what_they_leave_agree(log: str, assignments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    own = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments).settled
+def test_what_is_off_line_agrees(log: str, assignments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits, what they leave, and what each assumption does to them."""
+    own = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments)
     with monkeypatch.context() as numpy_alone:
-        numpy_alone.setattr(compiled, "holds", lambda *_: False)
-        others = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments).settled
-    for mine, theirs in zip(own, others, strict=True):
+        numpy_alone.setattr(handed, "unknown", lambda *_: "anything")
+        other = flow.analyse(SAMPLES / f"{log}.parquet", None, assignments)
+    for mine, theirs in zip(own.settled, other.settled, strict=True):
         assert mine.residual is not None
         assert theirs.residual is not None
         sigma = np.sqrt(np.diag(theirs.bare[1]))
@@ -137,6 +138,19 @@ def test_off_line_fits_and_what_they_leave_agree(log: str, assignments: tuple[st
         assert apart(mine.normalised, theirs.normalised, np.ones(1)) < AGREE
         assert apart(mine.residual.value, theirs.residual.value, theirs.residual.sigma) < AGREE
         assert apart(mine.residual.sigma, theirs.residual.sigma, theirs.residual.sigma) < AGREE
+    assert own.examination is not None
+    assert other.examination is not None
+    for ours, its in zip(own.examination.responses, other.examination.responses, strict=True):
+        assert ours is not None
+        assert its is not None
+        size = np.sqrt(np.diag(its.gram))
+        both_seen = np.outer(size, size) > 0
+        assert (np.abs(ours.gram - its.gram)[both_seen] / np.outer(size, size)[both_seen]).max() < AGREE
+        some = size[1:] > 0
+        # in sigmas, of a change of each assumption that the log would notice
+        sigma = np.sqrt(np.diag(own.settled[0].bare[1]))
+        moved = np.abs(ours.shift - its.shift)[:, some] / size[1:][some] / sigma[:, None]
+        assert moved.max() < AGREE
 
 
 @pytest.mark.parametrize("log", ["free-flyer/log", "air-bearing/log"])
