@@ -275,14 +275,12 @@ def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, v
     return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
 
 
-def beyond(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, phi: Array, rate: Array) -> tuple[Array, Array]:
+def beyond(layout: Layout, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,).
 
-    Of a vehicle that the compiled kernel knows.
+    Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`handed.packed` has them.
     """
-    layout = Layout.of(samples, vehicle)
-    numbers, about = vehicle_numbers(layout, vehicle, handed.Begun()), reference_numbers(reference, Lift(plant_of(vehicle)))
-    return handed.beyond(numbers, about, phi, handed.packed(samples.part(cycles), vehicle), rate, layout.size - RATE.start)
+    return handed.beyond(vehicle_numbers(layout, vehicle, handed.Begun()), about, phi, cycles, rate, layout.size - RATE.start)
 
 
 def reference_numbers(reference: Reference, lift: Lift) -> Array:

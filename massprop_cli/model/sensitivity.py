@@ -10,6 +10,7 @@ that the regression finds beside the mass properties: an error of it may show in
 from __future__ import annotations
 
 from dataclasses import field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from massprop_cli.base.rigidbody import rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
+from massprop_cli.model.handed import packed
+from massprop_cli.model.layout import Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, beyond, compiled, lifted
+from massprop_cli.model.lifted import Lifted, beyond, compiled, lifted, reference_numbers
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source
@@ -110,14 +113,13 @@ def fed(
     driven, measured = [], []
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
-    moved: dict[tuple[int, int], Within] = {}
-    coefficients: dict[int, Array] = {}
+    shared = _Shared({}, {}, {})
     moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
 
     def of(side: Side) -> tuple[Array, Array]:
         as_read = side.vehicle or vehicle
         if (id(side.samples), id(as_read)) not in read:
-            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, coefficients, moved)
+            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, shared)
         return read[id(side.samples), id(as_read)]
 
     def add(variant: Variant) -> None:
@@ -190,30 +192,31 @@ def imu_turned(vehicle: Vehicle, axis: int, by_rad: float) -> Vehicle:
     return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
 
 
-def _expected(
-    side: Side,
-    state: Array,
-    cycles: slice,
-    reference: Reference,
-    vehicle: Vehicle,
-    coefficients: dict[int, Array],
-    moved: dict[tuple[int, int], Within],
-) -> tuple[Array, Array]:
-    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log.
+class _Shared(NamedTuple):
+    """What sides have in common."""
 
-    The reference's ``coefficients`` are the same in one environment. Another place of the IMU alone leaves the motion, and what was
-    ``moved`` is taken over.
-    """
-    within, lift = id(vehicle.environment), Lift(plant_of(vehicle))
-    if within not in coefficients:
-        coefficients[within] = lift.coefficients(lift.theta(reference))[0]
-    phi = coefficients[within]
+    bodies: dict[int, tuple[Array, Array]]
+    """By environment: the reference's coefficients, and as the kernel has it."""
+    moved: dict[tuple[int, int], Within]
+    """By samples and environment: another place of the IMU alone leaves the motion."""
+    cycles: dict[int, Array]
+    """By samples: as the kernel has them."""
+
+
+def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
+    within, samples, lift = id(vehicle.environment), side.samples, Lift(plant_of(vehicle))
+    if within not in shared.bodies:
+        shared.bodies[within] = lift.coefficients(lift.theta(reference))[0], reference_numbers(reference, lift)
+    phi, about = shared.bodies[within]
     if compiled(vehicle):
-        return beyond(side.samples, cycles, reference, vehicle, phi, state[:, :3])
-    same = id(side.samples), id(vehicle.environment)
-    if same not in moved:
-        moved[same] = motion_within(side.samples.part(cycles), reference, lift)
-    return _beyond(lifted(side.samples, cycles, reference, vehicle, phi[:, None], moved[same]), np.ones(1), state)
+        if id(samples) not in shared.cycles:
+            shared.cycles[id(samples)] = packed(samples.part(cycles), vehicle)
+        return beyond(Layout.of(samples, vehicle), vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
+    same = id(samples), within
+    if same not in shared.moved:
+        shared.moved[same] = motion_within(samples.part(cycles), reference, lift)
+    return _beyond(lifted(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
 
 
 def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Array]:
