@@ -70,7 +70,8 @@ class Triangle:
     def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, consider: Consider, lift: Lift | None = None) -> None:
         self.samples, self.cycles, self.vehicle, self.consider = samples, cycles, vehicle, consider
         self.lift = lift or Lift(plant_of(vehicle))
-        self.begun_s = float(samples.part(slice(cycles.start, cycles.start + 1)).executed.start_s[0])
+        first = samples.part(slice(cycles.start, cycles.start + 1))
+        self.begun_s, self._attitude_error = float(first.executed.start_s[0]), first.attitude_error_rad
         self.prior = prior(samples, vehicle)
         self.drifting = bool(drift(vehicle).any())
         self.free = int((self.prior > 0).sum())
@@ -120,14 +121,12 @@ class Triangle:
 
     def _compiled(self, run: Run, end: int) -> tuple[Run, Taken]:
         """The cycles from ``run.at`` to ``end`` by the compiled kernel (massprop_cli/kernel/offline.c)."""
-        first, begun = self.samples.part(slice(self.cycles.start, self.cycles.start + 1)), run.state is not None
+        begun = run.state is not None
         fed = handed.packed(self.samples.part(slice(run.at - begun, end)), self.vehicle)
         width, states = len(run.triangle), len(self.prior)
         state = run.state or State(np.zeros((states, width)), np.zeros((states, states)))
-        about = reference_numbers(run.reference, self.lift)
-        after, white, roots = handed.taken(
-            compiled.table(self.samples, self.vehicle), about, first.attitude_error_rad, fed, handed.Filtered(*state, run.triangle), begun
-        )
+        given = compiled.table(self.samples, self.vehicle), reference_numbers(run.reference, self.lift), self._attitude_error
+        after, white, roots = handed.taken(*given, fed, handed.Filtered(*state, run.triangle), begun)
         run = replace(run, at=end, state=State(after.mean, after.root), triangle=after.triangle)
         return self._renewed(run), Taken(white, roots, ())
 
