@@ -121,6 +121,14 @@ def _command(s: Subject, rng: Random, factor: float, code: str) -> Drawn | None:
     return Drawn(s.clean.logging(command=frozen(command)), due(code, channels=[WRENCH[i]]), f"{WRENCH[i]} gives {factor:.0%}")
 
 
+def _forces(s: Subject, _: Random, factor: float) -> Drawn | None:
+    if not {3, 4, 5} <= set(s.driven):
+        return None
+    command = s.clean.log.command * np.repeat([1.0, 1 / factor], 3)
+    named = due("thrust-scale", channels=list(WRENCH[3:]))
+    return Drawn(s.clean.logging(command=frozen(command)), named, f"commanded forces give {factor:g} times what is stated, torques what is")
+
+
 def _rise(s: Subject, _: Random, cycles: float) -> Drawn | None:
     if not s.vehicle.jets:
         return None
@@ -179,6 +187,8 @@ THRUST = (
     Fault("all-scale", "all thrust at 80 or 120 %: no log can tell", _all_thrust),
     Fault("command-sign", "one component of the wrench reversed", partial(_command, factor=-1.0, code="command-sign")),
     Fault("command-scale", "one component of the wrench at 80 %", partial(_command, factor=0.8, code="thrust-scale")),
+    Fault("forces-scale", "all components of the force at 50 % beside those of the torque", partial(_forces, factor=0.5)),
+    Fault("forces-unit", "the same at eight times what is stated", partial(_forces, factor=8.0)),
     Fault("rise-short", "rise and fall of a fifth of a cycle unstated", partial(_rise, cycles=0.2)),
     Fault("rise-long", "rise and fall of two fifths unstated", partial(_rise, cycles=0.4)),
     Fault("lag", "lag of 0.3 to 0.8 cycles unstated", _lag),

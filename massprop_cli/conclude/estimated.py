@@ -20,7 +20,7 @@ from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.actuators import along_one_line, channel_names
+from massprop_cli.prepare.actuators import along_one_line, channel_names, channel_wrench, pushing
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
@@ -99,7 +99,8 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
     names = channel_names(begun.log, answer.used)
-    found = doubts(examination, names, along_one_line(begun.log, answer.used))
+    together = pushing(channel_wrench(begun.log, answer.used)[:, 3:])
+    found = doubts(examination, names, along_one_line(begun.log, answer.used), together)
     return found + followed(answer.settled, begun.samples, names, examination.scatter)
 
 

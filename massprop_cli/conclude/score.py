@@ -57,8 +57,11 @@ class Doubt:
         return found
 
 
-def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = ()) -> list[Doubt]:
-    """Those that are in doubt, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together."""
+def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]] = (), pushing: Sequence[int] = ()) -> list[Doubt]:
+    """Those that are in doubt, the surest first; ``names`` of the command channels, of which ``groups`` may be wrong together.
+
+    So may those that are ``pushing`` beside others that only turn: by the unit of their forces.
+    """
     told = [(response, noise) for response, noise in zip(found.responses, found.noise, strict=True) if response is not None]
     if not told:
         return []
@@ -67,8 +70,10 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     unit, first = np.eye(len(kinds)), len(kinds) - len(names)
     # the scale of all three axes at once is a direction of its own, and so is the thrust of jets along one line
     scales = [[i for i, whole in enumerate(wholes) if whole == name] for name in SCALES]
-    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in groups)))])
-    several = [f"thrust of {', '.join(names[i] for i in group)}" for group in groups]
+    every = [*([pushing] if pushing else []), *groups]
+    along = np.column_stack([unit, *(unit[:, group].sum(1) for group in (*scales, *([first + i for i in group] for group in every)))])
+    several = [f"thrust of {', '.join(names[i] for i in group)}" for group in every]
+    told_apart = len(kinds) + len(SCALES) + bool(pushing)
     whats, kind = [*kinds, *SCALES, *several], np.array([*wholes, *SCALES, *several])
     gram = np.sum([response.gram for response, _ in told], 0)
     cross, own = gram[0, 1:].copy(), np.einsum("ei,ef,fi->i", along, gram[1:, 1:], along)
@@ -83,7 +88,7 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     shifts = [None if response is None else response.shift @ along for response in found.responses]
 
     def doubt(i: int) -> Doubt:
-        kin, faint = kind == kind[i], i >= len(kinds) + len(SCALES)
+        kin, faint = kind == kind[i], i >= told_apart
         return Doubt(whats[i], float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > WARY]

@@ -109,8 +109,14 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
             group = tuple(i for i, own in enumerate(keys) if own == key)
             if len(group) > 1 and key != NOWHERE and group not in seen:
                 seen.add(group)
-                marks = np.isin(np.arange(len(names)), group).astype(float)
-                yield Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)))
+                yield scaled(model, names, group)
+
+
+def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: float = 1.0) -> Supposition:
+    """Channels that all give the same part of what is stated; looked for from ``begin`` on: another unit may be any factor."""
+    start = {} if begin == 1 else {model.place("thrust").start + i: begin for i in group}
+    marks = np.isin(np.arange(len(names)), group) * max(1.0, abs(begin - 1) / EXPECTED["thrust"])
+    return Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)), start=start)
 
 
 def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
@@ -175,8 +181,13 @@ def mountings(model: Model) -> list[Supposition]:
     return found
 
 
+def imu_position(model: Model) -> Supposition:
+    """The IMU elsewhere."""
+    return _all(model, "imu-position", "imu")
+
+
 def _others(model: Model) -> Iterator[Supposition]:
-    yield _all(model, "imu-position", "imu")
+    yield imu_position(model)
     if model.bearing is not None:
         yield _all(model, "bearing-position", "bearing")
         if "east" in model.places:

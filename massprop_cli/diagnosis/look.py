@@ -23,8 +23,9 @@ from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
+from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
-from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.actuators import channel_names, pushing
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.stream import Stream
 
@@ -251,9 +252,24 @@ class Look:
     @cached_property
     def ranked(self) -> Ranking:
         """Every supposition that leaves less than what is stated, the likeliest first."""
-        supposed = [*causes.listed(self.model, self.names, self.case.log.command_kind == "jets"), *self._likely_turns()]
+        listed = causes.listed(self.model, self.names, self.case.log.command_kind == "jets")
+        supposed = [*listed, *self._likely_turns(), *self._pushing_more()]
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
+
+    def _pushing_more(self) -> list[Supposition]:
+        """The channels that push giving another part of what is stated than those that only turn, from where it is likeliest on.
+
+        Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
+        explains the log this does too, and a small step leads from the one to the other no more than along a curved valley.
+        """
+        group = pushing(self.model.wrench(self.model.stated)[1])
+        if self.model.bearing is not None or not group:
+            return []
+        (away,) = fitted(self.model, self.free, self.free.variance, [causes.imu_position(self.model)], still=ROUGHLY)
+        centre, by = away.value("theta")[MOMENT], away.value("imu")
+        share = float(np.dot(by, centre)) / max(float(np.dot(centre, centre)), TINY)
+        return [causes.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
 
     def _likely_turns(self) -> list[Supposition]:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""

@@ -55,7 +55,7 @@ def _level(
     white, count = white_level(signal, cycles), sum(piece.stop - piece.start for piece in cycles)
     # what no mass properties explain tells noise the better, unless it holds more than that
     found = unexplained if unexplained < white * (1 + CHANCE / max(count, 1) ** 0.5) else white
-    level = max(found, floor)
+    level = float(max(found, floor))
     if stated is None:
         return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
     source = f"a floor of {FLOOR:g} of the signal" if found <= floor else "what the log shows"

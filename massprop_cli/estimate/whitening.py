@@ -83,7 +83,7 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
     distinct = _distinct(best.told.triangle)
     unit = orthogonal(rates, best.told.triangle, distinct)
     kinds = ("walk", "white") if stated > 0 else ("walk",)
-    likeliest = _likeliest(unit, [none] * (stated > 0) + [none._replace(**{key: level}) for key in kinds for level in LEVELS])
+    likeliest = _likeliest(unit, [none] * bool(stated > 0) + [none._replace(**{key: level}) for key in kinds for level in LEVELS])
     walk, white = likeliest
     near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
     near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]

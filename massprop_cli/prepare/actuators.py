@@ -132,6 +132,12 @@ def along_one_line(log: Log, vehicle: Vehicle) -> list[tuple[int, ...]]:
     return [group for group in groups if 1 < len(group) < len(keys)]
 
 
+def pushing(force: Array) -> tuple[int, ...]:
+    """The channels, of forces (C, 3), that push, two or more, where others only turn; none where there are no others."""
+    group = np.flatnonzero(force.any(1)).tolist()
+    return tuple(group) if 1 < len(group) < len(force) else ()
+
+
 def lines_of(vectors: Array) -> list[int]:
     """A number for each line that vectors (C, 3) lie on, either way round; ``NOWHERE`` for those that are nothing beside the largest."""
     size = np.linalg.norm(vectors, axis=1)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.conclude.analysis import MendedAnswer
 from massprop_cli.conclude.contradict import Fault, by_lost
 from massprop_cli.conclude.judge import judged
@@ -20,6 +21,11 @@ from massprop_cli.testbed import scenario, simulate
 from tests import faulty
 
 TRUTH = faulty.truth("free-flyer")
+WRENCH = Path(__file__).parents[2] / "benchmarks" / "vehicles" / "wrench.toml"
+SEGMENT = '{{motion = "random", axes = [{axes}], every_cycles = 5, max_cycles = 4, start_cycle = {start}, end_cycle = {end}}}'
+ONE_BY_ONE = [(f'"{axis}"', 60 * i, 60 * i + 60) for i, axis in enumerate(("roll", "pitch", "yaw"))]
+TOGETHER = [('"x", "y", "z"', 200, 500), ('"roll", "pitch", "yaw"', 370, 500)]
+EACH_WAY = "plan = [" + ", ".join(SEGMENT.format(axes=a, start=s, end=e) for a, s, e in (*ONE_BY_ONE, *TOGETHER)) + "]"
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +215,26 @@ def test_what_several_causes_agree_on_is_in_doubt_where_none_of_them_is_sure() -
 
     assert verdicts("jet-sign") == good
     assert verdicts("cause-unknown") == set()
+
+
+@pytest.mark.parametrize("factor", [0.2, 8.0])
+def test_forces_in_another_unit_than_torques_give_no_converged_cg(factor: float) -> None:
+    """They look like an IMU out of place: of k times the force the CG c looks like k c, with the IMU (k - 1) c away."""
+    flight = simulate.fly(scenario.load(str(WRENCH), [EACH_WAY]), [1])
+    log = flight.log(0)
+    wrong = replace(log, command=log.command * np.repeat([1.0, 1 / factor], 3))
+    found = faulty.examined(wrong, flight.vehicle)
+    (notice,) = [notice for notice in found.notices if notice.code == "thrust-scale"]
+    shown = notice.message.split("cmd_force_x_n, cmd_force_y_n, cmd_force_z_n (")[1]
+    assert float(shown.split(")")[0]) == pytest.approx(factor, rel=0.25)
+    assert "the IMU sits" in notice.message
+    verdicts = faulty.verdicts(found)
+    assert {verdicts[name] for name in (*CG, "mass")} == {"contradicted"}
+    assert verdicts["izz"] == "converged"  # which hangs on the torques alone
+    (answer,) = [answer for answer in found.mended if answer.fault.notice is notice]
+    for name, true in zip(QUANTITIES, flight.truth[0, 0], strict=True):
+        if name in (*CG, "mass"):  # as well as the log tells the unit
+            assert answer.conclusions[0].estimates[name].value == pytest.approx(true, rel=0.3)
 
 
 def test_a_clean_log_is_not_contradicted() -> None:

@@ -102,7 +102,7 @@ def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
     np.testing.assert_array_equal(np.flatnonzero(found.step(accelerometer, count)), [first, first + 1, first + 2])
 
 
-def test_jets_along_one_line_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jets_alike_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
     jets = [jet.name for jet in flown.vehicle.jets]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from massprop_cli.flow import analyse
+from tests import faulty
 from tests.analysed import SAMPLES
 
 NOISE = frozenset({"gyro-misfit", "disturbance-torque", "accelerometer-misfit", "model-misfit"})
@@ -21,3 +22,12 @@ def test_no_other_cause_is_named(name: str, times: float) -> None:
     assert {notice.code for notice in found.notices} <= NOISE
     assert "gyro-misfit" in {notice.code for notice in found.notices}
     assert found.vehicle.imu.gyro_noise_rad_s == pytest.approx(imu.gyro_noise_rad_s, rel=0.1)
+
+
+def test_a_fault_is_named_where_the_noise_is_left_to_be_found() -> None:
+    log, used = faulty.sample("free-flyer", 20.0)
+    unstated = used.model_copy(update={"imu": used.imu.model_copy(update={"gyro_noise_rad_s": None, "accel_noise_m_s2": None})})
+    found = faulty.examined(log, faulty.pushing(unstated, {"yaw_p1": -1.0}))
+    (notice,) = [notice for notice in found.notices if notice.code == "jet-sign"]
+    assert "yaw_p1" in notice.message
+    assert type(found.vehicle.imu.gyro_noise_rad_s) is float
