@@ -289,7 +289,7 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
         for (k = 0; k <= count; k++) {
             int last = k == count;
             if (!last && !(on[k] > 0)) continue;
-            if (open && (last || begin[k] - end > *touching)) {
+            if (open && (last || fabs(begin[k] - end) > *touching)) {
                 double top = since + rise < end ? since + rise : end, reached = rise > 0 ? (top - since) / rise : 1.0;
                 events = put_event(room, most, events, since, rise > 0 ? 0.0 : 1.0, rise > 0 ? 1 / rise : 0.0);
                 if (rise > 0) events = put_event(room, most, events, top, 0.0, -1 / rise);

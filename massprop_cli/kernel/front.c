@@ -5,7 +5,7 @@
 
 #include "small.h"
 
-#define TOUCHING R(1e-3)   /* pulses closer than this part of a cycle are one */
+#define TOUCHING R(1e-3)   /* pulses that end and begin within this part of a cycle are one; others overlap, and give all they have */
 #define CANCELLED R(1e-12) /* part of what each channel makes alone below which their sum is rounding */
 #define OPEN R(1e30)       /* s; the end of what is held until the next command */
 #define FELT R(0.02)       /* part of gravity's that specific force scatters by */
@@ -38,7 +38,7 @@ static int issued(mp_front *front, const mp_flown *flown, mp_real after) {
         int count = front->pulses[j];
         if (table->jets && !(flown->command[j] > R(0))) continue;
         last = count > 0 ? pulses + count - 1 : NULL;
-        if (table->jets && last != NULL && !(begin - last->end > TOUCHING * table->period_s)) {
+        if (table->jets && last != NULL && !(mp_abs(begin - last->end) > TOUCHING * table->period_s)) {
             last->end = begin + flown->command[j];
             continue;
         }

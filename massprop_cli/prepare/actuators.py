@@ -23,7 +23,7 @@ from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
 
 TOUCHING = 1e-3
-"""Pulses closer than this part of a cycle are one: a jet held on does not fall and rise between cycles."""
+"""Pulses that end and begin within this part of a cycle are one: a jet held on does not fall and rise between cycles."""
 
 NOWHERE = -1
 SMALL, ALIKE = 0.05, 0.999
@@ -59,11 +59,12 @@ def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
 def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
     """Thrust over full thrust of one jet.
 
-    A pulse rises linearly from its start, lasts its on-time, then falls from the thrust reached. Pulses closer than ``touching_s`` are one.
+    A pulse rises linearly from its start, lasts its on-time, then falls from the thrust reached. Pulses that end and begin within
+    ``touching_s`` are one. Where scattered times make a pulse begin before the last one ends, both give their whole impulse.
     """
     fired = on_s > 0
     begin, end = start_s[fired], (start_s + on_s)[fired]
-    alone = np.concatenate([[True], begin[1:] - end[:-1] > touching_s])[: len(begin)]
+    alone = np.concatenate([[True], np.abs(begin[1:] - end[:-1]) > touching_s])[: len(begin)]
     begin, end = begin[alone], end[np.append(alone[1:], True)[: len(end)]]
     none = np.zeros_like(begin)
     if jet.rise_s > 0:

@@ -87,6 +87,19 @@ def test_touching_pulses_are_one_and_do_not_dip() -> None:
     np.testing.assert_allclose(joined, alone, atol=1e-15)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 2e-5, 5e-4, 2e-3])
+def test_scattered_times_take_no_impulse_from_pulses_that_fill_their_cycles(jitter: float) -> None:
+    rng = np.random.default_rng(1)
+    start = np.arange(400) * 0.05 + jitter * rng.standard_normal(400)
+    on = np.repeat(rng.choice([0.0, 0.05], 40), 10)
+    edges = np.linspace(-0.1, 20.2, 407)
+    alone, _ = integrals(pulses(start, on, jet(0.003, 0.003), 5e-5), edges)
+    together, _ = pulse_integrals(start, on[None], [jet(0.003, 0.003)], 5e-5, edges, 0.0)
+    np.testing.assert_allclose(together[:, 0], alone, rtol=1e-12, atol=1e-15)
+    # what touches is one, from the first begin to the last end: on the average as long as its parts
+    assert alone.sum() == pytest.approx(on.sum(), rel=1e-4)
+
+
 @settings(max_examples=50, deadline=None)
 @given(delay=st.floats(0, 5), seed=st.integers(0, 1000), rise=st.sampled_from([0.0, 0.003]))
 def test_any_delay_conserves_total_impulse(delay: float, seed: int, rise: float) -> None:
