@@ -162,8 +162,11 @@ def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
 
 
 def _likeliest(look: Look, trials: Sequence[Trial]) -> list[Trial]:
-    """Those with which the log fits."""
-    return sorted((trial for trial in trials if trial.fits and not _by_wander(trial, look)), key=lambda trial: trial.score)
+    """Those with which the log fits, but for rivals of what doesn't; these come last where they are too faint to be named themselves."""
+    fitting = [(look.ranked.faint(trial.fitted.supposed), trial) for trial in trials if trial.fits and not _by_wander(trial, look)]
+    if all(faint for faint, _ in fitting):
+        return []
+    return [trial for _, trial in sorted(fitting, key=lambda one: (one[0], one[1].score))]
 
 
 def _instead(look: Look, alone: Sequence[Trial], whole: Look) -> Diagnosis | None:

@@ -53,6 +53,10 @@ class Ranking:
         """Those that are fitted by now, in any order."""
         return [each for each in self._found.values() if each[0] < self._most]
 
+    def faint(self, supposed: Supposition) -> bool:
+        """Whether one is too faint to be named itself: a rival at most."""
+        return any(found.supposed is supposed and score >= self._most for score, found in self._found.values())
+
     def within(self, most: float, reach: Callable[[], float] = lambda: np.inf, rivals: float = 0.0) -> Iterator[tuple[float, Fitted]]:
         """Without those of channels that leave more than so much of chi-square whatever is supposed of them.
 
