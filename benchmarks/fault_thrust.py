@@ -122,11 +122,15 @@ def _command(s: Subject, rng: Random, factor: float, code: str) -> Drawn | None:
 
 
 def _forces(s: Subject, _: Random, factor: float) -> Drawn | None:
-    if not {3, 4, 5} <= set(s.driven):
+    diverts = [jet for jet in s.fired if jet.startswith("divert_")]
+    if 1 < len(diverts) < len(s.fired):
+        wrong, who = stated_forces(s, s.clean, dict.fromkeys(diverts, 1 / factor)), diverts
+    elif {3, 4, 5} <= set(s.driven):
+        command = s.clean.log.command * np.repeat([1.0, 1 / factor], 3)
+        wrong, who = s.clean.logging(command=frozen(command)), list(WRENCH[3:])
+    else:
         return None
-    command = s.clean.log.command * np.repeat([1.0, 1 / factor], 3)
-    named = due("thrust-scale", channels=list(WRENCH[3:]))
-    return Drawn(s.clean.logging(command=frozen(command)), named, f"commanded forces give {factor:g} times what is stated, torques what is")
+    return Drawn(wrong, due("thrust-scale", channels=who), f"{', '.join(who)} give {factor:g} times what is stated, all others what is")
 
 
 def _rise(s: Subject, _: Random, cycles: float) -> Drawn | None:
@@ -187,7 +191,7 @@ THRUST = (
     Fault("all-scale", "all thrust at 80 or 120 %: no log can tell", _all_thrust),
     Fault("command-sign", "one component of the wrench reversed", partial(_command, factor=-1.0, code="command-sign")),
     Fault("command-scale", "one component of the wrench at 80 %", partial(_command, factor=0.8, code="thrust-scale")),
-    Fault("forces-scale", "all components of the force at 50 % beside those of the torque", partial(_forces, factor=0.5)),
+    Fault("forces-scale", "all that pushes at 50 % beside what only turns", partial(_forces, factor=0.5)),
     Fault("forces-unit", "the same at eight times what is stated", partial(_forces, factor=8.0)),
     Fault("rise-short", "rise and fall of a fifth of a cycle unstated", partial(_rise, cycles=0.2)),
     Fault("rise-long", "rise and fall of two fifths unstated", partial(_rise, cycles=0.4)),

@@ -263,7 +263,7 @@ class Look:
         Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
         explains the log this does too, and a small step leads from the one to the other no more than along a curved valley.
         """
-        group = pushing(self.model.wrench(self.model.stated)[1])
+        group = pushing(self.model.wrench(self.model.stated)[1], self.model.together)
         if self.model.bearing is not None or not group:
             return []
         (away,) = fitted(self.model, self.free, self.free.variance, [causes.imu_position(self.model)], still=ROUGHLY)

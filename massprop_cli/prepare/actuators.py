@@ -133,10 +133,17 @@ def along_one_line(log: Log, vehicle: Vehicle) -> list[tuple[int, ...]]:
     return [group for group in groups if 1 < len(group) < len(keys)]
 
 
-def pushing(force: Array) -> tuple[int, ...]:
-    """The channels, of forces (C, 3), that push, two or more, where others only turn; none where there are no others."""
-    group = np.flatnonzero(force.any(1)).tolist()
-    return tuple(group) if 1 < len(group) < len(force) else ()
+def pushing(force: Array, together: Sequence[Sequence[int]] = ()) -> tuple[int, ...]:
+    """The channels, of forces (C, 3), that push, two or more, where others only turn; none where there are no others.
+
+    Those that act ``together`` push as far as their forces don't cancel.
+    """
+    own = force.copy()
+    for group in together:
+        own[list(group)] = force[list(group)].sum(0)
+    size = np.linalg.norm(own, axis=1)
+    found = np.flatnonzero(size > SMALL * size.max(initial=0.0)).tolist()
+    return tuple(found) if 1 < len(found) < len(force) else ()
 
 
 def lines_of(vectors: Array) -> list[int]:

@@ -237,6 +237,18 @@ def test_forces_in_another_unit_than_torques_give_no_converged_cg(factor: float)
             assert answer.conclusions[0].estimates[name].value == pytest.approx(true, rel=0.3)
 
 
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_diverts_that_are_all_off_by_the_same_part_are_no_imu_out_of_place(factor: float) -> None:
+    log, used = faulty.sample("free-flyer")
+    diverts = [jet.name for jet in used.jets if jet.name.startswith("divert")]
+    found = faulty.examined(log, faulty.pushing(used, dict.fromkeys(diverts, 1 / factor)))
+    (notice,) = [notice for notice in found.notices if notice.code == "thrust-scale"]
+    assert f"jets {', '.join(diverts)} (" in notice.message
+    assert float(notice.message.split(" (")[1].split(")")[0]) == pytest.approx(factor, rel=0.1)
+    assert faulty.looks_good_and_is_wrong(found, TRUTH) == []
+    assert faulty.verdicts(found)["mass"] == "contradicted"
+
+
 def test_a_clean_log_is_not_contradicted() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
     found = faulty.examined(log, used)

@@ -33,7 +33,7 @@ def weak(jet: int) -> Look:
 
 def test_the_order_is_that_of_all_fitted_at_once() -> None:
     look = weak(3)
-    supposed = [*causes.listed(look.model, look.names, True), *look._likely_turns()]
+    supposed = [*causes.listed(look.model, look.names, True), *look._likely_turns(), *look._pushing_more()]
     kinds = [one.code for one in supposed]
     every = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
     scores = sorted((look.score(one.chi_square, one, kinds.count(one.supposed.code)), i) for i, one in enumerate(every))
