@@ -31,6 +31,8 @@ from massprop_cli.prepare.timing import Timing
 
 UNSEEN = 5.0
 """Sigmas of misfit that a log does not show."""
+ANOTHER = 4.0
+"""Times what the fit leaves, from which on a body leaves something else: where all axes are known it is 1.0."""
 SHOWN = 0.01
 """A change below this part of a sigma is none."""
 
@@ -126,9 +128,7 @@ def examined(
     """
     taken = tuple(granted(log, vehicle, timing, samples))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
-    responses = [
-        None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
-    ]
+    responses = [_response(samples, history, vehicle, consider) for history in settled]
     mounting = np.array(vehicle.imu.body_from_imu)
 
     def by_imu(history: History) -> tuple[Array, int]:
@@ -137,6 +137,18 @@ def examined(
 
     noise, counts = zip(*map(by_imu, settled), strict=True)
     return Examined(taken, tuple(responses), sum(counts), noise)
+
+
+def _response(samples: Stream, history: History, vehicle: Resolved, consider: Consider) -> Response | None:
+    """What each assumption does to a phase; None without a body, or where the one that was found leaves another log than its fit did.
+
+    So it is where an axis was never driven: what its inertia makes of a spin stayed free in the fit.
+    """
+    if history.reference is None:
+        return None
+    found = respond(samples, history.cycles, history.reference, vehicle, consider)
+    left = sum(float((z**2).sum()) for z in history.whitened())
+    return found if found.gram[0, 0] < ANOTHER * left + UNSEEN**2 else None
 
 
 def assumptions(
