@@ -190,8 +190,11 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
 
 def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int) -> list[Assumption]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
-    chosen = bearing_the_mass(response, first, len(vehicle.spinning), history.bare[0])
-    if conclusion.estimates["mass"].value is None or not chosen.any():
+    fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
+    fired[len(fired) - len(vehicle.spinning) :] = False  # and wheels don't push
+    chosen = np.zeros(len(fired), dtype=bool)
+    chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
+    if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():
         return []
     names = channel_names(log, vehicle)
     listed = ", ".join(name for name, is_one in zip(names, chosen, strict=True) if is_one)
@@ -199,19 +202,6 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     several = f" of phase {history.phase.name}" if len(vehicle.phases) > 1 else ""
     message = f"the mass{several} rests on the thrust of {listed} alone; an error common to these can't be seen"
     return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
-
-
-def bearing_the_mass(response: Response, first: int, wheels: int, values: Array) -> BoolArray:
-    """(C,) the command channels on which the mass rests alone, if the inertia rests on others, at ``values`` (10,).
-
-    Their columns stand from ``first`` on; the last ones are ``wheels``.
-    """
-    fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
-    fired[len(fired) - wheels :] = False  # and wheels don't push
-    chosen = np.zeros(len(fired), dtype=bool)
-    chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], values)
-    found: BoolArray = chosen & ~(chosen == fired).all()
-    return found
 
 
 BESIDE = {
@@ -243,12 +233,13 @@ def _beside(history: History, conclusion: Conclusion, response: Response) -> lis
     return found
 
 
-def _alone(misfit: Array, shift: Array, values: Array) -> BoolArray:
+def _alone(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolArray:
     """(C,) which channels' thrust the mass takes its scale from, if it is not the one that the inertia takes its own from.
 
     Among changes of the channels' thrust that a percent of would not show in the log, that one is sought which moves the mass and leaves
     the inertia's trace: it is one for the channels that count and zero for the others. ``misfit`` (C, C), ``shift`` (10, C) per unit.
     """
+    values = conclusion.bare[0]
     sizes, axes = np.linalg.eigh(misfit)
     weak = axes[:, 1e-4 * sizes < UNSEEN**2]
     by_mass, by_trace = -shift[MU] * values[9], shift[[0, 3, 5]].sum(0) / values[[0, 3, 5]].sum()

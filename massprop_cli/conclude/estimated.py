@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from massprop_cli.conclude.analysis import Analysis
-from massprop_cli.conclude.assumptions import Examined, bearing_the_mass, examined
+from massprop_cli.conclude.assumptions import Examined, examined
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
@@ -22,7 +20,7 @@ from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.actuators import along_one_line, channel_names
+from massprop_cli.prepare.actuators import along_one_line, always_together, channel_names, channel_wrench, pushing
 from massprop_cli.prepare.timing import Timing
 
 if TYPE_CHECKING:
@@ -101,18 +99,9 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:
     names = channel_names(begun.log, answer.used)
-    together = _bearing_the_mass(examination, answer)
-    found = doubts(examination, names, along_one_line(begun.log, answer.used), together)
+    push = pushing(channel_wrench(begun.log, answer.used)[:, 3:], always_together(begun.log))
+    found = doubts(examination, names, along_one_line(begun.log, answer.used), push)
     return found + followed(answer.settled, begun.samples, names, examination.scatter)
-
-
-def _bearing_the_mass(examination: Examined, answer: Estimates[Resolved]) -> list[int]:
-    """The command channels on which the mass of any phase rests alone; none of one of them by itself, which has a test of its own."""
-    first, wheels = len(examination.varied) + 3, len(answer.used.spinning)
-    phases = zip(examination.responses, answer.settled, strict=True)
-    chosen = [bearing_the_mass(response, first, wheels, history.bare[0]) for response, history in phases if response is not None]
-    found = np.flatnonzero(np.any(chosen, 0)).tolist() if chosen else []
-    return found if len(found) > 1 else []
 
 
 def _diagnosis(begun: Ready, used: Resolved, say: Progress) -> Diagnosis | None:

@@ -133,6 +133,15 @@ def along_one_line(log: Log, vehicle: Vehicle) -> list[tuple[int, ...]]:
     return [group for group in groups if 1 < len(group) < len(keys)]
 
 
+def always_together(log: Log) -> list[list[int]]:
+    """Command channels that are commanded the same throughout, two or more each."""
+    groups: dict[bytes, list[int]] = {}
+    for i, column in enumerate(log.command.T):
+        if column.any():
+            groups.setdefault(column.tobytes(), []).append(i)
+    return [group for group in groups.values() if len(group) > 1]
+
+
 def pushing(force: Array, together: Sequence[Sequence[int]] = ()) -> tuple[int, ...]:
     """The channels, of forces (C, 3), that push, two or more, where others only turn; none where there are no others.
 
