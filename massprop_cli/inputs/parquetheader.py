@@ -67,6 +67,9 @@ class Columns:
             raise ValueError(f"column {error} can't be found") from None
         self.names: list[str] = self._file.schema_arrow.names
         self.rows: int = self._file.metadata.num_rows
+        kinds = ((field.name, field.type) for field in self._file.schema_arrow)
+        self.instants = {name: str(kind.unit) for name, kind in kinds if pa.types.is_timestamp(kind) or pa.types.is_duration(kind)}
+        """Columns of times, with their units: s, ms, us or ns."""
         self.metadata: Mapping[bytes, bytes] = self._file.schema_arrow.metadata or {}
 
     def column(self, name: str) -> Any:

@@ -11,8 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from massprop_cli.base import arrow, limits, spill
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -28,6 +30,8 @@ _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t]*\n")
 _BLANK_BEGINNING = re.compile(r"[ \t]*\n")
 _ANYTHING = re.compile(r"\S")
+_INSTANT = re.compile(r"\s*(\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d([.,]\d{1,9})?\s*(Z|[+-]\d\d:?(\d\d)?)?\s*$")
+"""A date and time of ISO 8601, or the time alone."""
 _WHOLE = 2**53
 """The largest number up to which float64 holds every whole one."""
 
@@ -81,7 +85,7 @@ def columns_of(path: Path, data: Content) -> Table:
     if twice is not None:
         header = "" if found.places.lines is None else ", line 1"
         raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
-    columns = {name: Cells(path, name, partial(found.column, name), found.places) for name in found.names}
+    columns = {name: Cells(path, name, partial(found.column, name), found.places, found.instants.get(name, "")) for name in found.names}
     vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
     return Table(path, spill.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
 
@@ -95,6 +99,8 @@ class _File(NamedTuple):
     """Arrow's array of a column by its name."""
     places: Places
     embedded: Mapping[bytes, str]
+    instants: Mapping[str, str]
+    """Columns of dates and times, with the unit that they are counted in."""
 
 
 def _read_parquet(path: Path, data: Content) -> _File:
@@ -108,7 +114,7 @@ def _read_parquet(path: Path, data: Content) -> _File:
     embedded = {key: columns.metadata[key].decode("utf-8", "replace") for key in (VEHICLE_KEY, MAP_KEY) if key in columns.metadata}
     for key, what in ((VEHICLE_KEY, "vehicle"), (MAP_KEY, "map")):
         limits.CONFIG.check(f"{path} (embedded {what})", len(embedded.get(key, "")))
-    return _File(columns.names, columns.rows, column, Places(None), embedded)
+    return _File(columns.names, columns.rows, column, Places(None), embedded, columns.instants)
 
 
 @contextmanager
@@ -144,12 +150,13 @@ def _read_csv(path: Path, data: Content) -> _File:
     try:
         # a log of nothing but numbers; they take less room than their texts
         columns = _numbers(data, names, cut, len(lines))
-        return _File(names, len(lines), columns.__getitem__, places, {})
+        return _File(names, len(lines), columns.__getitem__, places, {}, {})
     except (pa.ArrowException, _OtherRowsError):
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, places.of)
     if table.num_rows != len(lines):
         places = Places(range(2, table.num_rows + 2))  # a cell in quotes goes over several lines
-    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {})
+    instants = {name: "ns" for name in names if _INSTANT.match(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
+    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, instants)
 
 
 def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
@@ -249,6 +256,20 @@ def give_back() -> None:
     pa.default_memory_pool().release_unused()
 
 
+def _instants(text: Any) -> Any:
+    """Arrow's array of dates and times in ns; None where a text is none, or they differ in form."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    dated = pc.if_else(pc.match_substring(text, "-"), text, pc.binary_join_element_wise("1970-01-01", text, " "))
+    for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
+        try:
+            return dated.cast(kind)
+        except pa.ArrowException:
+            continue
+    return None
+
+
 @dataclass(frozen=True)
 class Cells:
     """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
@@ -258,6 +279,31 @@ class Cells:
     read: Callable[[], Any]
     """Gives Arrow's array."""
     places: Places
+    instants: str = ""
+    """The unit that dates and times are counted in, where the column holds such."""
+
+    def counts(self) -> IntArray:
+        """(rows,) whole numbers of dates and times, since 1970 or since midnight. :class:`InputError` names the first cell that is none."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        data = self.read()
+        if data.null_count:
+            row = pc.index(pc.is_null(data), True).as_py()
+            raise InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: no time; mend or cut the row")
+        if not pa.types.is_temporal(data.type):
+            text = pc.replace_substring(pc.utf8_trim_whitespace(data), ",", ".")
+            data = _instants(text)
+        if data is None:
+            raise self._no_instant()
+        count: IntArray = np.frombuffer(data.cast(pa.int64()).buffers()[1], np.int64)[data.offset : data.offset + len(data)]
+        return count
+
+    def _no_instant(self) -> InputError:
+        for row, cell in enumerate(value.as_py() for value in self.read()):
+            if not _INSTANT.match(cell):
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is no date and time; mend the cell")
+        return InputError(f"{self.path}, column {self.name}: dates and times that differ in form; write all alike, or as numbers")
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
@@ -265,7 +311,8 @@ class Cells:
 
         data = self.read()
         if pa.types.is_boolean(data.type) or pa.types.is_temporal(data.type):
-            raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds)")
+            hint = ", or name it as a clock in a map file" if self.instants else ""
+            raise InputError(f"{self.path}, column {self.name}: holds {data.type}; write plain numbers (times in seconds){hint}")
         if pa.types.is_dictionary(data.type):
             converted = self._converted(data.dictionary, data).take(data.indices)
         else:

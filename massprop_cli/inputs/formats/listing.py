@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import units
@@ -71,14 +71,23 @@ class Clocks:
     def increasing(self) -> frozenset[str]:
         """Streams that increase throughout."""
         held = ((path, numbers(one)) for path, one in self.streams.items() if one.rows > 1)
-        return frozenset(path for path, values in held if values is not None and (np.diff(values) > 0).all())
+        return frozenset(path for path, values in held if values is not None and _increases(values[np.isfinite(values)]))
 
     def of(self, one: Stream) -> list[str]:
         """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
+        held = self._held(one)
         like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
+        like = [path for path in like if self._held(self.streams[path])[held].all()]
+        # of columns of one table with clocks of their own the one that ends where the stream does
+        like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
+
+    def _held(self, one: Stream) -> BoolArray:
+        """(rows,) where it has a number."""
+        values = numbers(one)
+        return np.zeros(one.rows, dtype=bool) if values is None else np.isfinite(values)
 
     def unit(self, path: str) -> tuple[str, str]:
         """A clock's unit, and what it is known by: the file, or its name's ending; empty where neither says."""
@@ -88,9 +97,11 @@ class Clocks:
         _, mark, ending = leaf(path).rpartition("_")
         return (ending, "by its name") if mark and ending in units.TIME else ("", "")
 
-    def step(self, path: str) -> float:
-        """The median step of a clock, in its own unit."""
-        return float(np.median(np.diff(np.asarray(self.streams[path].values, np.float64))))
+    def step(self, path: str, of: Stream | None = None) -> float:
+        """The median step of a clock, in its own unit; between samples ``of`` a stream."""
+        times = np.asarray(self.streams[path].values, np.float64)
+        steps = np.diff(times[self._held(of or self.streams[path]) & np.isfinite(times)])
+        return float(np.median(steps)) if len(steps) else 0.0
 
     def rate_hz(self, one: Stream) -> float | None:
         """Samples a second; None where the clock or its unit is not known."""
@@ -98,8 +109,12 @@ class Clocks:
         factor = units.factor(self.unit(found[0])[0], units.TIME) if len(found) == 1 and found[0] in self.streams else None
         if factor is None or self.streams[found[0]].rows < 2:
             return None
-        step = self.step(found[0]) * factor
+        step = self.step(found[0], one) * factor
         return 1 / step if step > 0 else None
+
+
+def _increases(values: Array) -> bool:
+    return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def leaf(path: str) -> str:

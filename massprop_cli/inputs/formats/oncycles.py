@@ -13,10 +13,10 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.onrows import wrenches
-from massprop_cli.inputs.formats.signals import Signal, Signals
+from massprop_cli.inputs.formats.signals import GAP, Signal, Signals
 
-GAP = 2.5
-"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
+LOST = 1.5
+"""Times the usual interval: more is told of as a lost sample, even where it is no gap."""
 _LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle, begin them."""
 _SAME = 1e-3
@@ -165,14 +165,14 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequ
         if not signal.paths:
             continue
         steps = np.diff(inside)
-        lost = np.flatnonzero(steps > GAP * times.step_s)
-        wide = lost[steps[lost] > length]
+        lost = np.flatnonzero(steps > LOST * times.step_s)
+        wide = lost[(steps[lost] > length) & (steps[lost] > GAP * times.step_s)]
         if wide.size:
             at = inside[wide[0]]
             raise signals.error(
                 signal.key,
                 signal.paths[0],
-                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (median interval {times.step_s:.6g} s); "
+                f"a gap of {steps[wide[0]]:.6g} s after {at + times.zero_s:.13g} s (usual interval {times.step_s:.6g} s); "
                 "take one side of it with records.start_s or end_s",
             )
         if lost.size:

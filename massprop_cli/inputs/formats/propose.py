@@ -141,7 +141,9 @@ def _said(clocks: listing.Clocks, vector: Vector) -> str:
 
 
 def _values_of(vector: Vector) -> list[Array]:
-    return [np.asarray(one.values, np.float64) for one in vector.streams]
+    values = [np.asarray(one.values, np.float64) for one in vector.streams]
+    held = np.isfinite(values).all(0)
+    return [each[held] for each in values]
 
 
 def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:

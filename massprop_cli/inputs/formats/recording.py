@@ -37,6 +37,8 @@ class Stream:
     """Path of the stream that holds its times; empty where the file doesn't say."""
     unit: str = ""
     """As recorded; empty where none is."""
+    place: Callable[[int], str] = field(default="sample {}".format, repr=False)
+    """How a person finds one of them."""
 
     @cached_property
     def values(self) -> Numbers:

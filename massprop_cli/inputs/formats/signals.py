@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -19,6 +19,8 @@ from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, Ma
 from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
 
 _SHOWN = 5
+GAP = 2.5
+"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,9 @@ class Times:
 
     @property
     def step_s(self) -> float:
-        """The median interval."""
-        return median(np.diff(self.s))
+        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off."""
+        steps = np.diff(self.s)
+        return float(steps[steps <= GAP * median(steps)].mean())
 
     def span(self) -> str:
         """From when to when, by the clock itself."""
@@ -59,12 +62,15 @@ class Signals:
         self.recording, self.map, self.source = recording, source.map, source.source
         self.made: list[str] = []
         """What was done, for whoever reads the result."""
-        self._clocks: dict[tuple[str, str | None, float], Times] = {}
+        self._clocks: dict[tuple[str, str | None, float, bytes], Times] = {}
+        self._gyro: Times | None = None
         self._zero = Fraction(0)
         records = self.map.records
         if records is not None and records.zero == "start":
             said = self._clock_of("gyro", self._paths("gyro", self.map.gyro.paths, 3), self.map.gyro.clock)
-            self._zero = self._exact(said, self._counts("gyro", said.path or "")[0], self._time_factor("gyro.clock", said))
+            counts = self._stream("gyro.clock", said.path or "").values
+            first = counts[np.isfinite(counts)][:1] if np.isfinite(counts).any() else self._counts("gyro", said.path or "")
+            self._zero = self._exact(said, first[0], self._time_factor("gyro.clock", said))
 
     def error(self, key: str, path: str, problem: str) -> InputError:
         """What is wrong with a path under a key of the map."""
@@ -72,7 +78,9 @@ class Signals:
 
     def sensor(self, key: str, said: Sensor, rates: Mapping[str, float], increments: Mapping[str, float]) -> Signal:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
-        return self._vector(key, said, increments if said.values == "increment" else rates)
+        found = self._vector(key, said, increments if said.values == "increment" else rates)
+        self._gyro = found.times if key == "gyro" else self._gyro
+        return found
 
     def wrench(self, key: str, said: Wrench, known: Mapping[str, float]) -> Signal:
         """Commanded torque or force in the frame that the map states."""
@@ -84,7 +92,7 @@ class Signals:
         stream = self._stream(key, said.path)
         known = {unit: value for unit, value in units.TIME.items() if unit != "ns"} | units.SHARE
         factor, unit = self._factor(key, stream, said.unit, known)
-        values = self._numbers(key, stream, empty=self.map.records is None) * (factor * said.scale)
+        values = self._numbers(key, stream, empty=True) * (factor * said.scale)
         clock = self._clock_of(key, [said.path], said.clock)
         return self._signal(key, [stream.path], values[:, None], clock), unit in units.SHARE
 
@@ -105,21 +113,22 @@ class Signals:
     def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[Signal, str]:
         stream = self._stream(key, path)
         factor, unit = self._factor(key, stream, said.unit, known)
-        values = self._numbers(key, stream, empty=False) * (factor * said.scale)
+        values = self._numbers(key, stream, empty=self._apart) * (factor * said.scale)
         return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock)), unit
 
     def attitude(self, said: Attitude) -> Signal:
         """Unit quaternions wxyz, the file's own world from body."""
         paths = [str(path) for path in self._paths("attitude", said.paths, 4)]
-        columns = [self._numbers("attitude", self._stream("attitude", path)) for path in paths]
+        columns = [self._numbers("attitude", self._stream("attitude", path), empty=self._apart) for path in paths]
         quaternion = self._together("attitude", paths, columns)
         if said.order == "xyzw":
             quaternion = quaternion[:, [3, 0, 1, 2]]
+        at = self._stream("attitude", paths[0]).place
         norm = np.linalg.norm(quaternion, axis=1)
         bad = np.flatnonzero(np.abs(norm - 1) > 1e-2)
         if bad.size:
             raise self.error(
-                "attitude", paths[0], f"the quaternion's norm is {norm[bad[0]]:.4g} at sample {bad[0]}, not 1; are these four its parts?"
+                "attitude", paths[0], f"the quaternion's norm is {norm[bad[0]]:.4g} at {at(int(bad[0]))}, not 1; are these four its parts?"
             )
         quaternion = quaternion / norm[:, None]
         if said.turns == "body_from_world":
@@ -135,9 +144,7 @@ class Signals:
                 columns.append(np.array([float(path)]))
                 continue
             factor, _ = self._factor(key, stream, said.unit, known)
-            columns.append(
-                self._numbers(key, stream, empty=key in ("torque", "force") and self.map.records is None) * (factor * said.scale)
-            )
+            columns.append(self._numbers(key, stream, empty=self._apart or key in ("torque", "force")) * (factor * said.scale))
         named = [path for path in paths if isinstance(path, str)]
         rows = max(map(len, columns)) if named else 1
         columns = [np.full(rows, column[0]) if stream is None else column for column, stream in zip(columns, streams, strict=True)]
@@ -145,15 +152,37 @@ class Signals:
         turned = np.stack([values[:, "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in said.axes], 1)
         if not named:
             gyro = self._paths("gyro", self.map.gyro.paths, 3)
-            times = self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
+            times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
             return Signal(key, (), np.broadcast_to(turned, (len(times.s), 3)), times)
         return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
 
     def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> Signal:
-        times = self._times(key, clock)
-        if len(times.s) != len(values):
-            raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {len(times.s)}; name the clock it has")
-        return Signal(key, tuple(paths), values, times)
+        rows = self._stream(f"{key}.clock", clock.path or "").rows
+        if rows != len(values):
+            raise self.error(key, paths[0], f"has {len(values)} samples and its clock {clock.path!r} {rows}; name the clock it has")
+        held = self._held(key, paths, values) if self._apart else np.ones(rows, dtype=bool)
+        return Signal(key, tuple(paths), values[held], self._times(key, clock, held))
+
+    @property
+    def _apart(self) -> bool:
+        """Whether streams have clocks of their own; then a row of a table may hold samples of some of them alone."""
+        return self.map.records is not None
+
+    def _held(self, key: str, paths: Sequence[str], values: Array) -> BoolArray:
+        """(n,) which rows hold a sample, which has a number for every axis."""
+        empty = np.isnan(values)
+        # an axis that the map states as a number has one in every row
+        recorded = empty.any(0) | (values != values[0]).any(0)
+        none: BoolArray = empty[:, recorded].all(axis=1) & recorded.any()
+        some = np.flatnonzero(empty.any(1) & ~none)
+        if none.all() or some.size:
+            row = int(some[0]) if some.size else 0
+            where = self._stream(key, paths[0]).place(row)
+            problem = "no sample has a number" if none.all() else f"a number is missing at {where}, beside other axes'; mend the row"
+            raise self.error(key, paths[0], problem)
+        if none.any():
+            self.made.append(f"{key}: {int(none.sum())} of {len(none)} rows of the file hold none of its samples")
+        return ~none
 
     def _together(self, key: str, paths: Sequence[str], columns: Sequence[Array]) -> Array:
         lengths = {len(column) for column in columns}
@@ -186,8 +215,9 @@ class Signals:
         values = np.asarray(stream.values, np.float64)
         bad = np.flatnonzero(np.isinf(values) if empty else ~np.isfinite(values))
         if bad.size:
+            where = stream.place(int(bad[0]))
             raise self.error(
-                key, stream.path, f"{values[bad[0]]} at sample {bad[0]} is not a finite number; cut it away with records.start_s or end_s"
+                key, stream.path, f"{values[bad[0]]} at {where} is not a finite number; mend it, or cut the rows around it out"
             )
         return values
 
@@ -216,11 +246,20 @@ class Signals:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
         return stated if stated.path is not None else replace_clock(stated, own)
 
-    def _counts(self, key: str, path: str) -> Numbers:
-        """A clock's numbers as recorded, all finite, whole ones with a sign."""
+    def _counts(self, key: str, path: str, held: BoolArray | None = None) -> Numbers:
+        """A clock's numbers as recorded, in the rows that are held, all finite, whole ones with a sign."""
         stream = self._stream(f"{key}.clock", path)
-        self._numbers(f"{key}.clock", stream)
-        return stream.values.astype(np.int64) if stream.values.dtype.kind == "u" else stream.values
+        if held is None or held.all():
+            self._numbers(f"{key}.clock", stream)
+            held = np.ones(stream.rows, dtype=bool)
+        counts = stream.values[held]
+        bad = np.flatnonzero(~np.isfinite(counts))
+        if bad.size:
+            where = stream.place(int(np.flatnonzero(held)[bad[0]]))
+            raise self.error(
+                f"{key}.clock", path, f"no time at {where}, where there is a sample; name the clock that it has, or mend the row"
+            )
+        return counts.astype(np.int64) if counts.dtype.kind == "u" else counts
 
     @staticmethod
     def _exact(clock: Clock, value: Any, factor: float) -> Fraction:
@@ -230,12 +269,12 @@ class Signals:
     def _time_factor(self, key: str, clock: Clock) -> float:
         return self._factor(key, self._stream(key, clock.path or ""), clock.unit, units.TIME)[0]
 
-    def _times(self, key: str, clock: Clock) -> Times:
+    def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
         path = clock.path or ""
-        held = (path, clock.unit, clock.offset_s)
+        held = (path, clock.unit, clock.offset_s, b"" if rows is None or rows.all() else rows.tobytes())
         if held not in self._clocks:
             factor = self._time_factor(f"{key}.clock", clock)
-            values = self._counts(key, path)
+            values = self._counts(key, path, rows)
             if self._zero:
                 # whole nanoseconds since 1970 don't fit a float: their differences do
                 first = float(self._exact(clock, values[0], factor) - self._zero)
@@ -244,7 +283,9 @@ class Signals:
                 seconds = np.asarray(values, np.float64) * factor + clock.offset_s
             back = np.flatnonzero(np.diff(seconds) <= 0)
             if back.size or len(seconds) < 2:
-                where = f"stands still or goes back at sample {back[0] + 1}" if back.size else "has one sample only"
+                own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
+                at = self._stream(key, path).place
+                where = f"stands still or goes back at {at(int(own[back[0] + 1]))}" if back.size else "has one sample only"
                 raise self.error(f"{key}.clock", path, f"time {where}; name another clock, or sort and cut the recording")
             self._clocks[held] = Times(path, seconds, float(self._zero))
         return self._clocks[held]

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
-from massprop_cli.inputs.formats.recording import Read, Stream
+from massprop_cli.inputs.formats.recording import Numbers, Read, Stream
+from massprop_cli.inputs.tablefile import Cells, Table
 
 _UNIT = re.compile(r"[\[(]\s*([^\])]{1,20})\s*[\])]\s*$")
+_INDEX = re.compile(r"[\d\s,:]+")
 
 
 def read(path: Path, data: Content) -> Read:
     """A stream for each column, whatever it holds; its numbers are read when they are asked for."""
     table = tablefile.columns_of(path, data)
-    streams = [Stream(name, table.rows, cells.numbers, unit=_unit(name)) for name, cells in table.columns.items()]
-    return Read(streams, vehicle=table.embedded_vehicle, map=table.embedded_map)
+    return Read([_stream(table, *column) for column in table.columns.items()], vehicle=table.embedded_vehicle, map=table.embedded_map)
+
+
+def _stream(table: Table, name: str, cells: Cells) -> Stream:
+    load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
+    return Stream(name, table.rows, load, unit=cells.instants or _unit(name), place=cells.places.of)
 
 
 def _unit(name: str) -> str:
-    """As headers have it, in brackets: ``gyro_x [deg/s]``."""
+    """As headers have it, in brackets: ``gyro_x [deg/s]``; an index is none, as in ``xyz[0]``."""
     found = _UNIT.search(name)
-    return found[1] if found else ""
+    return "" if found is None or _INDEX.fullmatch(found[1]) else found[1]
