@@ -48,6 +48,12 @@ def parse(path: Path, data: Content, by: MapSource | None = None) -> Table:
     if kind is recording.TABLE:
         table = columns_of(path, data)
         if by is None and table.embedded_map is None:
+            stated = next((cells for cells in table.columns.values() if cells.unit), None)
+            if stated is not None:
+                raise InputError(
+                    f"{path}: the row below the header names units, {stated.unit!r} of column {stated.name}, and a log's are in the names "
+                    f"of its columns; take the row out, or say what is what in a map file, which massprop columns {path} drafts"
+                )
             return table
     from massprop_cli.inputs.formats import mapfile, mapped
 

@@ -9,6 +9,7 @@ from csv import Error as CsvError
 from csv import reader as csv_lines
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import parquetheader
-from massprop_cli.inputs.formats import csvdialect, recording
+from massprop_cli.inputs.formats import csvdialect, recording, units
 
 VEHICLE_KEY = b"massprop.vehicle"
 """Parquet metadata key under which a log may carry its own vehicle file."""
@@ -85,7 +86,10 @@ def columns_of(path: Path, data: Content) -> Table:
     if twice is not None:
         header = "" if found.places.lines is None else ", line 1"
         raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
-    columns = {name: Cells(path, name, partial(found.column, name), found.places, found.instants.get(name, "")) for name in found.names}
+    columns = {
+        name: Cells(path, name, partial(found.column, name), found.places, found.instants.get(name, ""), found.units.get(name, ""))
+        for name in found.names
+    }
     vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
     return Table(path, spill.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
 
@@ -101,6 +105,8 @@ class _File(NamedTuple):
     embedded: Mapping[bytes, str]
     instants: Mapping[str, str]
     """Columns of dates and times, with the unit that they are counted in."""
+    units: Mapping[str, str] = MappingProxyType({})
+    """Of columns, where a row below the header names them."""
 
 
 def _read_parquet(path: Path, data: Content) -> _File:
@@ -132,17 +138,19 @@ def _readable(path: Path) -> Iterator[None]:
 def _read_csv(path: Path, data: Content) -> _File:
     import pyarrow as pa
 
-    data = csvdialect.utf8(path, data)
+    data, before = csvdialect.body(csvdialect.utf8(path, data))
     header, lines = _lines(path, data)
-    cut = csvdialect.delimiter(header)
-    limits.COLUMNS.check(f"{path}, line 1", header.count(cut) + 1)
+    if before:
+        lines = [number + before for number in lines]
+    cut, top = csvdialect.delimiter(header), f"{path}, line {before + 1}"
+    limits.COLUMNS.check(top, header.count(cut) + 1)
     limits.NUMBERS.check(str(path), (header.count(cut) + 1) * len(lines))
-    names = _names(path, header, cut)
+    names = _names(top, header, cut)
     if not any(names):
-        raise InputError(f"{path}, line 1: no header; the first line names the columns")
+        raise InputError(f"{top}: no header; the first line names the columns")
     if len(names) == 1:
         raise InputError(
-            f"{path}, line 1: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs"
+            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs"
         )
     if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
@@ -155,8 +163,20 @@ def _read_csv(path: Path, data: Content) -> _File:
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, places.of)
     if table.num_rows != len(lines):
         places = Places(range(2, table.num_rows + 2))  # a cell in quotes goes over several lines
+    stated = _units(table)
+    if stated:
+        table, places = table.slice(1), Places(list(places.lines or ())[1:])
     instants = {name: "ns" for name in names if _INSTANT.match(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
-    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, instants)
+    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, instants, stated)
+
+
+def _units(table: Any) -> Mapping[str, str]:
+    """By column, where a table's first row names nothing but units; empty where it doesn't."""
+    first = {
+        name: str(column[0].as_py() or "").strip() for name, column in zip(table.column_names, table.columns, strict=True) if len(column)
+    }
+    named = {name: cell for name, cell in first.items() if cell.strip("[]()-")}
+    return named if named and all(units.is_any(cell) for cell in named.values()) else {}
 
 
 def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
@@ -241,12 +261,12 @@ def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
 
 
-def _names(path: Path, header: str, cut: str) -> list[str]:
+def _names(top: str, header: str, cut: str) -> list[str]:
     """The columns that a CSV file's first line names."""
     try:
         return [name.strip() for name in next(csv_lines([header], delimiter=cut), [])]
     except CsvError as error:
-        raise InputError(f"{path}, line 1: not a readable header ({error}); the first line names the columns") from None
+        raise InputError(f"{top}: not a readable header ({error}); the first line names the columns") from None
 
 
 def give_back() -> None:
@@ -281,27 +301,31 @@ class Cells:
     places: Places
     instants: str = ""
     """The unit that dates and times are counted in, where the column holds such."""
+    unit: str = ""
+    """As a row below the header names it."""
 
-    def counts(self) -> IntArray:
-        """(rows,) whole numbers of dates and times, since 1970 or since midnight. :class:`InputError` names the first cell that is none."""
+    def counts(self) -> IntArray | Array:
+        """(rows,) dates and times as whole numbers, since 1970 or since midnight; where there are empty cells as float64, NaN for these.
+
+        :class:`InputError` names the first cell that is none.
+        """
         import pyarrow as pa
         import pyarrow.compute as pc
 
         data = self.read()
-        if data.null_count:
-            row = pc.index(pc.is_null(data), True).as_py()
-            raise InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: no time; mend or cut the row")
         if not pa.types.is_temporal(data.type):
-            text = pc.replace_substring(pc.utf8_trim_whitespace(data), ",", ".")
-            data = _instants(text)
+            data = _instants(pc.replace_substring(pc.utf8_trim_whitespace(data), ",", "."))
         if data is None:
             raise self._no_instant()
-        count: IntArray = np.frombuffer(data.cast(pa.int64()).buffers()[1], np.int64)[data.offset : data.offset + len(data)]
+        whole = data.cast(pa.int64())
+        if whole.null_count:
+            return arrow.floats(whole.cast(pa.float64(), safe=False))  # to a quarter of a microsecond
+        count: IntArray = np.frombuffer(whole.buffers()[1], np.int64)[whole.offset : whole.offset + len(whole)]
         return count
 
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):
-            if not _INSTANT.match(cell):
+            if cell is not None and not _INSTANT.match(cell):
                 return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is no date and time; mend the cell")
         return InputError(f"{self.path}, column {self.name}: dates and times that differ in form; write all alike, or as numbers")
 

@@ -90,7 +90,12 @@ def test_cycles_begin_with_the_commands_and_hold_one_each() -> None:
     np.testing.assert_allclose(commands[::5], stated[: table.rows // 5], atol=1e-9)
     assert table.made is not None
     said = "\n".join(table.made.said)
-    for part in ("gyro: 4000 values (sample)", "integrated over", "held until the next", "control cycles begin with the first command"):
+    for part in (
+        "gyro: 4000 values (sample)",
+        "integrated over",
+        "one in each of 399 control cycles",
+        "control cycles begin with the first command",
+    ):
         assert part in said
 
 

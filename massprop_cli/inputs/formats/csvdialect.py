@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,11 @@ from massprop_cli.base.spill import Content
 
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_PREFACE = re.compile(rb"(?:\xef\xbb\xbf)?(?:(?:#|sep=)[^\n]*\n)+", re.IGNORECASE)
+"""Comments before the header, and what spreadsheets say of their delimiter."""
+_PREFACE_MOST = 2**16
+_BLANK_END = re.compile(rb"(?:\r?\n[ \t,;]*)+\Z")
+"""Lines of nothing but delimiters at a file's end, as of a spreadsheet's empty rows."""
 _MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
 """Numbers with a decimal comma, and with a point."""
 
@@ -27,6 +33,18 @@ def utf8(path: Path, data: Content) -> Content:
         except UnicodeError as error:
             raise InputError(f"{path}: not a readable CSV file ({error}); save the log as UTF-8 text") from None
     return data
+
+
+def body(data: Content) -> tuple[Content, int]:
+    """The text from its header on, without empty rows at its end; and how many lines come before."""
+    before = _PREFACE.match(data[:_PREFACE_MOST])
+    end = data[-_PREFACE_MOST:]
+    blank = _BLANK_END.search(end)
+    empty = len(end) - blank.start() if blank and len(blank[0].strip(b"\r\n")) else 0
+    if before is None and not empty:
+        return data, 0
+    first = before.end() if before else 0
+    return data[first : len(data) - empty] + b"\n", data[:first].count(b"\n")
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:

@@ -21,6 +21,8 @@ _LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle, begin them."""
 _SAME = 1e-3
 """Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
+_STAMPED = 0.15
+"""Of a cycle: commands, one to each cycle, stamped so near its beginning are that cycle's from its beginning on."""
 _EARLY = 0.25
 """Of a cycle: an on-time stamped so much before a cycle begins is still that cycle's."""
 
@@ -203,6 +205,13 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     if not signal.paths:
         signals.made.append(f"{signal.key}: taken as {', '.join(f'{v:g}' for v in signal.values[0])} throughout, as the map states")
         return np.repeat(signal.values[:1], len(cycles) - 1, 0)
+    count, first = resample.in_each(signal.times.s, cycles, _EARLY)
+    apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
+    if command.holds == "until_next" and (count == 1).all() and apart < _STAMPED * length:
+        # a controller's commands act in step with its cycles; that their stamps scatter is how they were recorded
+        signals.made.append(f"{said}, one in each of {len(cycles) - 1} control cycles, stamped up to {apart:.3g} s from its beginning")
+        found = signal.values[first]
+        return found * np.diff(cycles)[:, None] if command.kind == "share" else found
     found = resample.means(signal.values, signal.times.s, command.holds, cycles)
     how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
     signals.made.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")

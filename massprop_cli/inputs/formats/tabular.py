@@ -23,7 +23,7 @@ def read(path: Path, data: Content) -> Read:
 
 def _stream(table: Table, name: str, cells: Cells) -> Stream:
     load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
-    return Stream(name, table.rows, load, unit=cells.instants or _unit(name), place=cells.places.of)
+    return Stream(name, table.rows, load, unit=cells.instants or cells.unit or _unit(name), place=cells.places.of)
 
 
 def _unit(name: str) -> str:

@@ -1,0 +1,214 @@
+"""Tables as loggers, spreadsheets and pandas write them: the log that comes of them is that of the plain recording."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import listing, propose, reading
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.tablefile import Table
+from tests.inputs.test_map import motion
+
+MAP = """
+schema = 1
+[gyro]
+paths = ["wx", "wy", "wz"]
+unit = "rad/s"
+values = "sample"
+clock = { path = "t"UNIT }
+[accelerometer]
+paths = ["ax", "ay", "az"]
+unit = "m/s^2"
+values = "sample"
+clock = { path = "t"UNIT }
+[torque]
+paths = ["tx", "ty", "tz"]
+unit = "N m"
+clock = { path = "tc"UNIT }
+[force]
+paths = ["fx", "fy", "fz"]
+unit = "N"
+clock = { path = "tc"UNIT }
+[records]
+interval_s = 0.01
+per_cycle = 5
+zero = "start"
+"""
+BEGUN = pd.Timestamp("2024-05-01T23:59:55.25")
+
+
+def frames() -> tuple[pd.DataFrame, pd.DataFrame]:
+    """An IMU at 200 Hz and commands at 20 Hz, each with its own times in s."""
+    streams = motion()
+    t, issued = (np.asarray(streams[path][0]) for path in ("imu/t", "cmd/t"))
+    imu = (
+        {"t": t} | {f"w{a}": np.sin((n + 1) * t) for n, a in enumerate("xyz")} | {f"a{a}": np.cos((n + 1) * t) for n, a in enumerate("xyz")}
+    )
+    commands = {"tc": issued} | {path[4:]: np.asarray(said[0]) for path, said in streams.items() if re.fullmatch("cmd/[tf][xyz]", path)}
+    return pd.DataFrame(imu), pd.DataFrame(commands)
+
+
+def mapped(path: Path, unit: str = ', unit = "s"', *changes: tuple[str, str]) -> Table:
+    text = MAP.replace("UNIT", unit)
+    for old, new in changes:
+        text = text.replace(old, new)
+    path.with_name("map.toml").write_text(text)
+    return read_table(path)
+
+
+def numbers(table: Table) -> dict[str, np.ndarray]:
+    return {name: table.columns[name].numbers() for name in ("time_s", *columns.DELTA_THETA, *columns.DELTA_V, *columns.WRENCH)}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Side by side in one table, whose shorter half ends in empty cells."""
+    path = tmp_path_factory.mktemp("plain") / "log.csv"
+    pd.concat(frames(), axis=1).to_csv(path, index=False)
+    return numbers(mapped(path))
+
+
+def same(table: Table, plain: dict[str, np.ndarray], atol: float = 1e-9) -> None:
+    found = numbers(table)
+    for name, values in plain.items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-7, atol=atol, err_msg=name)
+
+
+def test_two_streams_side_by_side_are_what_was_recorded(plain: dict[str, np.ndarray]) -> None:
+    _, commands = frames()
+    cycles = len(plain["time_s"]) // 5
+    for name, own in zip(columns.WRENCH, ("tx", "ty", "tz", "fx", "fy", "fz"), strict=True):
+        np.testing.assert_allclose(plain[name][::5], commands[own].to_numpy()[:cycles], atol=1e-12)
+    edges = commands["tc"][0] + 0.01 * np.arange(len(plain["time_s"]) + 1)
+    whole = np.diff(-np.cos(edges))
+    np.testing.assert_allclose(plain["delta_theta_x_rad"], whole, atol=1e-5)
+
+
+def test_streams_merged_on_their_times_are_the_same(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    imu, commands = frames()
+    merged = imu.merge(commands.rename(columns={"tc": "t"}), on="t", how="outer").sort_values("t")
+    path = tmp_path / "log.parquet"
+    merged.to_parquet(path)
+    table = mapped(path, ', unit = "s"', ('"tc"', '"t"'))
+    same(table, plain)
+    assert table.made is not None
+    assert any("torque" in line and "rows of the file hold none of its samples" in line for line in table.made.said)
+
+
+def test_a_number_that_is_missing_beside_others_is_refused_with_its_line(tmp_path: Path) -> None:
+    imu, commands = frames()
+    imu.loc[100, "wy"] = np.nan
+    path = tmp_path / "log.csv"
+    pd.concat((imu, commands), axis=1).to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"log.csv, 'wx': a number is missing at line 102, beside other axes'; mend the row \(\[gyro\]"):
+        mapped(path)
+
+
+def _iso(seconds: pd.Series) -> pd.Series:
+    return (BEGUN + pd.to_timedelta(seconds, unit="s")).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
+
+
+DATES: dict[str, Callable[[pd.Series], pd.Series]] = {
+    "ISO 8601": _iso,
+    "with an offset and a comma": lambda s: _iso(s).str.replace(".", ",") + "+02:00",
+    "with Z": lambda s: _iso(s) + "Z",
+    "of the day alone": lambda s: (pd.Timestamp("2024-05-01 12:00") + pd.to_timedelta(s, unit="s")).dt.strftime("%H:%M:%S.%f"),
+}
+
+
+@pytest.mark.parametrize("form", DATES)
+def test_dates_and_times_are_clocks(form: str, plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    imu, commands = (frame.assign(**{frame.columns[0]: DATES[form](frame[frame.columns[0]])}) for frame in frames())
+    path = tmp_path / "log.csv"
+    pd.concat((imu, commands), axis=1).to_csv(path, index=False, sep=";" if "comma" in form else ",")
+    same(mapped(path, ""), plain, atol=2e-6)  # microseconds were written
+
+
+@pytest.mark.parametrize("unit", ["ns", "us", "ms"])
+def test_timestamps_of_parquet_are_clocks_with_a_unit(unit: str, plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    stamped = []
+    for frame in frames():
+        name = frame.columns[0]
+        at = BEGUN + pd.to_timedelta((frame[name] * 1e9).round().astype("int64"), unit="ns")
+        stamped.append(frame.assign(**{name: at.astype(f"datetime64[{unit}]")}))
+    path = tmp_path / "log.parquet"
+    pd.concat(stamped, axis=1).to_parquet(path)
+    same(mapped(path, ""), plain, atol={"ns": 2e-6, "us": 4e-6, "ms": 2e-3}[unit])
+    with pytest.raises(InputError, match="the map says unit 's', the file"):
+        mapped(path, ', unit = "s"')
+
+
+def test_a_cell_that_is_no_date_is_named_by_its_line(tmp_path: Path) -> None:
+    imu, commands = (frame.assign(**{frame.columns[0]: _iso(frame[frame.columns[0]])}) for frame in frames())
+    imu.loc[7, "t"] = "yesterday"
+    path = tmp_path / "log.csv"
+    pd.concat((imu, commands), axis=1).to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is no date and time; mend the cell"):
+        mapped(path, "")
+
+
+def test_comments_units_and_empty_rows_around_a_table_are_none_of_its_rows(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    both = pd.concat(frames(), axis=1)
+    header, *rows = both.to_csv(index=False).splitlines()
+    units = "s," + ",".join(["rad/s"] * 3 + ["m/s2"] * 3) + ",s," + ",".join(["Nm"] * 3 + ["N"] * 3)
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["# logger 3", "# of a bench", header, units, *rows, "," * 13, "," * 13]) + "\n")
+    bare = [(f'unit = "{unit}"\n', "") for unit in ("rad/s", "m/s^2", "N m", "N")]
+    same(mapped(path, "", *bare), plain)
+    path.with_name("map.toml").unlink()
+    with pytest.raises(InputError, match="the row below the header names units, 's' of column t"):
+        read_table(path)
+    cut = path.read_text().replace("\n0.02,", "\nten,", 1)
+    path.write_text(cut)
+    line = next(n for n, text in enumerate(cut.splitlines(), 1) if text.startswith("ten,"))
+    with pytest.raises(InputError, match=f"log.csv, line {line}, column t: 'ten' is not a number"):
+        mapped(path, "", *bare)
+
+
+@pytest.mark.parametrize("jitter_s", [2e-4, 1e-3, 4e-3])
+def test_stamps_of_commands_that_scatter_move_no_impulse(jitter_s: float, plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    imu, commands = frames()
+    scattered = commands["tc"] + jitter_s * np.random.default_rng(1).uniform(-1, 1, len(commands))
+    scattered.iloc[0] = commands["tc"][0]
+    path = tmp_path / "log.csv"
+    pd.concat((imu, commands.assign(tc=scattered)), axis=1).to_csv(path, index=False)
+    table = mapped(path)
+    found = numbers(table)
+    for name in columns.WRENCH:
+        np.testing.assert_array_equal(found[name], plain[name], err_msg=name)
+    assert table.made is not None
+    assert any("one in each of" in line and "stamped up to" in line for line in table.made.said)
+
+
+def test_times_rounded_to_milliseconds_give_records_as_long_as_samples(tmp_path: Path) -> None:
+    imu, commands = frames()
+    fine = imu.assign(t=(imu["t"] * 0.5).round(3))  # 400 Hz: steps of 2 and 3 ms
+    path = tmp_path / "log.csv"
+    pd.concat((fine, commands.assign(tc=(commands["tc"] * 0.5).round(3))), axis=1).to_csv(path, index=False)
+    table = mapped(path, ', unit = "s"', ("interval_s = 0.01", "interval_s = 0.0025"), ("per_cycle = 5", "per_cycle = 10"))
+    assert table.columns["time_s"].numbers()[9] == pytest.approx(0.025)
+
+
+def test_an_index_in_a_columns_name_is_no_unit(tmp_path: Path) -> None:
+    imu, commands = frames()
+    named = {f"w{a}": f"gyro[{n}]" for n, a in enumerate("xyz")} | {f"a{a}": f"acc[{n}] (m/s^2)" for n, a in enumerate("xyz")}
+    path = tmp_path / "log.csv"
+    pd.concat((imu.rename(columns=named), commands), axis=1).to_csv(path, index=False)
+    read = reading.load(path)
+    assert read.streams["gyro[0]"].unit == ""
+    assert read.streams["acc[0] (m/s^2)"].unit == "m/s^2"
+    text = propose.draft(read)
+    assert 'paths = ["gyro[0]", "gyro[1]", "gyro[2]"]' in text
+    # each stream has the clock that ends where it does
+    clocks = listing.Clocks(read)
+    assert clocks.of(read.streams["gyro[1]"]) == ["t"]
+    assert clocks.of(read.streams["fy"]) == ["tc"]
+    assert "nan" not in text
