@@ -39,7 +39,7 @@ def plan(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="What the vehicle may be (TOML; default: the vehicle file's [nominal]).",
+            help="What the vehicle may be (TOML; default: the vehicle file's \\[nominal]).",
             show_default=False,
             rich_help_panel=options.INPUT,
         ),

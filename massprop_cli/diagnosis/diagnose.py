@@ -350,6 +350,7 @@ def _in_vain(look: Look) -> str:
     nearest = []
     for _, found in islice(look.ranked, 2):
         code, _ = words_of(found, look.names, look.case, look.case)
-        nearest.append(f"{code} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
+        about = f" of {', '.join(found.supposed.subject)}" if found.supposed.subject else ""
+        nearest.append(f"{code}{about} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
     near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
     return f"log and vehicle file don't fit, cause unknown: what the model leaves is {look.misfit:.3g} times pure error{near}; {TRIED}"
