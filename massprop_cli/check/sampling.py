@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, rows
 from massprop_cli.inputs.telemetry import GAP, LONG
 
-JITTER = 0.05
+JITTER = 0.02
 """Part of the usual interval that intervals may scatter by (robust): each counts with its own length, commands do not."""
 ROBUST = 1.4826
 """Median absolute deviation to standard deviation, of a normal distribution."""

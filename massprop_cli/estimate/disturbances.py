@@ -167,7 +167,8 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list
                 "disturbance-torque",
                 "the stated noise does not explain the rates; a disturbance torque was added: white "
                 f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
-                "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, a wrong delay or jet",
+                "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, "
+                "a wrong delay or jet",
             )
         )
     if used.imu.gyro_noise_rad_s != stated.imu.gyro_noise_rad_s:

@@ -213,11 +213,12 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
 
 
 def _records_per_cycle(source: LogTable, time_s: Array, interval_s: Array, period_s: float) -> int:
-    usual = median(interval_s)
+    # times that were rounded have a median that is none of the intervals'
+    usual = float(interval_s[interval_s <= LONG * median(interval_s)].mean())
     records = round(period_s / usual)
     if records < 1 or abs(records * usual / period_s - 1) > 0.2:
         raise InputError(
-            f"{source.table.path}, column {source.name('time_s')}: a median interval of {usual:.6g} s does not divide the control "
+            f"{source.table.path}, column {source.name('time_s')}: a usual interval of {usual:.6g} s does not divide the control "
             f"cycle of {period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
         )
     step = float(np.spacing(np.abs(time_s[[0, -1]]).max()))

@@ -16,6 +16,8 @@ from massprop_cli.kernel.compile import built
 
 CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
+INTERFACE = 1
+"""Of the library's calls, as ``mp_host_interface`` says it."""
 BINS, COMMANDS, PENDING = 16, 64, 24
 """MP_BINS, MP_COMMANDS, MP_PENDING"""
 
@@ -48,14 +50,21 @@ def kernel() -> Kernel:
     if not path.exists():
         return Kernel(None, "NumPy (no compiled kernel was installed)")
     try:
-        return Kernel(opened(path), "C99, double precision")
-    except OSError as error:
+        library = opened(path)
+    except (OSError, AttributeError) as error:
         return Kernel(None, f"NumPy ({path.name} can't be loaded: {error})")
+    if library.mp_host_interface() != INTERFACE:
+        return Kernel(None, f"NumPy ({path.name} is of another version; install massprop anew)")
+    return Kernel(library, "C99, double precision")
 
 
 def opened(path: Path) -> ctypes.CDLL:
-    """A library that was built of the kernel's sources; OSError where it can't be loaded. Its calls let other threads run."""
+    """A library that was built of the kernel's sources; OSError where it can't be loaded. Its calls let other threads run.
+
+    AttributeError where it was built of sources that had other calls.
+    """
     library = ctypes.CDLL(str(path))
+    library.mp_host_interface.restype = ctypes.c_int
     library.mp_host_size.restype = library.mp_host_flight_size.restype = ctypes.c_size_t
     library.mp_host_pass.restype = ctypes.c_void_p
     library.mp_host_flown.restype = ctypes.c_long

@@ -9,6 +9,7 @@
 
 #define TOLD 131 /* numbers of a row: mean 10, covariance 100, relative 3, innovation 6, its sigma 6, normalised 6 */
 
+SHARED int mp_host_interface(void);
 SHARED size_t mp_host_size(void);
 SHARED int mp_host_begin(mp_pass *pass, const double *table);
 SHARED void mp_host_attitude_error(mp_pass *pass, const double *attitude_error);
@@ -31,6 +32,9 @@ static const double *read_int(int *to, const double *from) {
     *to = (int)*from;
     return from + 1;
 }
+
+/* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
+int mp_host_interface(void) { return 1; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from massprop_cli.kernel import kernel
 from tests.cli.test_kill import PLAN, SETTINGS, contents
 from tests.commandline import massprop
 from tests.hostile import flight, vehicle
@@ -119,6 +120,14 @@ def test_a_result_that_never_ends_is_not_read_before_it_is_replaced(there: str, 
         (here / "own" / "result.json").symlink_to("/dev/zero")
     assert massprop(here, *ESTIMATE).returncode == 0
     assert (here / "own" / "result.json").read_bytes().startswith(b"{")
+
+
+@pytest.mark.skipif(kernel().library is None, reason="no compiled kernel")
+def test_a_kernel_of_another_version_leaves_it_to_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("massprop_cli.kernel.INTERFACE", -1)
+    found = kernel.__wrapped__()
+    assert found.library is None
+    assert "is of another version; install massprop anew" in found.name
 
 
 def test_a_kernel_that_is_none_is_told(here: Path) -> None:
