@@ -227,5 +227,5 @@ def check_attitude(attitude_wxyz: Array, turns: Array) -> None:
     if apart > 0.5 * turned and apart > 0.01 * np.sqrt(len(turns)):
         raise InputError(
             f"columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
-            "quaternions are wxyz, world from body. Mend them, or leave them out"
+            "quaternions are wxyz, world from body, and taken as exact. Mend them, smooth them if they are noisy, or leave them out"
         )
