@@ -8,6 +8,7 @@ itself misfit, which says whether it would notice.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -128,7 +129,9 @@ def examined(
     """
     taken = tuple(granted(log, vehicle, timing, samples))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
-    responses = [_response(samples, history, vehicle, consider) for history in settled]
+    responses = [
+        None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
+    ]
     mounting = np.array(vehicle.imu.body_from_imu)
 
     def by_imu(history: History) -> tuple[Array, int]:
@@ -139,16 +142,16 @@ def examined(
     return Examined(taken, tuple(responses), sum(counts), noise)
 
 
-def _response(samples: Stream, history: History, vehicle: Resolved, consider: Consider) -> Response | None:
-    """What each assumption does to a phase; None without a body, or where the one that was found leaves another log than its fit did.
+def sound(found: Examined, settled: Sequence[History]) -> Examined:
+    """Without phases of which the body that was found leaves something else than its fit did.
 
     So it is where an axis was never driven: what its inertia makes of a spin stayed free in the fit.
     """
-    if history.reference is None:
-        return None
-    found = respond(samples, history.cycles, history.reference, vehicle, consider)
-    left = sum(float((z**2).sum()) for z in history.whitened())
-    return found if found.gram[0, 0] < ANOTHER * left + UNSEEN**2 else None
+    left = [sum(float((z**2).sum()) for z in history.whitened()) for history in settled]
+    kept = zip(found.responses, left, strict=True)
+    return replace(
+        found, responses=tuple(one if one is not None and one.gram[0, 0] < ANOTHER * own + UNSEEN**2 else None for one, own in kept)
+    )
 
 
 def assumptions(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_cli.conclude.analysis import Analysis
-from massprop_cli.conclude.assumptions import Examined, examined
+from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
@@ -86,7 +86,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     if not check:
         return answer, Checked(detected=begun.detected)
     say("what the numbers rest on", 1.0)
-    examination = examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider)
+    examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider), answer.settled)
     # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
     doubted = _doubted(examination, begun, answer) if used.thrust.pulse_sigma == 0 else []
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:

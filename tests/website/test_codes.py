@@ -11,6 +11,7 @@ from typing import get_args
 import pytest
 
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.diagnosis.wording import _WORDS
 from website.examples import VERDICTS, WARNINGS
 from website.pictures import picture
@@ -34,7 +35,7 @@ def literals(node: ast.expr) -> Iterator[str]:
 
 
 def codes() -> set[str]:
-    found = set(_WORDS)
+    found = {*_WORDS, UNKNOWN}
     for path in (ROOT / "massprop_cli").rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
