@@ -22,7 +22,7 @@ _LIKE = 0.2
 _SAME = 1e-3
 """Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
 _STAMPED = 0.15
-"""Of a cycle: commands, one to each cycle, stamped so near its beginning are that cycle's from its beginning on."""
+"""Of a cycle, by which stamps of commands may scatter that come once in each: a controller's commands act in step with its cycles."""
 _EARLY = 0.25
 """Of a cycle: an on-time stamped so much before a cycle begins is still that cycle's."""
 
@@ -131,7 +131,7 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     driving = next((one.times for one in commands if abs(one.times.step_s / cycle - 1) < _LIKE), None)
     slack = _SAME * gyro.times.step_s
     if driving is not None and (driving.s >= start - slack).any():
-        start = float(driving.s[driving.s >= start - slack][0])
+        start = _begun(driving.s[driving.s >= start - slack], start - slack, cycle)
         signals.made.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
     if records.samples is None:
         edges = start + length * np.arange(max(int((end - start + slack) / length), 0) + 1)
@@ -205,14 +205,43 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     if not signal.paths:
         signals.made.append(f"{signal.key}: taken as {', '.join(f'{v:g}' for v in signal.values[0])} throughout, as the map states")
         return np.repeat(signal.values[:1], len(cycles) - 1, 0)
-    count, first = resample.in_each(signal.times.s, cycles, _EARLY)
-    apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
-    if command.holds == "until_next" and (count == 1).all() and apart < _STAMPED * length:
-        # a controller's commands act in step with its cycles; that their stamps scatter is how they were recorded
-        signals.made.append(f"{said}, one in each of {len(cycles) - 1} control cycles, stamped up to {apart:.3g} s from its beginning")
-        found = signal.values[first]
-        return found * np.diff(cycles)[:, None] if command.kind == "share" else found
-    found = resample.means(signal.values, signal.times.s, command.holds, cycles)
+    times, scatter = _in_step(signal.times.s, cycles) if command.holds == "until_next" else (signal.times.s, 0.0)
+    if scatter > 0:
+        said += f", one in each control cycle, whose stamps scatter by up to {scatter:.3g} s and are taken as evenly spaced"
+    found = resample.means(signal.values, times, command.holds, cycles)
     how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
     signals.made.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
     return found * np.diff(cycles)[:, None] if command.kind == "share" else found
+
+
+def _begun(times_s: Array, least_s: float, cycle_s: float) -> float:
+    """When cycles begin that commands begin: with the first stamp, or where the median of stamps that scatter puts it."""
+    first = float(times_s[0])
+    off = (times_s - first + cycle_s / 2) % cycle_s - cycle_s / 2
+    usual = median(off)
+    if abs(usual) < _SAME * cycle_s or float(np.abs(off - usual).max()) > _STAMPED * cycle_s:
+        return first
+    return first + usual if first + usual >= least_s else first + usual + cycle_s
+
+
+def _in_step(times_s: Array, cycles: Array) -> tuple[Array, float]:
+    """When commands act of which there is one in each cycle, by their stamps: as far into each cycle as in the median; and the scatter.
+
+    As they are stamped, and 0, where there isn't one in each, or they scatter by too much. So little into a cycle as may be chance is none.
+    """
+    count, first = resample.in_each(times_s, cycles, _EARLY)
+    if (count != 1).any():
+        return times_s, 0.0
+    into = times_s[first] - cycles[:-1]
+    usual, length = median(into), median(np.diff(cycles))
+    scatter = float(np.abs(into - usual).max())
+    if scatter > _STAMPED * length:
+        return times_s, 0.0
+    chance = max(4 * float(into.std()) / len(into) ** 0.5, _SAME * length)
+    even = times_s.copy()
+    even[first] = cycles[:-1] + (usual if abs(usual) > chance else 0.0)
+    # those before and after follow on, where they are of the same kind
+    for edge, beyond, step in ((first[0], first[0] - 1, -length), (first[-1], first[-1] + 1, length)):
+        if 0 <= beyond < len(even) and abs(times_s[beyond] - times_s[edge] - step) < 2 * _STAMPED * length:
+            even[beyond] = even[edge] + step
+    return even, scatter if scatter > _SAME * length else 0.0
