@@ -74,7 +74,8 @@ def _thrust(said: Said) -> tuple[str, str]:
         return "jet-sign" if by_jets else "command-sign", f"{who} {'push' if several else 'pushes'} the other way than stated; {remedy}"
     if abs(factor) < NEAR:
         return "jet-dead", f"{who} {'do' if several else 'does'} not push at all; look at valves and wiring"
-    remedy = "mend force_n or calibrate" if by_jets else "mend the scale under [columns]"
+    mend = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
+    remedy = "mend force_n or calibrate" if by_jets else mend
     return "thrust-scale", f"{who} ({factor:+.4g}) {'give' if several else 'gives'} another part of the stated thrust than others; {remedy}"
 
 
