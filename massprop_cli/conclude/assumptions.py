@@ -34,6 +34,8 @@ UNSEEN = 5.0
 """Sigmas of misfit that a log does not show."""
 ANOTHER = 4.0
 """Times what the fit leaves, from which on a body leaves something else: where all axes are known it is 1.0."""
+MOMENTS, UNTOLD = [0, 3, 5], 0.1
+"""Where the moments of inertia stand, and the relative sigma beyond which one is not told."""
 SHOWN = 0.01
 """A change below this part of a sigma is none."""
 
@@ -143,15 +145,18 @@ def examined(
 
 
 def sound(found: Examined, settled: Sequence[History]) -> Examined:
-    """Without phases of which the body that was found leaves something else than its fit did.
+    """Without phases in which an axis was never driven, and the body leaves something else than its fit did.
 
-    So it is where an axis was never driven: what its inertia makes of a spin stayed free in the fit.
+    What such an axis' inertia makes of a spin stayed free in the fit.
     """
-    left = [sum(float((z**2).sum()) for z in history.whitened()) for history in settled]
-    kept = zip(found.responses, left, strict=True)
-    return replace(
-        found, responses=tuple(one if one is not None and one.gram[0, 0] < ANOTHER * own + UNSEEN**2 else None for one, own in kept)
-    )
+
+    def untold(history: History, response: Response) -> bool:
+        values, sigmas = history.bare[0][MOMENTS], np.sqrt(np.diag(history.bare[1]))[MOMENTS]
+        left = sum(float((z**2).sum()) for z in history.whitened())
+        return bool((sigmas > UNTOLD * np.abs(values)).any()) and response.gram[0, 0] > ANOTHER * left + UNSEEN**2
+
+    kept = zip(found.responses, settled, strict=True)
+    return replace(found, responses=tuple(None if one is None or untold(history, one) else one for one, history in kept))
 
 
 def assumptions(

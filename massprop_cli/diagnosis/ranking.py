@@ -32,6 +32,7 @@ class Ranking:
         self._alternatives = [kinds.count(kind) for kind in kinds]
         self._found: dict[int, tuple[float, Fitted]] = {}
         self._of: dict[int, list[int]] = {}
+        self._rivals: list[Supposition] = []
         others = []
         for i, one in enumerate(supposed):
             channel = model.channel(one)
@@ -54,8 +55,8 @@ class Ranking:
         return [each for each in self._found.values() if each[0] < self._most]
 
     def faint(self, supposed: Supposition) -> bool:
-        """Whether one is too faint to be named itself: a rival at most."""
-        return any(found.supposed is supposed and score >= self._most for score, found in self._found.values())
+        """Whether one came as a rival alone, too faint to be named itself."""
+        return any(one is supposed for one in self._rivals)
 
     def within(self, most: float, reach: Callable[[], float] = lambda: np.inf, rivals: float = 0.0) -> Iterator[tuple[float, Fitted]]:
         """Without those of channels that leave more than so much of chi-square whatever is supposed of them.
@@ -77,6 +78,8 @@ class Ranking:
                 return
             if fit:
                 bar, rivals = max(bar, score + rivals), 0.0
+                if score >= self._most:
+                    self._rivals.append(self._found[which][1].supposed)
                 yield self._found[which]
                 continue
             if score > reach():

@@ -82,3 +82,11 @@ def test_rivals_of_the_first_come_though_they_be_too_faint_to_be_named() -> None
     near = [score for score, _ in faint.within(np.inf, rivals=1e6)]
     assert near == [score for score, _ in replace(look).ranked.within(np.inf, rivals=1e6)]
     assert len(near) > 100
+
+
+def test_one_that_came_by_another_way_than_as_a_rival_is_not_too_faint() -> None:
+    look = weak(3)
+    ranked = replace(look).ranked
+    (_, first), *_ = ranked.within(np.inf)
+    ranked._most = -np.inf  # whatever its rough score, which on a bearing says nothing of a turned gyro
+    assert not ranked.faint(first.supposed)
