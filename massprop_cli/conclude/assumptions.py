@@ -20,6 +20,7 @@ from massprop_cli.conclude.granted import AXES, Taken, granted
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
+from massprop_cli.estimate.regression import KNOWN, MOMENTS
 from massprop_cli.estimate.rows import Response
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -34,8 +35,6 @@ UNSEEN = 5.0
 """Sigmas of misfit that a log does not show."""
 ANOTHER = 4.0
 """Times what the fit leaves, from which on a body leaves something else: where all axes are known it is 1.0."""
-MOMENTS, UNTOLD = [0, 3, 5], 0.1
-"""Where the moments of inertia stand, and the relative sigma beyond which one is not told."""
 SHOWN = 0.01
 """A change below this part of a sigma is none."""
 
@@ -153,7 +152,7 @@ def sound(found: Examined, settled: Sequence[History]) -> Examined:
     def untold(history: History, response: Response) -> bool:
         values, sigmas = history.bare[0][MOMENTS], np.sqrt(np.diag(history.bare[1]))[MOMENTS]
         left = sum(float((z**2).sum()) for z in history.whitened())
-        return bool((sigmas > UNTOLD * np.abs(values)).any()) and response.gram[0, 0] > ANOTHER * left + UNSEEN**2
+        return bool((sigmas > KNOWN * np.abs(values)).any()) and response.gram[0, 0] > ANOTHER * left + UNSEEN**2
 
     kept = zip(found.responses, settled, strict=True)
     return replace(found, responses=tuple(None if one is None or untold(history, one) else one for one, history in kept))

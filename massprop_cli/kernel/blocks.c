@@ -42,7 +42,7 @@ SHARED int mp_host_net(long count, long channels, long along, long across, const
                        double *out);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
-void mp_reference_of(const double *from, int channels, mp_reference *out) {
+static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
     from = mp_copied(out->theta, from, 10);
@@ -52,6 +52,14 @@ void mp_reference_of(const double *from, int channels, mp_reference *out) {
     from = mp_copied(out->bias, from, 3);
     from = mp_copied(out->acceleration, from, 3);
     for (i = 0; i < 3; i++) from = mp_copied(out->phi[i], from, channels);
+}
+
+int mp_about_of(const double *table, const double *reference, mp_vehicle *vehicle, mp_layout *layout, mp_reference *about) {
+    int status;
+    *vehicle = mp_vehicle_of(table);
+    status = mp_laid_out(vehicle, layout);
+    if (status == MP_OK) reference_of(reference, layout->channels, about);
+    return status;
 }
 
 /* (3, combined) what phi makes of channels, in combinations (3 x channels + 4, combined) of its coefficients; NULL: each by itself. */
@@ -126,16 +134,15 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
 /* Of `count` cycles by rows, as mp_host_run has them; `onto` NULL: a column for each coefficient. */
 int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
                    int combined, const lifted *out) {
-    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
     mp_motion motion[2];
     mp_leap leap;
     mp_cycle cycle;
     long k;
-    int status = mp_laid_out(&vehicle, &layout);
+    int status = mp_about_of(table, reference, &vehicle, &layout, &about);
     if (status != MP_OK) return status;
-    mp_reference_of(reference, layout.channels, &about);
     for (k = 0; k < count; k++) {
         mp_cycle_of(&vehicle, rows + k * stride, &cycle);
         mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
@@ -153,7 +160,7 @@ int mp_host_lifted(const double *table, const double *reference, long count, lon
  * the rates give. */
 int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
                    const double *rate, double *next, double *seen) {
-    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
     mp_motion motion[2];
@@ -162,9 +169,8 @@ int mp_host_beyond(const double *table, const double *reference, const double *p
     double made[3];
     const double *last;
     long k;
-    int i, j, status = mp_laid_out(&vehicle, &layout);
+    int i, j, status = mp_about_of(table, reference, &vehicle, &layout, &about);
     if (status != MP_OK) return status;
-    mp_reference_of(reference, layout.channels, &about);
     last = phi + 3 * layout.channels;
     for (k = 0; k < count; k++) {
         const mp_motion *here = &motion[k % 2];
@@ -195,15 +201,14 @@ int mp_host_beyond(const double *table, const double *reference, const double *p
  * the rate. */
 int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
                       double *mean, double *known) {
-    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
     mp_motion motion[2];
     mp_cycle cycle;
     long k;
-    int i, status = mp_laid_out(&vehicle, &layout);
+    int i, status = mp_about_of(table, reference, &vehicle, &layout, &about);
     if (status != MP_OK) return status;
-    mp_reference_of(reference, layout.channels, &about);
     for (k = 0; k < count; k++) {
         const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
         mp_cycle_of(&vehicle, rows + k * stride, &cycle);

@@ -14,6 +14,7 @@
 const double *mp_copied(mp_real *to, const double *from, int count);
 mp_vehicle mp_vehicle_of(const double *table);
 void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out);
-void mp_reference_of(const double *from, int channels, mp_reference *out);
+/* A vehicle, its states, and the body that its equations are linear about; MP_LIMIT as mp_laid_out. */
+int mp_about_of(const double *table, const double *reference, mp_vehicle *vehicle, mp_layout *layout, mp_reference *about);
 
 #endif

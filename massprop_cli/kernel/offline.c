@@ -65,7 +65,7 @@ static void exchanged(const mp_layout *layout, mp_run *run, int given, double *m
  * filter begins; where it has `begun` the first row is the cycle before. Of each cycle taken in: white (K, 6, width) and roots (K, 6, 6). */
 int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
                   const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
-    mp_vehicle vehicle = mp_vehicle_of(table);
+    mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
     mp_cycle cycle;
@@ -74,9 +74,8 @@ int mp_host_taken(const double *table, const double *reference, const double *at
     mp_run run;
     mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)], own[6 * MP_WIDTH], ordered[6 * MP_WIDTH], spread[6][6], first[3][4];
     long k;
-    int i, status = mp_laid_out(&vehicle, &layout);
+    int i, status = mp_about_of(table, reference, &vehicle, &layout, &about);
     if (status != MP_OK) return status;
-    mp_reference_of(reference, layout.channels, &about);
     (void)mp_copied(first[0], attitude_error, 12);
     exchanged(&layout, &run, 1, mean, root, triangle);
     for (k = 0; k < count; k++) {

@@ -80,7 +80,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
 def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
     """The arrays of :class:`massprop_cli.model.lifted.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
 
-    ``numbers`` are the vehicle's, ``about`` those of a reference (``mp_reference_of`` in massprop_cli/kernel/blocks.c).
+    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
     """
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))

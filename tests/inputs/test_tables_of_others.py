@@ -173,6 +173,14 @@ def test_comments_units_and_empty_rows_around_a_table_are_none_of_its_rows(plain
         mapped(path, "", *bare)
 
 
+def test_a_header_that_is_a_comment_is_the_header(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    header, *rows = pd.concat(frames(), axis=1).to_csv(index=False).splitlines()
+    path = tmp_path / "log.csv"
+    for above in (["# " + header], ["# logger 3", "#" + header]):  # as numpy.savetxt writes it
+        path.write_text("\n".join([*above, *rows]) + "\n")
+        same(mapped(path), plain)
+
+
 @pytest.mark.parametrize("jitter_s", [2e-4, 1e-3, 4e-3])
 def test_stamps_of_commands_that_scatter_move_no_impulse(jitter_s: float, plain: dict[str, np.ndarray], tmp_path: Path) -> None:
     imu, commands = frames()

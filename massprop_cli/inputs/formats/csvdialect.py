@@ -17,6 +17,7 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _PREFACE = re.compile(rb"(?:\xef\xbb\xbf)?(?:(?:#|sep=)[^\n]*\n)+", re.IGNORECASE)
 """Comments before the header, and what spreadsheets say of their delimiter."""
 _PREFACE_MOST = 2**16
+_NAMED, _NUMBER = re.compile(rb"#+[ \t]*"), re.compile(rb"\s*[+-]?\.?\d")
 _BLANK_END = re.compile(rb"(?:\r?\n[ \t,;]*)+\Z")
 """Lines of nothing but delimiters at a file's end, as of a spreadsheet's empty rows."""
 _MARKS = {mark: rf"^\s*[+-]?(\d+[{mark}]\d*|[{mark}]\d+)([eE][+-]?\d+)?\s*$" for mark in (",", ".")}
@@ -36,15 +37,24 @@ def utf8(path: Path, data: Content) -> Content:
 
 
 def body(data: Content) -> tuple[Content, int]:
-    """The text from its header on, without empty rows at its end; and how many lines come before."""
+    """The text from its header on, without empty rows at its end; and how many lines come before.
+
+    A header may be a comment itself, as NumPy writes it: the last one, where a row of numbers follows.
+    """
     before = _PREFACE.match(data[:_PREFACE_MOST])
     end = data[-_PREFACE_MOST:]
     blank = _BLANK_END.search(end)
     empty = len(end) - blank.start() if blank and len(blank[0].strip(b"\r\n")) else 0
     if before is None and not empty:
         return data, 0
-    first = before.end() if before else 0
-    return data[first : len(data) - empty] + b"\n", data[:first].count(b"\n")
+    first = lines = 0
+    if before is not None:
+        first, lines = before.end(), before[0].count(b"\n")
+        last = before[0].rindex(b"\n", 0, -1) + 1 if lines > 1 else len(before[0]) - len(before[0].lstrip(b"\xef\xbb\xbf"))
+        named = _NAMED.match(before[0], last)
+        if named and _NUMBER.match(data[first : first + _PREFACE_MOST]):
+            first, lines = named.end(), lines - 1
+    return data[first : len(data) - empty] + b"\n", lines
 
 
 def _unpacked(path: Path, data: bytes) -> bytes:
