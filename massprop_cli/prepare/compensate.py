@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from massprop_cli.prepare.attitude import (
     bias_seen,
     freed,
     integrate_attitude,
+    matrices,
     quaternion_of,
     quaternion_product,
     world_up_b,
@@ -116,6 +118,10 @@ class Samples:
 T = TypeVar("T", bound=np.generic)
 BLOCK = 1024
 """Cycles that are looked at at once."""
+SURE = 4.0
+"""Standard errors by which noise of a logged attitude must show."""
+SCATTER = 0.02
+"""m/s² of gravity that it may put astray, where the accelerometer's noise isn't stated."""
 
 
 def blocks(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
@@ -161,8 +167,6 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     up: Array = np.zeros((len(rate) + 1, 3))
     carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 4))
     if vehicle.on_air_bearing:
-        if before is None and aligned.attitude_wxyz is not None:
-            check_attitude(aligned.attitude_wxyz, rate * aligned.duration_s[:, None])
         attitude = _attitude_at_edges(aligned, vehicle, rate, before)
         if biased_attitude(aligned.attitude_wxyz is not None, vehicle):
             level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
@@ -218,14 +222,35 @@ def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array, before: 
     return integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
 
 
-def check_attitude(attitude_wxyz: Array, turns: Array) -> None:
-    """Refuse a logged attitude that doesn't turn as the gyro does: another order or direction of its quaternions."""
+def check_attitude(log: Path, attitude_wxyz: Array, turns: Array, vehicle: Vehicle) -> None:
+    """Refuse a logged attitude (K, 4) that doesn't turn by ``turns`` (K, 3) as the gyro does, or scatters by more than noise."""
     back = attitude_wxyz[:-1] * np.array([1, -1, -1, -1])
     steps = quaternion_product(back, attitude_wxyz[1:])
-    logged = 2 * steps[:, 1:] * np.sign(steps[:, :1])
-    apart, turned = (float(np.sqrt((v**2).sum())) for v in (logged - turns[1:], turns[1:]))
+    off = 2 * steps[:, 1:] * np.where(steps[:, :1] < 0, -1.0, 1.0) - turns[1:]
+    apart, turned = (float(np.sqrt((v**2).sum())) for v in (off, turns[1:]))
     if apart > 0.5 * turned and apart > 0.01 * np.sqrt(len(turns)):
         raise InputError(
-            f"columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
-            "quaternions are wxyz, world from body, and taken as exact. Mend them, smooth them if they are noisy, or leave them out"
+            f"{log}, columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
+            "quaternions are wxyz, world from body, and taken as exact. Mend them, or leave them out"
         )
+    noise = _attitude_noise(attitude_wxyz, off)
+    felt = vehicle.environment.gravity_m_s2 * noise
+    if felt > (vehicle.imu.accel_noise_m_s2 or SCATTER):
+        raise InputError(
+            f"{log}, columns quat_w … quat_z: the attitude scatters by {1e3 * noise:.2g} mrad from cycle to cycle, which the gyro "
+            f"doesn't show; it is taken as exact, and puts {felt:.2g} m/s^2 of gravity on axes where it isn't. Leave the columns out, and "
+            "state how the vehicle stood at the start (environment.initial_attitude_wxyz): the gyro carries the attitude on"
+        )
+
+
+def _attitude_noise(attitude_wxyz: Array, off: Array) -> float:
+    """One sigma of white noise of a logged attitude (K, 4) about each axis, rad; 0 where none shows.
+
+    Of what it turns by beside the gyro, ``off`` (K − 1, 3), n[k] − n[k−1] in world axes, the covariance with the next is −σ².
+    """
+    apart = times(matrices(attitude_wxyz[:-1]), off - off.mean(0))
+    covariance = -apart[1:] * apart[:-1]
+    if len(covariance) < 2:
+        return 0.0
+    mean, chance = float(covariance.mean()), float(covariance.std()) / covariance.size**0.5
+    return mean**0.5 if mean > SURE * chance else 0.0

@@ -63,7 +63,8 @@ class Stream:
         self._samples: Samples | None = None
         if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
             records = self.log.records_per_cycle
-            check_attitude(self.log.attitude_wxyz[records - 1 :: records], self._motion(slice(0, len(self)))[1])
+            logged = self.log.attitude_wxyz[records - 1 :: records]
+            check_attitude(self.log.path, logged, self._motion(slice(0, len(self)))[1], vehicle)
 
     @staticmethod
     def of(log: Log, vehicle: Vehicle, timing: Timing) -> Stream:
