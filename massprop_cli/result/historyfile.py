@@ -73,7 +73,7 @@ def _rows(analysis: Analysis, history: History, settled: History, part: slice) -
     left, sigma = np.full((2, *measured.shape), np.nan)
     if settled.residual is not None:
         left, sigma = (values[part] for values in settled.residual)
-    executed = samples.executed.channels.whole if analysis.log.command_kind == "jets" else measured[:, :0]
+    executed = samples.executed.channels.whole[:, : len(_jets(analysis))]  # of wheels and rotors there is no on-time
     return np.hstack(
         [
             *(
