@@ -8,12 +8,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, rows
-from massprop_cli.inputs.telemetry import GAP, LONG
+from massprop_cli.inputs.telemetry import GAP, JITTER, LONG, jitter
 
-JITTER = 0.02
-"""Part of the usual interval that intervals may scatter by (robust): each counts with its own length, commands do not."""
-ROBUST = 1.4826
-"""Median absolute deviation to standard deviation, of a normal distribution."""
 Place = Callable[[int], str]
 
 
@@ -40,10 +36,10 @@ def sampling(time_s: Array, place: Place) -> list[Finding]:
             found.append(_finding(code, "unusable", said, rows(which, place), remedy))
     if found:
         return found
-    scatter = ROBUST * median(np.abs(steps[1:] - usual)) / usual
+    scatter = jitter(steps[1:])
     if scatter > JITTER:
         off = np.abs(steps - usual) > 3 * scatter * usual
-        remedy = "stamp records by the IMU's own clock, not at arrival; a delay found in this log is an average"
+        remedy = "stamp records by the IMU's own clock, not at arrival, or state even = true under their clock in a map file"
         found.append(_finding("jitter", "fault", f"intervals scatter by {100 * scatter:.2g} % of {usual:.6g} s", rows(off, place), remedy))
     short = steps < usual / LONG
     if short.any() and scatter <= JITTER:

@@ -27,7 +27,7 @@ from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import alone, words_of
 from massprop_cli.estimate.initial import first_reference
-from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
@@ -353,4 +353,7 @@ def _in_vain(look: Look) -> str:
         about = f" of {', '.join(found.supposed.subject)}" if found.supposed.subject else ""
         nearest.append(f"{code}{about} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
     near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
+    scatter = jitter(look.case.log.interval_s)
+    if scatter > JITTER:
+        near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State even = true under the clock in a map"
     return f"log and vehicle file don't fit, cause unknown: what the model leaves is {look.misfit:.3g} times pure error{near}; {TRIED}"

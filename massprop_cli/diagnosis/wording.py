@@ -13,6 +13,8 @@ from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import NEAR, Case
 
 SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
+IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
+"""Where the columns of a plain log are mended, and those of a recording."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,8 @@ class Said:
 def words_of(found: Fitted, names: Sequence[str], stated: Case, mended: Case) -> tuple[str, str]:
     """(code, words) that go on "the log fits if …"."""
     said = Said(found, names, stated, mended)
-    if found.supposed.code == "thrust-scale":
-        return _thrust(said)
-    return found.supposed.code, _WORDS[found.supposed.code](said)
+    code, words = _thrust(said) if found.supposed.code == "thrust-scale" else (found.supposed.code, _WORDS[found.supposed.code](said))
+    return code, words if stated.log.made is None else words.replace(IN_VEHICLE_FILE, IN_MAP)
 
 
 def alone(found: Fitted, name: str) -> Fitted:

@@ -12,11 +12,17 @@ from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import SUPPLY, WRENCH, jet, rotor_command, rotor_of, rotor_speed, wheel_of, wheel_speed, wheel_torque
+from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel, WheelLog
 
 CommandKind = Literal["jets", "wrench", "rotors"]
+ROUNDED = 1e-6
+BRIEF, SHORTEST_S = 0.015, 2e-3
+"""Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
+IDLE = 0.5
+"""Part of all on-times that may stand at their least, where that isn't 0."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
@@ -41,6 +47,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
     command = _each(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
+    _check_unit(source, known, command, records, vehicle.cycle)
     return "jets", command
 
 
@@ -79,13 +86,38 @@ def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
     checks: list[tuple[Callable[[Array], Any], str]] = [
         (lambda t: t < 0, "negative on-time; an on-time is 0 or more"),
-        (lambda t: t > period_s * (1 + 1e-6), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
+        (lambda t: t > period_s * (1 + ROUNDED), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
     ]
     for check, problem in checks:
         bad = np.argwhere(np.concatenate([check(on_s[part]) for part in spill.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")
+
+
+def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: int, stated: Cycle) -> None:
+    """On-times whose numbers can be none: the motion can't tell, since mass and inertia are proportional to them."""
+    if not on_s.size:
+        return
+    cycle, number = (int(i) for i in np.unravel_index(np.argmax(on_s), on_s.shape))
+    longest, at = float(on_s[cycle, number]), (cycle * records, jet(names[number]))
+    if 0 < longest < (stated.pwm_tick_s or 0.0) * (1 - ROUNDED):
+        tick = f"cycle.pwm_tick_s = {stated.pwm_tick_s:g} s"
+        raise source.error(*at, f"{longest:g} s is the longest on-time of the log, below {tick}; is it in seconds?")
+    if stated.pwm_tick_s is None and 0 < longest < min(BRIEF * stated.period_s, SHORTEST_S):
+        raise source.error(
+            *at,
+            f"{longest:g} s is the longest on-time of the log, {100 * longest / stated.period_s:.2g} % of the control cycle of "
+            f"{stated.period_s:g} s; is it in seconds? If valves open so briefly, state cycle.pwm_tick_s, of which all are multiples",
+        )
+    idle = float(on_s.min())
+    if len(names) > 1 and idle > 0 and float(np.mean(on_s == idle)) > IDLE:
+        raise source.error(
+            0,
+            jet(names[int(np.argmin(on_s[0]))]),
+            f"{idle:g} s is the on-time of most jets in most cycles, and none is ever shorter; an idle jet's is 0: take that off "
+            "(offset under its table in a map file)",
+        )
 
 
 def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:

@@ -33,6 +33,10 @@ _BLANK_BEGINNING = re.compile(r"[ \t]*\n")
 _ANYTHING = re.compile(r"\S")
 _INSTANT = re.compile(r"\s*(\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d([.,]\d{1,9})?\s*(Z|[+-]\d\d:?(\d\d)?)?\s*$")
 """A date and time of ISO 8601, or the time alone."""
+_NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$")
+_DATED = re.compile(r"\d[:/.-]\w+[:/.-]\d|\d:\d\d|\d\s*(AM|PM|s|sec|days?)\b", re.IGNORECASE)
+_HEADED = 60
+"""Lines up to which a file's own preamble may go."""
 _WHOLE = 2**53
 """The largest number up to which float64 holds every whole one."""
 
@@ -82,16 +86,23 @@ def columns_of(path: Path, data: Content) -> Table:
     found = readers[recording.suffix(path)](path, data)
     if found.rows == 0:
         raise InputError(f"{path}: has a header but no rows; record the log again")
-    twice = repeated(found.names)
-    if twice is not None:
-        header = "" if found.places.lines is None else ", line 1"
-        raise InputError(f"{path}{header}: column {twice!r} stands twice; rename one or drop it")
+    _check_names(str(path), found.names)
     columns = {
         name: Cells(path, name, partial(found.column, name), found.places, found.instants.get(name, ""), found.units.get(name, ""))
         for name in found.names
     }
     vehicle, by = (found.embedded.get(key) for key in (VEHICLE_KEY, MAP_KEY))
     return Table(path, spill.digest(data), columns, found.rows, found.places, vehicle, embedded_map=by)
+
+
+def _check_names(where: str, names: Sequence[str]) -> None:
+    """:class:`InputError` where two columns have one name: of such neither can be meant."""
+    twice = repeated(names)
+    if twice is not None:
+        times = names.count(twice)
+        grouped = "; if this line names groups of columns, delete it, and put them into the names below" if times > 2 else ""
+        said = f"column {twice!r} stands {'twice' if times == 2 else f'{times} times'}"
+        raise InputError(f"{where}: {said}; rename one or drop it{grouped}")
 
 
 class _File(NamedTuple):
@@ -150,8 +161,12 @@ def _read_csv(path: Path, data: Content) -> _File:
         raise InputError(f"{top}: no header; the first line names the columns")
     if len(names) == 1:
         raise InputError(
-            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs"
+            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs; delete "
+            "what stands above it"
         )
+    if all(map(_NUMBER.match, names)):
+        raise InputError(f"{top}: numbers, and no names; write a line above them that names the columns")
+    _check_names(top, names)
     if not lines:
         raise InputError(f"{path}: has a header but no rows; record the log again")
     places = Places(lines)
@@ -257,7 +272,8 @@ def _texts(path: Path, data: Content, names: Sequence[str], cut: str) -> Any:
         for number, line in enumerate(_LINE_END.sub("\n", str(data, "utf-8-sig")).split("\n")[1:], 2):
             found = line.count(cut) + 1
             if line.strip() and found != len(names) and '"' not in line:
-                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line") from None
+                above = "; or if the columns' names stand further down, delete what is above them" if number <= _HEADED else ""
+                raise InputError(f"{path}, line {number}: {found} cells under {len(names)} columns; mend the line{above}") from None
         raise InputError(f"{path}: not a readable CSV file ({str(error).splitlines()[0]})") from None
 
 
@@ -365,6 +381,12 @@ class Cells:
                 is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):
                 is_number = False
+            if cell == self.name:
+                return InputError(
+                    f"{self.path}, {self.places.of(row)}, column {self.name}: the header stands here again; a recording after another one: "
+                    "split the file there"
+                )
             if not is_number:
-                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; mend the cell")
+                date = "; a date and time is ISO 8601's, 2024-05-01T12:00:00.125" if _DATED.search(str(cell)) else ""
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; mend the cell{date}")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

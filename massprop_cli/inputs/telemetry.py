@@ -38,6 +38,8 @@ VOID = (*SATURATED, "cycle-period")
 """Codes of notices beside which no value holds, and which nothing mends."""
 PACE = 0.0025
 """Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
+JITTER = 0.02
+"""Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
 FELT = 0.08
 """Part of gravity below which an accelerometer doesn't feel it: one that counts in g feels a tenth."""
 
@@ -117,6 +119,12 @@ class Log:
         return self.time_s[self.records_per_cycle - 1 :: self.records_per_cycle]
 
 
+def jitter(interval_s: Array) -> float:
+    """By what part of the usual interval all of them (n,) scatter: the median deviation, as one sigma of a normal distribution."""
+    usual = median(interval_s)
+    return 1.4826 * median(np.abs(interval_s - usual)) / usual
+
+
 def read(table: Table, vehicle: Vehicle) -> Log:
     """Check a table against the vehicle and the contract.
 
@@ -190,7 +198,8 @@ def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:
             Notice(
                 "long-interval",
                 f"{long.size} record(s) longer than {LONG:g} times the median interval of {usual:.6g} s, the first at "
-                f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length",
+                f"{source.place(row)} ({steps[long[0]]:.6g} s); each counts with its own length. A record that was lost took its command "
+                "with it: where values are contradicted, split the log there",
             )
         )
     interval_s = spill.empty(len(time_s))

@@ -78,7 +78,7 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     best, axes, unit = min(tried)
     if best < _TOGETHER:
         wrong = [f"axes = {list(axes)} beyond those it has"] * (axes != ("x", "y", "z")) + [f"unit = {unit!r}"] * (factors[unit] != 1.0)
-        problem = f"it agrees with {' and '.join(wrong)}: mend that under [{key}]"
+        problem = f"it agrees with {' and '.join(wrong)}: mend that under [{key}], or the attitude's own axes, turns and world ([attitude])"
     else:
         problem = f"no order of axes and no unit mends that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
     raise InputError(

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, StringConstraints, field_validator, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints, model_validator
 
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
@@ -15,15 +15,30 @@ from massprop_cli.inputs.section import Positive, Real, Section
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-Axes = tuple[Axis, Axis, Axis]
 _AS_RECORDED = "absent: as the file records it"
 
 
+def _turn(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+    order = ["xyz".index(axis[-1]) for axis in axes]
+    if sorted(order) != [0, 1, 2]:
+        raise ValueError("names an axis twice; name x, y and z once each")
+    odd = [(0, 1, 2), (1, 2, 0), (2, 0, 1)].count((order[0], order[1], order[2])) == 0
+    if (sum(axis.startswith("-") for axis in axes) + odd) % 2:
+        raise ValueError("is a mirror, not a turn: no sensor is left-handed; change one sign, or swap two axes")
+    return axes
+
+
+Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(_turn)]
+
+
 class Clock(Section):
-    """The times of a stream: ``value * unit + offset_s``."""
+    """The times of a stream: ``value * scale * unit + offset_s``."""
 
     path: Path_ | None = Field(None, description="stream of the times; absent: the one that the file names")
     unit: Path_ | None = Field(None, description=f"s, ms, us or ns; {_AS_RECORDED}")
+    scale: Positive = Field(1.0, description="a further factor: 0.1 with ms for ticks of 0.1 ms, 0.01 with s for a counter at 100 Hz")
+    nanoseconds: Path_ | None = Field(None, description="stream of nanoseconds that are added, where path holds whole seconds")
+    even: bool = Field(False, description="samples come at even intervals, and only their stamps scatter: the line through these is taken")
     offset_s: FiniteFloat = Field(0.0, description="added, to bring clocks together that began apart")
 
 
@@ -49,17 +64,6 @@ class MappedVector(Mapped):
     )
     axes: Axes = Field(("x", "y", "z"), description='which of them, with its sign, is x, y, z: ["y", "-x", "z"]')
 
-    @field_validator("axes")
-    @classmethod
-    def _turns(cls, axes: Axes) -> Axes:
-        order = ["xyz".index(axis[-1]) for axis in axes]
-        if sorted(order) != [0, 1, 2]:
-            raise ValueError("names an axis twice; name x, y and z once each")
-        odd = [(0, 1, 2), (1, 2, 0), (2, 0, 1)].count((order[0], order[1], order[2])) == 0
-        if (sum(axis.startswith("-") for axis in axes) + odd) % 2:
-            raise ValueError("is a mirror, not a turn: no sensor is left-handed; change one sign, or swap two axes")
-        return axes
-
 
 class Sensor(MappedVector):
     """Gyro or accelerometer, IMU axes."""
@@ -83,7 +87,15 @@ class Jet(Mapped):
     unit: Path_ | None = Field(
         None, description="s, ms, us: on-time of this control cycle; open, %: the valve's state, summed over each control cycle"
     )
+    offset: FiniteFloat = Field(0.0, description="added to the recorded number, before unit and scale: -1000 where 1000 us is shut")
+    bit: int | None = Field(None, ge=0, le=52, description="of a whole number that holds a valve in each bit, 0 the lowest: this one")
     holds: Literal["until_next", "since_last"] = "until_next"
+
+    @model_validator(mode="after")
+    def _is_a_bit(self) -> Jet:
+        if self.bit is not None and (self.unit not in (None, "open") or self.offset != 0):
+            raise ValueError("bit is a valve that is open or shut; drop unit and offset")
+        return self
 
 
 class Rotor(Mapped):
@@ -115,6 +127,9 @@ class Attitude(Section):
     order: Literal["wxyz", "xyzw"] = Field(description="of the paths")
     turns: Literal["world_from_body", "body_from_world"] = "world_from_body"
     world: Literal["z_up", "z_down"] = Field("z_up", description="of the file's world; with z_down (NED) the log's is turned half about x")
+    axes: Axes = Field(
+        ("x", "y", "z"), description='which of the axes of its body are x, y, z of the vehicle\'s: ["x", "-y", "-z"] of forward-right-down'
+    )
     clock: Clock | None = None
 
 

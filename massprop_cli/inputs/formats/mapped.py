@@ -46,7 +46,16 @@ def of(read: Recording, source: MapSource | None) -> Table:
     signals = Signals(read, source)
     records = source.map.records
     made = onrows.columns_of(signals) if records is None else oncycles.columns_of(signals, records)
-    return _table(read, made, Made(source.source, source.sha256, tuple(signals.made)))
+    return _table(read, made, Made(source.source, source.sha256, tuple(_together(signals.made))))
+
+
+def _together(said: Sequence[str]) -> list[str]:
+    """What was done, once for all keys of the map that it was done alike for."""
+    keys: dict[str, list[str]] = {}
+    for line in said:
+        key, _, what = line.partition(": ")
+        keys.setdefault(what or line, []).append(key if what else "")
+    return [f"{', '.join(each)}: {what}" if each[0] else what for what, each in keys.items()]
 
 
 def _by_contract(read: Recording) -> dict[str, Array]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
@@ -23,6 +23,10 @@ _SAME = 1e-3
 """Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
 _STAMPED = 0.15
 """Of a cycle, by which stamps of commands may scatter that come once in each: a controller's commands act in step with its cycles."""
+AJAR = 0.1
+"""A valve that is on is open farther than this, at least once in a recording."""
+_CHANGES, _TOGETHER = 8, 0.7
+"""Changes of commands that tell where cycles begin, at least, and the part of them that come so far into a cycle, to a record."""
 _EARLY = 0.25
 """Of a cycle: an on-time stamped so much before a cycle begins is still that cycle's."""
 
@@ -50,7 +54,7 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
     spans += [_Span(accelerometer, resample.knots(accelerometer.times.s, said.accelerometer.values))]
     spans += [_Span(signal, signal.times.s) for signal in slow]
     spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in commands if each.signal.paths]
-    edges = _edges(signals, records, spans, [command.signal for command in commands])
+    edges = _edges(signals, records, spans, commands)
     _check(signals, edges, [gyro, accelerometer], slow)
     zero = edges[0] if records.zero == "start" else 0.0
     made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
@@ -90,11 +94,28 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
             signal = replace(signal, values=resample.into_body(signal.values, at))
             signals.made.append(f"{key}: turned from world into body axes with the logged attitude at each command's time")
         found.append(_Command(signal, wrench.holds, names, "mean"))
-    for name, jet in signals.map.jets.items():
-        signal, share = signals.jet(name, jet)
+    jets = [(jet, *signals.jet(name, jet)) for name, jet in signals.map.jets.items()]
+    _check_open(signals, [signal for _, signal, share in jets if share])
+    for name, (jet, signal, share) in zip(signals.map.jets, jets, strict=True):
         found.append(_Command(signal, jet.holds, (columns.jet(name),), "share" if share else "on_time"))
     found += [_Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
+
+
+def _check_open(signals: Signals, valves: Sequence[Signal]) -> None:
+    """Valves of which none ever opens: their numbers are another quantity, or percent of what isn't."""
+    widest = max(valves, key=lambda one: float(one.values.max()), default=None)
+    if widest is None:
+        return
+    most = float(widest.values.max())
+    if 0 < most < AJAR:
+        raise signals.error(
+            widest.key,
+            widest.paths[0],
+            f"no valve is open by more than {most:.4g} ({100 * most:.3g} %) in all of this recording; a state is 0 or 1, or up to 100 %. "
+            'If it is the on-time of a control cycle, state unit = "s", "ms" or "us"; if it is 0 to 1, unit = "open"; if it is the share '
+            'of a cycle that a valve is open, unit = "s" with scale = the length of a cycle',
+        )
 
 
 def _instants(signals: Signals) -> list[tuple[Signal, str]]:
@@ -110,7 +131,7 @@ class _Span:
     at_s: Array
 
 
-def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[Signal]) -> Array:
+def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[_Command]) -> Array:
     """Where records begin and end, whole control cycles of them within all streams; the gyro's span is the first."""
     gyro, knots = spans[0].signal, spans[0].at_s
     first, last = max(spans, key=lambda one: one.at_s[0]), min(spans, key=lambda one: one.at_s[-1])
@@ -128,16 +149,21 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     end = end if records.end_s is None else min(end, records.end_s - zero)
     length = records.interval_s or (records.samples or 1) * gyro.times.step_s
     cycle = length * records.per_cycle
-    driving = next((one.times for one in commands if abs(one.times.step_s / cycle - 1) < _LIKE), None)
+    driving = next((one.signal.times for one in commands if abs(one.signal.times.step_s / cycle - 1) < _LIKE), None)
     slack = _SAME * gyro.times.step_s
+    begun = None if driving is not None else _where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():
         start = _begun(driving.s[driving.s >= start - slack], start - slack, cycle)
         signals.made.append(f"control cycles begin with the first command by {driving.path!r}, at {start + zero:.13g} s")
+    elif begun is not None:
+        start = begun
+        signals.made.append(f"control cycles begin where commands change, the first at {start + zero:.13g} s")
     if records.samples is None:
         edges = start + length * np.arange(max(int((end - start + slack) / length), 0) + 1)
     else:
         # commands are stamped with less care than a cycle is long; without any, nothing before the start is taken
-        near = int(np.argmin(np.abs(knots - start))) if driving is not None else int(np.searchsorted(knots, start - slack))
+        told = driving is not None or begun is not None
+        near = int(np.argmin(np.abs(knots - start))) if told else int(np.searchsorted(knots, start - slack))
         edges = knots[near :: records.samples]
         edges = edges[edges <= end + slack]
     whole = (len(edges) - 1) // records.per_cycle * records.per_cycle
@@ -189,18 +215,24 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     signal, step, length = command.signal, command.signal.times.step_s, median(np.diff(cycles))
     said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
     if command.kind == "on_time":
-        count, first = resample.in_each(signal.times.s, cycles, _EARLY)
-        wrong = np.flatnonzero(count != 1)
+        if step > (1 - _LIKE) * length:
+            count, first = resample.in_each(signal.times.s, cycles, _EARLY)
+        else:  # in every record, which counts by its middle
+            middle = step / 2 if command.holds == "until_next" else -step / 2
+            count, first = resample.in_each(signal.times.s + middle, cycles, 0.0)
+        wrong = np.flatnonzero((count < 1) | _differing(signal.values[:, 0], first, count))
         if wrong.size:
             at = cycles[wrong[0]] + signal.times.zero_s
             raise signals.error(
                 signal.key,
                 signal.paths[0],
-                f"{count[wrong[0]]} on-times in the control cycle of {length:.6g} s at {at:.13g} s; one each is wanted: mend [records], "
-                'or unit = "open" if this is the state of a valve',
+                f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
+                "one (0 where the jet is off), or the same in all of its records: mend the length of cycles or their beginning ([records])",
             )
         apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
-        signals.made.append(f"{said}, one in each control cycle, stamped up to {apart:.3g} s from its beginning")
+        most = int(count.max())
+        each = "one in each control cycle" if most == 1 else f"up to {most} alike in each control cycle"
+        signals.made.append(f"{said}, {each}, stamped up to {apart:.3g} s from its beginning")
         return signal.values[first]
     if not signal.paths:
         signals.made.append(f"{signal.key}: taken as {', '.join(f'{v:g}' for v in signal.values[0])} throughout, as the map states")
@@ -212,6 +244,46 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
     signals.made.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
     return found * np.diff(cycles)[:, None] if command.kind == "share" else found
+
+
+def _where_they_change(commands: Sequence[_Command], least_s: float, cycle_s: float) -> float | None:
+    """When cycles begin of commands that stand in several records of each: as far into a cycle as most of their changes come together.
+
+    A valve's pulses begin there and end anywhere, so that of jets what rises counts alone. None where they come together nowhere.
+    """
+    found, step = [], 0.0
+    for command in commands:
+        times, values = command.signal.times, command.signal.values
+        if not command.signal.paths or times.step_s > (1 - _LIKE) * cycle_s:
+            continue
+        change = np.diff(values, axis=0)
+        changed = (change != 0).any(1) if command.kind == "mean" else (change > 0).any(1)
+        found.append((times.s[1:] if command.holds == "until_next" else times.s[:-1])[changed])
+        step = max(step, times.step_s)
+    into = np.sort((np.concatenate([*found, []]) - least_s) % cycle_s)
+    if len(into) < _CHANGES:
+        return None
+    around = np.concatenate([into, into + cycle_s])
+    together = np.searchsorted(around, into + max(step, _SAME * cycle_s), side="left") - np.arange(len(into))
+    most = int(np.argmax(together))
+    if together[most] < _TOGETHER * len(into):
+        return None
+    begun = median(around[most : most + together[most]]) % cycle_s
+    return least_s + (begun if cycle_s - begun > _SAME * cycle_s else 0.0)
+
+
+def _differing(values: Array, first: IntArray, count: IntArray) -> BoolArray:
+    """(K,) whether those of a cycle differ, of which ``count`` follow each other from the ``first`` on."""
+    changes = np.concatenate([[0], np.cumsum(np.diff(values) != 0)])
+    last = np.minimum(first + np.maximum(count, 1), len(values)) - 1
+    found: BoolArray = changes[last] != changes[first]
+    return found
+
+
+def _counted(signal: Signal, first: IntArray, count: IntArray, cycle: int) -> str:
+    """How many there are in a cycle and, of those that are not alike, two."""
+    own = list(dict.fromkeys(signal.values[first[cycle] : first[cycle] + count[cycle], 0].tolist()))
+    return f"{count[cycle]} on-times ({' and '.join(f'{value:.4g} s' for value in own[:2])})" if own else "no on-time"
 
 
 def _begun(times_s: Array, least_s: float, cycle_s: float) -> float:

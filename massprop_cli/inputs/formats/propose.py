@@ -39,7 +39,7 @@ class _Quantity:
 _SENSORS = (
     _Quantity(
         "gyro",
-        re.compile(r"gyro|ang(ular)?_?(vel|rate)|omega|delta_(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
+        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|delta_(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
         units.RATE,
         units.ANGLE,
     ),

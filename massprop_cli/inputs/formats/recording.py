@@ -135,7 +135,12 @@ def kind(path: Path) -> Kind:
     """The format of a file by its name; :class:`InputError` where it is none."""
     found = KINDS.get(suffix(path))
     if found is None or (path.suffix.lower() == ".gz" and suffix(path) not in (".csv", ".tsv")):
-        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {_others()}")
+        named = (
+            "; a table of text is read once it is renamed to .csv or .tsv"
+            if path.suffix.lower() in (".txt", ".lvm", ".dat", ".asc")
+            else ""
+        )
+        raise InputError(f"{path}: unknown kind of file {path.suffix!r}; a log is .parquet or .csv, a recording also {_others()}{named}")
     return found
 
 

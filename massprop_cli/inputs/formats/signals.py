@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
@@ -19,6 +19,26 @@ from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, Ma
 from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
 
 _SHOWN = 5
+_SENSORS = ("gyro", "accelerometer")
+TOGETHER = 0.1
+"""Part of the mean interval below which samples come together; ..."""
+_PAIRED, _SEVERAL = (0.3, 1.0), 20
+"""... the part of them that do, of sensors that take turns or of bursts, and how many samples tell."""
+LEAPT = 0.75
+"""Samples by which stamps may wander from even intervals: less than by one that was lost."""
+_IN_BRACKETS, _SLASH = re.compile(r"\[[^\[\]]*\]|\([^()]*\)"), "\0"
+"""A slash of a unit, as in ``gyro_x [deg/s]``, parts no levels."""
+_WRAPPED = 1e-3
+_WRAPS = {
+    **{
+        2.0**bits * factor: f"its counter wraps: add 2^{bits} {unit} to all that follows"
+        for bits in (16, 31, 32)
+        for unit, factor in units.TIME.items()
+    },
+    86400.0: "it passes midnight: add a day to all that follows, or write dates",
+    1.0: "it holds the part of a second: name the whole seconds as path, and nanoseconds = this one",
+}
+"""What to do about a clock that goes back by so many seconds."""
 GAP = 2.5
 """Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
 
@@ -62,7 +82,7 @@ class Signals:
         self.recording, self.map, self.source = recording, source.map, source.source
         self.made: list[str] = []
         """What was done, for whoever reads the result."""
-        self._clocks: dict[tuple[str, str | None, float, bytes], Times] = {}
+        self._clocks: dict[tuple[Clock, bytes], Times] = {}
         self._gyro: Times | None = None
         self._zero = Fraction(0)
         records = self.map.records
@@ -90,11 +110,23 @@ class Signals:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
         key = f"jets.{name}"
         stream = self._stream(key, said.path)
+        clock = self._clock_of(key, [said.path], said.clock)
+        if said.bit is not None:
+            return self._signal(key, [stream.path], self._bit(key, stream, said.bit)[:, None], clock), True
         known = {unit: value for unit, value in units.TIME.items() if unit != "ns"} | units.SHARE
         factor, unit = self._factor(key, stream, said.unit, known)
-        values = self._numbers(key, stream, empty=True) * (factor * said.scale)
-        clock = self._clock_of(key, [said.path], said.clock)
-        return self._signal(key, [stream.path], values[:, None], clock), unit in units.SHARE
+        values = (self._numbers(key, stream, empty=True) + said.offset) * (factor * said.scale)
+        signal = self._signal(key, [stream.path], values[:, None], clock)
+        return signal, unit in units.SHARE
+
+    def _bit(self, key: str, stream: Stream, bit: int) -> Array:
+        """(n,) whether a bit of a whole number is set: 0, 1, and NaN where there is no number."""
+        values = self._numbers(key, stream, empty=True)
+        bad = np.flatnonzero((values < 0) | (values % 1 != 0))
+        if bad.size:
+            where = stream.place(int(bad[0]))
+            raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is no whole number of bits; drop bit, or name another path")
+        return np.where(np.isnan(values), values, np.nan_to_num(values).astype(np.int64) >> bit & 1)
 
     def spinners(self) -> Iterator[tuple[Signal, str, Literal["mean", "instant"], resample.Holds]]:
         """Of rotors and wheels: a signal, its column, whether it is held or read off at records' ends, and over what time it holds."""
@@ -133,6 +165,7 @@ class Signals:
         quaternion = quaternion / norm[:, None]
         if said.turns == "body_from_world":
             quaternion = quaternion * np.array([1, -1, -1, -1])
+        quaternion = resample.about_axes(quaternion, said.axes)
         return self._signal("attitude", paths, quaternion, self._clock_of("attitude", paths, said.clock))
 
     def _vector(self, key: str, said: MappedVector, known: Mapping[str, float]) -> Signal:
@@ -264,31 +297,69 @@ class Signals:
     @staticmethod
     def _exact(clock: Clock, value: Any, factor: float) -> Fraction:
         """A time in seconds, without rounding."""
-        return Fraction(value.item()) * Fraction(str(factor)) + Fraction(clock.offset_s)
+        return Fraction(value.item()) * Fraction(str(factor)) * Fraction(str(clock.scale)) + Fraction(clock.offset_s)
 
     def _time_factor(self, key: str, clock: Clock) -> float:
         return self._factor(key, self._stream(key, clock.path or ""), clock.unit, units.TIME)[0]
 
     def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
         path = clock.path or ""
-        held = (path, clock.unit, clock.offset_s, b"" if rows is None or rows.all() else rows.tobytes())
+        held = (clock, b"" if rows is None or rows.all() else rows.tobytes())
         if held not in self._clocks:
             factor = self._time_factor(f"{key}.clock", clock)
             values = self._counts(key, path, rows)
             if self._zero:
                 # whole nanoseconds since 1970 don't fit a float: their differences do
                 first = float(self._exact(clock, values[0], factor) - self._zero)
-                seconds = np.asarray(values - values[0], np.float64) * factor + first
+                seconds: Array = np.asarray(values - values[0], np.float64) * (factor * clock.scale) + first
             else:
-                seconds = np.asarray(values, np.float64) * factor + clock.offset_s
-            back = np.flatnonzero(np.diff(seconds) <= 0)
-            if back.size or len(seconds) < 2:
-                own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
-                at = self._stream(key, path).place
-                where = f"stands still or goes back at {at(int(own[back[0] + 1]))}" if back.size else "has one sample only"
-                raise self.error(f"{key}.clock", path, f"time {where}; name another clock, or sort and cut the recording")
+                seconds = np.asarray(values, np.float64) * (factor * clock.scale) + clock.offset_s
+            if clock.nanoseconds is not None:
+                seconds += 1e-9 * np.asarray(self._counts(key, clock.nanoseconds, rows), np.float64)
+            own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
+            if clock.even and len(seconds) > 1:
+                seconds = self._even(key, path, seconds)
+            self._check_times(key, path, seconds, own)
             self._clocks[held] = Times(path, seconds, float(self._zero))
         return self._clocks[held]
+
+    def _check_times(self, key: str, path: str, seconds: Array, rows: IntArray) -> None:
+        """:class:`InputError` where they don't increase, or are those of two sensors, one after the other."""
+        steps, place = np.diff(seconds), self._stream(key, path).place
+        back = np.flatnonzero(steps <= 0)
+        if len(seconds) < 2:
+            raise self.error(f"{key}.clock", path, "time has one sample only; name another clock")
+        if back.size:
+            first = int(back[0])
+            where = f"time stands still or goes back at {place(int(rows[first + 1]))}"
+            drop, zero = median(np.abs(steps)) - float(steps[first]), float(self._zero)
+            wrap = next((cure for length, cure in _WRAPS.items() if abs(drop / length - 1) < _WRAPPED), None)
+            cure = wrap or "name another clock, or sort and cut the recording"
+            fall = f"from {seconds[first] + zero:.13g} to {seconds[first + 1] + zero:.13g} s"
+            raise self.error(f"{key}.clock", path, f"{where}, {fall}; {cure}")
+        mean = float(steps.mean())
+        together = steps < TOGETHER * mean
+        if key in _SENSORS and len(steps) >= _SEVERAL and _PAIRED[0] < float(together.mean()) < _PAIRED[1]:
+            raise self.error(
+                f"{key}.clock",
+                path,
+                f"{100 * together.mean():.0f} % of its samples come right after another ({median(steps[together]):.3g} s, and "
+                f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if "
+                "they came in bursts, state even = true under the clock, or the clock of the sensor itself",
+            )
+
+    def _even(self, key: str, path: str, stamps_s: Array) -> Array:
+        """(n,) times of samples that come at even intervals; :class:`InputError` where their stamps tell that they don't."""
+        even, wander = resample.even(stamps_s)
+        step = float(even[1] - even[0])
+        if wander > LEAPT:
+            problem = (
+                f"its stamps wander by {wander:.2g} samples from even intervals of {step:.6g} s: samples were lost, or the rate changed"
+            )
+            raise self.error(f"{key}.clock", path, f"{problem}; drop even")
+        scatter = float((stamps_s - even).std())
+        self.made.append(f"{key}: stamps by {path!r} scatter by {scatter:.3g} s; its samples are taken as coming every {step:.9g} s")
+        return even
 
 
 def replace_clock(clock: Clock, path: str) -> Clock:
@@ -307,6 +378,7 @@ def fitting(pattern: str, paths: Sequence[str]) -> list[str]:
 def _fits(parts: Sequence[str], path: str) -> bool:
     """Whether a pattern's parts fit a path, in a time that grows as the product of their lengths: a regular expression's may explode."""
     ends = {0}
+    path = _IN_BRACKETS.sub(lambda unit: unit[0].replace("/", _SLASH), path)
     for part in parts:
         if part == "**":
             ends = set(range(min(ends), len(path) + 1))
@@ -315,7 +387,7 @@ def _fits(parts: Sequence[str], path: str) -> bool:
         elif part == "?":
             ends = {end + 1 for end in ends if path[end : end + 1] not in ("", "/")}
         else:
-            ends = {end + len(part) for end in ends if path.startswith(part, end)}
+            ends = {end + len(part) for end in ends if path[end : end + len(part)].replace(_SLASH, "/") == part}
         if not ends:
             return False
     return len(path) in ends
