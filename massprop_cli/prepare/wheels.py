@@ -21,6 +21,9 @@ from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.sums import of_records
 
+FOR_A_PARABOLA = 8
+"""Records, of which fewer make one too noisy at its end."""
+
 
 @dataclass(frozen=True)
 class Stored:
@@ -86,11 +89,23 @@ def _grown(log: Log, vehicle: Vehicle, wheel: Wheel, said: WheelLog, delay_s: fl
     at = start + delay_s if wheel.torque_is == "commanded" else by_commands_clock(log, vehicle, start)
     time_s = np.append(at, at[-1] + length[-1])
     about = _about(log, vehicle, wheel)
-    before = int(np.searchsorted(start + length, at[0] + 1e-6 * length[0]))
-    # at the moment of the first torque, by the cycles before it: those after it have answered already
-    first = 1.5 * about[before - 1] - 0.5 * about[before - 2] if before > 1 else about[0]
-    turning = np.append(first, np.interp(at[1:], start, about))
+    turning = np.append(_turning_at(log, vehicle, wheel, float(at[0])), np.interp(at[1:], start, about))
     return _Grown(time_s, _driven(wheel, said, np.diff(time_s), turning))
+
+
+def _turning_at(log: Log, vehicle: Vehicle, wheel: Wheel, moment_s: float) -> float:
+    """The body's own rate about the wheel's axis when the first torque acts, by the records before: those after it have answered already.
+
+    What a parabola (of few records a line) through those of two cycles comes to then; where there is none, that of the first.
+    """
+    end_s = by_commands_clock(log, vehicle, log.time_s)
+    last = int(np.searchsorted(end_s, moment_s + 1e-6 * log.interval_s[0], "right"))
+    used = slice(max(last - 2 * log.records_per_cycle, 0), max(last, 1))
+    interval = log.interval_s[used]
+    rate = times(np.array(vehicle.imu.body_from_imu), log.delta_theta_imu_rad[used] / interval[:, None]) @ wheel.direction
+    since = end_s[used] - interval / 2 - moment_s
+    degree = 2 if len(rate) >= FOR_A_PARABOLA else min(len(rate) - 1, 1)
+    return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
 
 
 def _about(log: Log, vehicle: Vehicle, wheel: Wheel) -> Array:
