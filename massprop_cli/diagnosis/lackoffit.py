@@ -139,6 +139,9 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
     felt: Array = system.felt - times(system.observation[:, 3:, PARAMETERS], parameters(reference))
     if len(reference.scale):
         felt -= times(system.observation[:, 3:, Layout.of(samples, vehicle).scale], reference.scale)
+    damping = Layout.of(samples, vehicle).damping
+    if damping.stop > damping.start:  # what was found of it, which the steps have already
+        felt -= times(system.observation[:, 3:, damping], reference.damping)
     if plant_of(vehicle).tilt_sigma > 0:
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     if biased_attitude(samples.attitude_logged, vehicle):  # the attitude is off by what the bias that was found has made of it

@@ -81,3 +81,21 @@ def test_what_is_found_of_the_damping_is_what_acted(name: str) -> None:
 
 def test_a_table_tells_no_damping_but_of_yaw() -> None:
     np.testing.assert_allclose(flown("planar").damping[:, :2], [[[0.0, 0.2]] * 2] * SEEDS, atol=1e-12)
+
+
+def test_what_damping_does_to_a_far_imu_is_no_misfit() -> None:
+    """A sharp accelerometer 27 cm from O feels the damping as angular acceleration; what is found of it leaves nothing to contradict."""
+    plan, damping = CASES["free-flyer"]
+    far = ("vehicle.imu.position_m=[0.1, 0.2, -0.15]", "vehicle.imu.accel_noise_m_s2=1e-3", "vehicle.imu.gyro_noise_rad_s=5e-5")
+    keys = [
+        "duration_s=20.0",
+        plan,
+        f"disturbance.rate_n_m_s={[4 * d for d in damping]}",
+        "vehicle.environment.damping_sigma_n_m_s=0.5",
+        *far,
+    ]
+    flights = simulate.fly(scenario.load("free-flyer", keys), [1, 2])
+    for i in range(2):
+        analysis = flow.examine(flights.log(i), VehicleSource(flights.vehicle, "", ""))
+        assert not [notice.message for notice in analysis.notices]
+        assert all(e.verdict == "converged" for name, e in analysis.conclusions[0].estimates.items() if name != "mass")
