@@ -7,6 +7,7 @@
 
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
 #define PASSES 3     /* that rebuild the motion within a cycle */
+#define ORDERS 4     /* of the turn within a cycle */
 #define DEAF R(1e8)  /* by how much louder the noise is of a reading that is not used */
 
 static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
@@ -89,13 +90,18 @@ static void swing(const mp_reference *about, const bin *here, mp_real out[3]) {
     mp_times((const mp_real(*)[3])j, swung, out);
 }
 
-/* The vertical after the body has turned, to second order. */
+/* The vertical after the body has turned by a rotation vector: the exponential's series. */
 static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) {
-    mp_real once[3], twice[3];
-    int i;
-    mp_cross(up, angle, once);
-    mp_cross(once, angle, twice);
-    for (i = 0; i < 3; i++) out[i] = up[i] + once[i] + twice[i] / R(2);
+    mp_real term[3], next[3];
+    int order, i;
+    for (i = 0; i < 3; i++) out[i] = term[i] = up[i];
+    for (order = 1; order <= ORDERS; order++) {
+        mp_cross(term, angle, next);
+        for (i = 0; i < 3; i++) {
+            term[i] = next[i] / R(order);
+            out[i] += term[i];
+        }
+    }
 }
 
 /* Rate, angular acceleration and vertical in each bin, and the rate and the vertical at both ends. */
