@@ -14,6 +14,7 @@ from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
+from massprop_cli.conclude.white import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -49,6 +50,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
+        if isinstance(found.vehicle, Resolved):
+            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle))
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 
 

@@ -119,7 +119,7 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
     np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=0.02)
     assert np.argmin(found[:5]) == 0  # no torque walks
     # by a factorisation what stands twice leaves directions of the noise, whose sizes are rounding's: another CPU's kernels give others, up
-    # to 85 apart; what tells the levels apart is ten times that
+    # to 85 apart; what tells the levels apart is several times that
     by_factors = [one.cost for one in whitening.each(made.driven, levels, distinct)]
     np.testing.assert_allclose(np.diff(by_factors), np.diff(found), atol=150.0)
     assert np.argmin(by_factors[:5]) == 0

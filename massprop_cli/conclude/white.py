@@ -1,0 +1,77 @@
+"""Whether what was sized as noise is any: what is left of it must be white and normal.
+
+Where the stated noise doesn't explain a log, disturbances are sized until it does (:mod:`massprop_cli.estimate.disturbances`), and their
+covariance goes into every sigma. That is honest of noise alone. A flexible part or sloshing answers a push for many cycles, and a command
+that was not executed leaves a few steps as large as the command: both are no white torque, and may move a value by far more than its sigma.
+So the whitened innovations that are left are held against what they claim to be, channel by channel, by two tests:
+
+    Q = N Σ r_k², k = 1 … 11,   chi-square of as many degrees of freedom (Box & Pierce 1970), r_k their autocorrelation,
+    K = Σ z⁴ / N / (Σ z² / N)² − 3,   normal with a variance of 24 / N.
+
+Of rates not r_1, which is ½ for a torque that is white from cycle to cycle and turns the rate in two steps, half in each; the others
+scatter by half as much again then. Where one axis fails, no axis of that sensor counts: what swings about one turns the others too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.estimate.disturbances import CLIP
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.estimatorsettings import UNWIDENED
+from massprop_cli.model.resolved import Resolved
+
+LAGS = range(1, 12)
+"""Cycles over which what is left may follow itself."""
+LEAST = 60
+"""Cycles that tell."""
+COLOURED, SURE = 0.25, 75.0
+"""Σ r_k² and Q beyond which it does. No real disturbance is quite white, and of a long log a little shows; a part that swings leaves
+0.3 to 2. Chance exceeds that Q once in four million channels of a white torque."""
+HEAVY = 3.0
+"""K beyond which a few cycles are most of what is left: that of a channel of which one cycle in a hundred has five times the noise."""
+PART = 0.2
+"""Of the information on a quantity that such channels give."""
+TINY = 1e-300
+SENSORS = ("rates", "specific force")
+
+
+def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
+    """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity."""
+    disturbed = used.environment.disturbance_torque_n_m + used.environment.disturbance_walk_n_m > 0
+    along, tail, count = left(history.normalised)
+    power = (along**2).sum(0)
+    widened = used.estimator.accel_noise_scale != UNWIDENED
+    failed = np.repeat([disturbed, widened], 3) & (((power > COLOURED) & (count * power > SURE)) | (tail > HEAVY))
+    if not failed.any():
+        return {}
+    bad = np.repeat(failed.reshape(2, 3).any(1), 3)
+    total = history.information_share.sum(1)
+    share = history.information_share[:, bad].sum(1) / np.where(total > 0, total, 1.0)
+    worst = int(np.argmax(np.where(failed, np.maximum(power / COLOURED, tail / HEAVY), 0.0)))
+    lag = int(np.argmax(np.abs(along[:, worst])))
+    how = (
+        f"follows itself from cycle to cycle (its autocorrelation is {along[lag, worst]:.2g} at {LAGS[lag]} cycles)"
+        if power[worst] / COLOURED > tail[worst] / HEAVY
+        else f"stands in a few cycles (its kurtosis is {tail[worst]:.3g} beyond that of noise)"
+    )
+    reason = (
+        f"its sigma counts what the model leaves of the {SENSORS[worst >= 3]} as noise, and that {how}; look for a flexible or sloshing "
+        "part, commands that were not executed, bumps, a torque that is not stated"
+    )
+    return {name: reason for name, part in zip(QUANTITIES, share, strict=True) if part > PART}
+
+
+def left(normalised: Array) -> tuple[Array, Array, int]:
+    """(11, 6) r_k and (6,) K of whitened innovations (K, 6), and how many cycles tell; zeros of too few."""
+    rows = normalised[np.isfinite(normalised).all(1)]
+    count = len(rows)
+    if count < LEAST:
+        return np.zeros((len(LAGS), 6)), np.zeros(6), count
+    clipped = np.clip(rows, -CLIP, CLIP)
+    power = np.maximum((clipped**2).sum(0), TINY)
+    along = np.array([(clipped[lag:] * clipped[:-lag]).sum(0) / power for lag in LAGS])
+    along[0, :3] = 0.0
+    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0), TINY) ** 2 - 3, count

@@ -1,0 +1,110 @@
+"""What is counted as noise must be white and normal: what swings, and commands that were not executed, are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude import white
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+
+TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
+
+
+def rows(seed: int, count: int = 500) -> Array:
+    return np.random.default_rng(seed).normal(size=(count, 6))
+
+
+def test_both_statistics_are_those_of_the_books() -> None:
+    z = rows(1)
+    z[5, 2] = np.nan
+    along, tail, count = white.left(z)
+    held = z[np.isfinite(z).all(1)]
+    np.testing.assert_allclose(tail, stats.kurtosis(held - 0, axis=0), atol=0.05)  # about zero, not about the mean
+    clipped = np.clip(held, -4, 4)
+    for i in range(6):
+        whole = np.correlate(clipped[:, i], clipped[:, i], "full")[len(held) - 1 :]
+        np.testing.assert_allclose(along[1:, i], whole[2:12] / whole[0], rtol=0, atol=1e-14)
+        assert along[0, i] == pytest.approx(0.0 if i < 3 else whole[1] / whole[0], abs=1e-14)
+    assert count == len(held) == 499
+
+
+@pytest.mark.numerical
+def test_noise_is_hardly_ever_found_to_be_none() -> None:
+    """3,000 channels: Q is a chi-square of ten or eleven degrees of freedom, and its 99.9 % point is passed by a few."""
+    found = [white.left(rows(seed)) for seed in range(500)]
+    power = np.array([count * (along**2).sum(0) for along, _, count in found])
+    tail = np.array([one for _, one, _ in found])
+    assert power.max() < white.SURE
+    assert tail.max() < white.HEAVY / 2
+    assert 9 < power.mean() < 11
+    assert (power[:, 3:] > stats.chi2.isf(1e-3, 11)).sum() < 9
+
+
+def test_what_swings_and_what_stands_in_a_few_cycles_is_found() -> None:
+    z = rows(3)
+    swinging = z + 0.8 * np.sin(0.1 * np.arange(len(z)))[:, None]
+    assert ((white.left(swinging)[0] ** 2).sum(0) > white.COLOURED).all()
+    few = z.copy()
+    few[::100] = 7.0
+    assert (white.left(few)[1] > white.HEAVY).all()
+
+
+TURNS = ", ".join(
+    f'{{motion="random", axes=["{axis}"], every_cycles=5, max_cycles=4, start_cycle={60 * i}, end_cycle={60 * i + 60}}}'
+    for i, axis in enumerate(("roll", "pitch", "yaw"))
+)
+PUSHES = '{motion="random", axes=["x", "y", "z"], every_cycles=5, max_cycles=4, start_cycle=180, end_cycle=500}'
+ALL = '{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_cycle=380, end_cycle=500}'
+
+
+def flown(seed: int, *settings: str) -> tuple[Log, Vehicle]:
+    plan = f'plan=[{TURNS}, {{motion="hold", start_cycle=180, end_cycle=380}}, {PUSHES}, {ALL}]'
+    flight = simulate.fly(scenario.load("free-flyer", ("duration_s=25.0", plan, *settings)), [seed])
+    return flight.log(0), flight.vehicle
+
+
+def wrong(found: Analysis) -> list[str]:
+    """Converged values more than 4 sigma and 0.5 % of their size off."""
+    estimates = found.conclusions[0].estimates
+    off = {
+        name: abs(one.value - true) / one.sigma
+        for (name, one), true in zip(estimates.items(), TRUTH, strict=True)
+        if one.value and one.sigma
+    }
+    return [name for name, sigmas in off.items() if sigmas > 4 and estimates[name].verdict == "converged"]
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", range(6))
+def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged(seed: int) -> None:
+    """Six of 500 cycles hold commands of other cycles that no jet ever got: steps as large as theirs, and no white torque."""
+    log, vehicle = flown(seed)
+    rng = np.random.default_rng(seed)
+    idle, busy = np.flatnonzero(~log.command.any(1)), np.flatnonzero(log.command.any(1))
+    command = log.command.copy()
+    command[rng.choice(idle, 6, replace=False)] = log.command[rng.choice(busy, 6)]
+    found = flow.examine(replace(log, command=command), VehicleSource(vehicle, "", ""))
+    estimates = found.conclusions[0].estimates
+    assert not wrong(found)
+    assert found.notices
+    assert sum(estimates[name].verdict != "converged" for name in QUANTITIES[:6]) >= 4
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("kind", ["torque_n_m=0.02", "walk_n_m=0.001"])
+def test_a_disturbance_that_is_noise_leaves_values_converged(kind: str) -> None:
+    log, vehicle = flown(4, f"disturbance.{kind}")
+    found = flow.examine(log, VehicleSource(vehicle, "", ""))
+    assert [notice.code for notice in found.notices] == ["disturbance-torque"]
+    assert not wrong(found)
+    assert sum(one.verdict == "converged" for one in found.conclusions[0].estimates.values()) >= 9
