@@ -146,7 +146,7 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         felt = less_tilt(system, felt, Layout.of(samples, vehicle).tilt)
     if biased_attitude(samples.attitude_logged, vehicle):  # the attitude is off by what the bias that was found has made of it
         block, error = Layout.of(samples, vehicle).tilt, here.attitude_error_rad
-        tilt = error[..., 0] + times(error[..., 1:], reference.gyro_bias)
+        tilt = error[..., 0] + times(error[..., 1:4], reference.gyro_bias)
         growth -= times(system.transition[:, RATE, block], tilt[:-1])
         felt -= times(system.observation[:, 3:, block], tilt)
     turning, pushing = _weights(here, system.moment_to_rate, reference, vehicle)

@@ -26,7 +26,7 @@ COMMANDS = (
 def limits(resolved: Constants) -> str:
     """Flags of the compiler: as much room as this vehicle wants."""
     legs = [dict(_members(leg.vehicle, VEHICLE)) for leg in resolved.legs]
-    beginnings = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque"))) for leg in legs)
+    beginnings = max(3 * (1 + sum(int(leg[name][0]) for name in ("gyro_bias", "accel_bias", "slow_torque", "tilt"))) for leg in legs)
     found = {
         "BINS": max(int(leg["bins"][0]) for leg in legs),
         "CHANNELS": 15 if legs[0]["bearing"][0] else 12,

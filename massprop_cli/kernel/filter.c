@@ -7,15 +7,16 @@
 
 #define GROWN R(100) /* growth of an error beyond which what a rate long past says of the present one is lost in rounding */
 
-void mp_filter_begin(const mp_layout *layout, const mp_real attitude_error[3][4], mp_filter *filter) {
+void mp_filter_begin(const mp_layout *layout, const mp_real attitude_error[3][5], mp_filter *filter) {
     int i, j;
     memset(filter, 0, sizeof *filter);
     for (i = 0; i < layout->beginnings; i++) filter->mean[i][1 + layout->coefficients + i] = R(1);
-    if (layout->at_tilt < 0 || layout->at_bias < 0) return;
+    if (layout->at_tilt < 0) return;
     for (i = 0; i < 3; i++) {
         mp_real *tilt = filter->mean[layout->at_tilt + i];
         tilt[0] = attitude_error[i][0];
-        for (j = 0; j < 3; j++) tilt[1 + layout->coefficients + layout->at_bias + j] = attitude_error[i][1 + j];
+        tilt[1 + layout->coefficients + layout->at_tilt + i] = attitude_error[i][4];
+        for (j = 0; layout->at_bias >= 0 && j < 3; j++) tilt[1 + layout->coefficients + layout->at_bias + j] = attitude_error[i][1 + j];
     }
 }
 

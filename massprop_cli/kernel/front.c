@@ -267,13 +267,15 @@ static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean
 }
 
 /* Where the attitude may be at the start of a cycle. */
-static void attitude_error(mp_front *front, const mp_real from_body[3][3]) {
+static void attitude_error(mp_front *front, const mp_real from_body[3][3], int biased) {
     int i, j, k;
     for (i = 0; i < 3; i++) {
         front->attitude_error[i][0] = R(0);
+        front->attitude_error[i][4] = MP_SQRT(front->squares_s2);
+        for (j = 0; j < 3; j++) front->attitude_error[i][1 + j] = R(0);
+        if (!biased) continue;
         for (k = 0; k < 3; k++) front->attitude_error[i][0] += from_body[k][i] * front->off[k];
         for (j = 0; j < 3; j++) {
-            front->attitude_error[i][1 + j] = R(0);
             for (k = 0; k < 3; k++) front->attitude_error[i][1 + j] -= from_body[k][i] * front->window[k][j];
         }
     }
@@ -306,7 +308,7 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
     backed(front, back);
     vertical(front->attitude, back, cycle->up[0]);
     matrix(front->attitude, first);
-    if (biased) attitude_error(front, (const mp_real(*)[3])first);
+    if (!front->table.logged) attitude_error(front, (const mp_real(*)[3])first, biased);
     if (front->table.logged) {
         for (i = 0; i < 4; i++) front->attitude[i] = flown->attitude_wxyz[i];
     } else {
@@ -329,6 +331,7 @@ static void attitudes(mp_front *front, const mp_flown *flown, mp_cycle *cycle) {
     backed(front, then);
     vertical(front->attitude, then, cycle->up[1]);
     for (i = 0; i < 3; i++) front->turn[i] = turn[i];
+    front->squares_s2 += cycle->duration_s * cycle->duration_s;
 }
 
 /* A cycle whose executed commands are known. */

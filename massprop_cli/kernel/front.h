@@ -59,7 +59,8 @@ typedef struct {
     mp_real information[6][6]; /* see massprop_cli/prepare/attitude.py */
     mp_real bias_told[6];
     mp_real off[3];
-    mp_real attitude_error[3][4];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
+    mp_real squares_s2;                /* of the cycles before the present one: noise of the gyro has carried the attitude off by its root */
+    mp_real attitude_error[3][5];      /* at the start of the cycle that was completed last, for the first of a phase (mp_pass) */
     int pulses[MP_COMMANDS];
     mp_pulse pulse[MP_COMMANDS][MP_PENDING];
     mp_flown waiting;

@@ -34,7 +34,7 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-int mp_host_interface(void) { return 1; }
+int mp_host_interface(void) { return 2; }
 
 size_t mp_host_size(void) { return sizeof(mp_pass); }
 
@@ -146,8 +146,8 @@ static void written(const mp_row *row, double *out) {
     }
 }
 
-/* Where the attitude may be before the first cycle, (12). */
-void mp_host_attitude_error(mp_pass *pass, const double *attitude_error) { (void)mp_copied(pass->attitude_error[0], attitude_error, 12); }
+/* Where the attitude may be before the first cycle, (15). */
+void mp_host_attitude_error(mp_pass *pass, const double *attitude_error) { (void)mp_copied(pass->attitude_error[0], attitude_error, 15); }
 
 int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told) {
     long k;

@@ -14,7 +14,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
     int i, end = 3;
     layout->channels = vehicle->bearing ? 15 : 12;
     layout->coefficients = 3 * layout->channels + 4;
-    layout->beginnings = 3 * (1 + vehicle->gyro_bias + vehicle->accel_bias + vehicle->slow_torque);
+    layout->beginnings = 3 * (1 + vehicle->gyro_bias + vehicle->accel_bias + vehicle->slow_torque + vehicle->tilt);
     if (layout->channels > MP_CHANNELS || layout->beginnings > MP_BEGINNINGS) return MP_LIMIT;
     if (vehicle->bins < 2 || vehicle->bins > MP_BINS) return MP_LIMIT;
     for (i = 0; i < 3; i++) layout->prior[i] = WIDE;
@@ -35,6 +35,7 @@ int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout) {
         end += 3;
     }
     if (vehicle->tilt) {
+        for (i = 0; i < 3; i++) layout->prior[end + i] = vehicle->gyro_noise;
         layout->at_tilt = end;
         end += 3;
     }
@@ -65,6 +66,17 @@ void mp_coupled(const mp_reference *about, int channels, const mp_real rate[3], 
             for (j = 0; j < 3; j++) out[i][j] *= STEEP / size;
 }
 
+/* What hangs on a bearing turns meanwhile by an error of the rate, under one half of the window two thirds or one third of the cycle. */
+static void meanwhile(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real out[3][3]) {
+    mp_real inverse[3][3], by[3][3], turned[3][3];
+    int i, j;
+    mp_tensor(about->theta, inverse);
+    mp_moment_by_tilt(vehicle, about, here, half, R(0), by);
+    mp_product((const mp_real(*)[3])inverse, (const mp_real(*)[3])by, turned);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) out[i][j] += turned[i][j] * (R(2 - half) / R(3) * here->duration_s);
+}
+
 void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_motion *from, const mp_motion *into,
                 const mp_reference *about, mp_leap *out) {
     mp_real leaving[3][3], entering[3][3], inverse[3][3], part[3][3], gone[3], come[3], known[3], mean_s;
@@ -74,6 +86,10 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
     memset(out->drive, 0, sizeof out->drive);
     mp_coupled(about, layout->channels, from->turning[0], leaving);
     mp_coupled(about, layout->channels, into->turning[1], entering);
+    if (MP_ON_BEARING(vehicle)) {
+        meanwhile(vehicle, about, from, 0, leaving);
+        meanwhile(vehicle, about, into, 1, entering);
+    }
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++) part[i][j] = (i == j ? R(1) : R(0)) - entering[i][j];
     mp_inverse((const mp_real(*)[3])part, out->solve);
@@ -103,9 +119,9 @@ void mp_leap_of(const mp_vehicle *vehicle, const mp_layout *layout, const mp_mot
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) by_error[i][j] *= from->duration_s;
         mp_times((const mp_real(*)[3])by_error, from->carried, lost);
-        mp_moment_by_tilt(vehicle, about, from, 0, by);
+        mp_moment_by_tilt(vehicle, about, from, 0, R(2) / R(3), by);
         mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, leaving_tilt);
-        mp_moment_by_tilt(vehicle, about, into, 1, by);
+        mp_moment_by_tilt(vehicle, about, into, 1, R(1) / R(3), by);
         mp_product((const mp_real(*)[3])out->to_rate, (const mp_real(*)[3])by, entering_tilt);
         mp_times((const mp_real(*)[3])entering_tilt, lost, added);
         mp_product((const mp_real(*)[3])entering_tilt, (const mp_real(*)[3])kept, part);

@@ -29,10 +29,10 @@ typedef double mp_real;
 #define MP_CHANNELS 15 /* columns of the response: 12 in free flight, 15 on a bearing */
 #endif
 #ifndef MP_BEGINNINGS
-#define MP_BEGINNINGS 12 /* states whose beginning is unknown: rate, gyro bias, accelerometer bias, slow torque */
+#define MP_BEGINNINGS 15 /* states, whose beginning is unknown: rate, gyro bias, accelerometer bias, slow torque, attitude */
 #endif
 
-#define MP_STATES (MP_BEGINNINGS + 3)
+#define MP_STATES MP_BEGINNINGS
 #define MP_COEFFICIENTS (3 * MP_CHANNELS + 4)
 #define MP_WIDTH (1 + MP_COEFFICIENTS + MP_BEGINNINGS)
 #define MP_UNKNOWNS (MP_BEGINNINGS + 28)
@@ -195,7 +195,7 @@ typedef struct {
 typedef struct {
     int channels, coefficients, states, beginnings, width, process;
     int at_bias, at_accel, at_torque, at_tilt; /* states, or -1 */
-    mp_real prior[12]; /* one sigma of each unknown beginning */
+    mp_real prior[MP_BEGINNINGS]; /* one sigma of each unknown beginning */
 } mp_layout;
 
 /* From one cycle into the next. */
@@ -231,7 +231,7 @@ typedef struct {
     long block_begin, block_end;
     mp_real begun_s;
     mp_real end_s;
-    mp_real attitude_error[3][4]; /* rad, from the attitude to the true one at the first cycle's start: known, and by the gyro's bias */
+    mp_real attitude_error[3][5]; /* from the attitude to the true one at the first cycle's start: known, by the gyro's bias; s, by its noise */
     mp_reference reference, estimate, centre;
     mp_real centre_sizes[10];
     mp_start start;

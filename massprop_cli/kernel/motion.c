@@ -320,11 +320,12 @@ static void hung(const mp_vehicle *vehicle, const mp_reference *about, const mp_
         for (j = 0; j < 3; j++) out[i][j] *= -mass;
 }
 
-void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real out[3][3]) {
+void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real part,
+                       mp_real out[3][3]) {
     mp_real by[3][3], turn[3];
     int i;
     for (i = 0; i < 3; i++) turn[i] = here->rate[i] * here->duration_s;
-    force_by_tilt(vehicle, about, here->up[half], here->push[half], turn, R(2 - half) / R(3), by);
+    force_by_tilt(vehicle, about, here->up[half], here->push[half], turn, part, by);
     hung(vehicle, about, (const mp_real(*)[3])by, out);
 }
 

@@ -6,9 +6,10 @@
 
 /* Which states there are. MP_LIMIT where they don't fit. */
 int mp_laid_out(const mp_vehicle *vehicle, mp_layout *layout);
-/* (3, 3) derivative of the moment by an error of attitude, of a vertical that is an integral. */
-/* Moment by an error of attitude at the start of a cycle, under the rising (0) or the falling (1) half of the window. */
-void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real out[3][3]);
+/* (3, 3) derivative of the moment under the rising (0) or the falling (1) half of the window by an error of attitude, of the vertical under
+ * it; `part` of the cycle's turn before. */
+void mp_moment_by_tilt(const mp_vehicle *vehicle, const mp_reference *about, const mp_motion *here, int half, mp_real part,
+                       mp_real out[3][3]);
 /* (6) the products of rates. */
 void mp_products(const mp_real rate[3], mp_real out[6]);
 /* A cycle about a reference: massprop_cli/model/within.py, and of lifted.py what depends on one cycle. */

@@ -72,11 +72,11 @@ int mp_host_taken(const double *table, const double *reference, const double *at
     mp_motion motion[2];
     mp_leap leap;
     mp_run run;
-    mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)], own[6 * MP_WIDTH], ordered[6 * MP_WIDTH], spread[6][6], first[3][4];
+    mp_real joint[(6 + MP_STATES) * (6 + MP_STATES + MP_PROCESS)], own[6 * MP_WIDTH], ordered[6 * MP_WIDTH], spread[6][6], first[3][5];
     long k;
     int i, status = mp_about_of(table, reference, &vehicle, &layout, &about);
     if (status != MP_OK) return status;
-    (void)mp_copied(first[0], attitude_error, 12);
+    (void)mp_copied(first[0], attitude_error, 15);
     exchanged(&layout, &run, 1, mean, root, triangle);
     for (k = 0; k < count; k++) {
         mp_motion *here = &motion[k % 2];
@@ -84,7 +84,7 @@ int mp_host_taken(const double *table, const double *reference, const double *at
         mp_motion_of(&vehicle, &layout, &cycle, &about, here);
         if (k == 0 && begun) continue;
         if (k > 0) mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
-        else mp_filter_begin(&layout, (const mp_real(*)[4])first, &run.filter);
+        else mp_filter_begin(&layout, (const mp_real(*)[5])first, &run.filter);
         mp_filter_step(&layout, &run.filter, k > 0 ? &leap : NULL, here, joint, own, spread);
         for (i = 0; i < 6 * layout.width; i++) *white++ = (double)own[i];
         for (i = 0; i < 36; i++) *roots++ = (double)spread[i / 6][i % 6];

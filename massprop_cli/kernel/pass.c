@@ -52,7 +52,7 @@ static void taken(mp_pass *pass, const mp_cycle *cycle, mp_real *ordered, mp_rea
     mp_run *run = &pass->run;
     mp_motion_of(&pass->vehicle, &pass->layout, cycle, &pass->reference, here);
     if (run->begun) mp_leap_of(&pass->vehicle, &pass->layout, &pass->last, here, &pass->reference, &pass->room.leap);
-    else mp_filter_begin(&pass->layout, (const mp_real(*)[4])pass->attitude_error, &run->filter);
+    else mp_filter_begin(&pass->layout, (const mp_real(*)[5])pass->attitude_error, &run->filter);
     mp_filter_step(&pass->layout, &run->filter, run->begun ? &pass->room.leap : NULL, here, pass->room.joint, pass->room.white, root);
     mp_ordered(&pass->layout, pass->room.white, ordered);
     run->begun = 1;

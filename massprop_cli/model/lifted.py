@@ -80,7 +80,7 @@ def lifted(
         return _compiled(here, layout, lift, reference, vehicle, onto)
     within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
     step, whole, known = integrals(here, lift, within.theta, within)
-    coupling = _coupling(here, lift, within, reference.damping)
+    coupling = _coupling(here, lift, within, reference)
     damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
     tilting = _tilting(here, plant, within, reference) if layout.has(layout.tilt) else None
     about = _About(
@@ -147,8 +147,8 @@ def _bin_s(here: Samples, motion: Motion) -> Array:
     return found
 
 
-def _coupling(here: Samples, lift: Lift, within: Within, damping: Array) -> _Coupling:
-    """Of the derivative of ω × I ω with respect to the rate, which is linear in the rate.
+def _coupling(here: Samples, lift: Lift, within: Within, reference: Reference) -> _Coupling:
+    """Of the derivative of ω × I ω with respect to the rate, which is linear in the rate; and what hangs on a bearing turns meanwhile.
 
     The step's derivatives with respect to the rates of the cycle that it leaves and of the one that it enters make it implicit.
     """
@@ -160,10 +160,14 @@ def _coupling(here: Samples, lift: Lift, within: Within, damping: Array) -> _Cou
     if here.executed.stored is not None:
         momentum = held(here.executed.stored, bin_s)
         leaving, entering = leaving + own @ cross_matrix(momentum.rising[:-1]), entering + own @ cross_matrix(momentum.falling[1:])
-    if damping.any():
-        half = own @ np.diag(damping) * here.executed.duration_s[:, None, None] / 2
+    if reference.damping.any():
+        half = own @ np.diag(reference.damping) * here.executed.duration_s[:, None, None] / 2
         leaving, entering = leaving - half[:-1], entering - half[1:]
     leaving, entering = _bounded(leaving), _bounded(entering)
+    if lift.plant.pivoted:
+        up, executed, turned = windows(within.motion.up, bin_s), here.executed, own * here.executed.duration_s[:, None, None]
+        leaving = leaving + (turned @ lift.plant.moment_by_tilt(reference, up.rising, executed.rising[:, 3:]))[:-1] * (2 / 3)
+        entering = entering + (turned @ lift.plant.moment_by_tilt(reference, up.falling, executed.falling[:, 3:]))[1:] / 3
     solve = inverse(np.eye(3) - entering)
     return _Coupling(leaving, entering, own, solve, solve @ own)
 

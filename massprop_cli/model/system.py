@@ -94,13 +94,16 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
 
 
 def beginnings(here: Samples, samples: Source, vehicle: Resolved) -> Array:
-    """(n, 1 + n) of the first of these cycles: by then a bias has carried the attitude off."""
+    """(n, 1 + n) of the first of these cycles: by then bias and noise of the gyro have carried the attitude off."""
     layout, count = Layout.of(samples, vehicle), len(prior(samples, vehicle))
     found = np.eye(count, 1 + count, 1)
+    tilt = layout.own(layout.tilt)
+    if vehicle.on_air_bearing and not samples.attitude_logged:
+        found[tilt, 1:][:, tilt] = np.diag(here.attitude_error_rad[0, :, 4])
     if biased_attitude(samples.attitude_logged, vehicle):
-        tilt, bias = layout.own(layout.tilt), layout.own(layout.gyro_bias)
+        bias = layout.own(layout.gyro_bias)
         found[tilt, 0] = here.attitude_error_rad[0, :, 0]
-        found[tilt, 1:][:, bias] = here.attitude_error_rad[0, :, 1:]
+        found[tilt, 1:][:, bias] = here.attitude_error_rad[0, :, 1:4]
     return found
 
 
@@ -113,7 +116,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = WIDE
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
-    sigma[layout.tilt] = plant_of(vehicle).tilt_sigma
+    sigma[layout.tilt] = vehicle.imu.gyro_noise_rad_s if vehicle.on_air_bearing else plant_of(vehicle).tilt_sigma
     sigma[layout.scale] = scale_sigmas(vehicle)
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first
     return np.concatenate([sigma[RATE.start :], departed])

@@ -73,7 +73,8 @@ class Samples:
     carried_rad_s: Array
     """(K, 3) mean rate by which the attitude is carried through the cycle where it is not logged."""
     attitude_error_rad: Array
-    """(K, 3, 4) rotation vector from the attitude as carried to the true one at the start of each cycle: what is known, and by the bias."""
+    """(K, 3, 5) rotation vector from the attitude as carried to the true one at the start of each cycle: what is known, by the gyro's bias,
+    and of its noise, one sigma about each axis over that of a cycle, s."""
     specific_force_m_s2: Array
     """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
     up_b: Array
@@ -153,6 +154,8 @@ class Before:
     """(4,) at its end, as logged or as integrated; anything in free flight."""
     seen: BiasSeen
     """What gravity had shown by then of the gyro's bias."""
+    squares_s2: float = 0.0
+    """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
 
 
 def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None) -> Samples:
@@ -165,14 +168,19 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     body_from_imu = np.array(vehicle.imu.body_from_imu)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
     up: Array = np.zeros((len(rate) + 1, 3))
-    carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 4))
+    carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 5))
     if vehicle.on_air_bearing:
         attitude = _attitude_at_edges(aligned, vehicle, rate, before)
+        error = np.zeros((len(rate), 3, 5))
+        if aligned.attitude_wxyz is None:
+            squares = aligned.duration_s**2
+            since = np.cumsum(squares) - squares + (0.0 if before is None else before.squares_s2)
+            error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
         if biased_attitude(aligned.attitude_wxyz is not None, vehicle):
             level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
             found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
             off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2)
-            error = attitude_error(attitude, off, found)[:-1]
+            error[..., :4] = attitude_error(attitude, off, found)[:-1]
             attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
             carried = turns / aligned.duration_s[:, None]
         up = world_up_b(attitude)

@@ -97,7 +97,10 @@ class Stream:
         if cycle == 0:
             return None
         rate, turn = self._motion(slice(cycle - 1, cycle))
-        return Before(rate[0], turn[0], *(self._edge(cycle) if self.vehicle.on_air_bearing else self._edges[0]))
+        if not self.vehicle.on_air_bearing:
+            return Before(rate[0], turn[0], *self._edges[0])
+        squares = float((cycle_edges(self.log, slice(0, cycle))[1] ** 2).sum())
+        return Before(rate[0], turn[0], *self._edge(cycle), squares)
 
     def _edge(self, cycle: int) -> tuple[Array, BiasSeen]:
         """(4,) attitude at the start of a cycle on the grid, and what gravity has shown by then of the gyro's bias."""
