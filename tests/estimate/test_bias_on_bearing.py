@@ -114,21 +114,20 @@ def test_the_equations_hold_for_an_error_of_one_cycles_rate() -> None:
     assert vehicle is not None
     reference = Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9])
 
+    true = Stream.of(log, flight.vehicle, Timing(2.0, 0.0)).part(slice(0, log.cycles))
+
     def left(turned: Array) -> tuple[Array, Array]:
+        """At the true rates, and the error that the attitude has of these gyro increments."""
         stream = Stream.of(replace(log, delta_theta_imu_rad=turned), flight.vehicle, Timing(2.0, 0.0))
         whole = slice(0, len(stream))
-        here, system = stream.part(whole), linearise(stream, whole, reference, vehicle)
-        state = np.zeros((len(here), Layout.of(stream, vehicle).size))
-        state[:, PARAMETERS], state[:, RATE] = parameters(reference), rate if len(rate) else here.rate_rad_s
-        if len(up):
-            state[:, Layout.of(stream, vehicle).tilt] = np.cross(up[:-1], here.up_b[:-1])
+        here, system, layout = stream.part(whole), linearise(stream, whole, reference, vehicle), Layout.of(stream, vehicle)
+        state = np.zeros((len(here), layout.size))
+        state[:, PARAMETERS], state[:, RATE] = parameters(reference), true.rate_rad_s
+        state[:, layout.tilt] = np.cross(true.up_b[:-1], here.up_b[:-1])
         moved = np.einsum("kij,kj->ki", system.transition, state[:-1]) + system.drive
         return state[1:, RATE] - moved[:, RATE], (system.measured - np.einsum("kij,kj->ki", system.observation, state))[:, 3:]
 
-    rate, up = np.zeros((0, 3)), np.zeros((0, 3))
     grown, felt = left(log.delta_theta_imu_rad)
-    true = Stream.of(log, flight.vehicle, Timing(2.0, 0.0)).part(slice(0, log.cycles))
-    rate, up = true.rate_rad_s, true.up_b
     error, cycle = 1e-4, 100
     for axis in range(3):
         turned = log.delta_theta_imu_rad.copy()
