@@ -13,6 +13,8 @@ from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import NEAR, Case
 
 SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
+GROWN = 1.0
+"""Percent by which mass or inertia may seem to grow by chance."""
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where the columns of a plain log are mended, and those of a recording."""
 
@@ -177,7 +179,10 @@ def _tilt(said: Said) -> str:
 
 def _fuel(said: Said) -> str:
     mass, inertia = (100 * float(said.found.value(name)[0]) for name in ("mass_rate", "inertia_rate"))
-    return f"the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle; state [drift]"
+    # no fuel is won
+    falling = "rather, thrust falls, as the pressure of a tank that empties: regulate it, or use less of the log"
+    cure = falling if max(mass, inertia) > GROWN else "state [drift]"
+    return f"the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle; {cure}"
 
 
 def _vector(values: Array) -> str:
