@@ -33,6 +33,8 @@ UNWEIGHED = (
     "the weight's moment tells its distance from the bearing times the mass, and nothing tells the mass; weigh the vehicle and state "
     "known.mass, or push it along the table"
 )
+NO_NOISE = "counts as noise what no noise leaves"
+"""In the reason why a value is not called converged that rests on a disturbance which is none."""
 NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
 """What the motion on a table depends on."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.verdict import NO_NOISE
 from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
@@ -53,13 +54,13 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     worst = int(np.argmax(np.where(failed, np.maximum(power / COLOURED, tail / HEAVY), 0.0)))
     lag = int(np.argmax(np.abs(along[:, worst])))
     how = (
-        f"follows itself from cycle to cycle (its autocorrelation is {along[lag, worst]:.2g} at {LAGS[lag]} cycles)"
+        f"follows itself from cycle to cycle (its autocorrelation is {along[lag, worst]:.2g} at lag {LAGS[lag]})"
         if power[worst] / COLOURED > tail[worst] / HEAVY
         else f"stands in a few cycles (its kurtosis is {tail[worst]:.3g} beyond that of noise)"
     )
     reason = (
-        f"its sigma counts what the model leaves of the {SENSORS[worst >= 3]} as noise, and that {how}; look for a flexible or sloshing "
-        "part, commands that were not executed, bumps, a torque that is not stated"
+        f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst >= 3]} {how}; look for a flexible or sloshing part, commands "
+        "that were not executed, bumps, a torque that is not stated"
     )
     return {name: reason for name, part in zip(QUANTITIES, share, strict=True) if part > PART}
 

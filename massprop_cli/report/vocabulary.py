@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from massprop_cli.conclude.verdict import NO_PART, WANTED, Verdict
+from massprop_cli.conclude.verdict import NO_NOISE, NO_PART, WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import Result
@@ -55,8 +55,18 @@ def conventions(result: Result) -> list[str]:
     return [*lines, thrust_scale(result)]
 
 
+SAME_THRUST = (
+    "The docked object's values are differences, and thrust is taken to be the same before and after docking: 1 % less of it after makes "
+    "them larger by 1 % of the combined body's."
+)
+
+
 def thrust_scale(result: Result) -> str:
     """What the log can't tell of the thrust, and what the sigmas hold of it."""
+    return _thrust_scale(result) + ("" if result.docked_object is None else f" {SAME_THRUST}")
+
+
+def _thrust_scale(result: Result) -> str:
     vehicle = result.vehicle
     if result.provenance.settings.get("estimator.method") == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
@@ -79,6 +89,8 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason: str = "
         return "mend the cause; no motion cures it"
     if contradiction and verdict != "unobservable":
         return "mend what contradicts this phase first"
+    if verdict == "not_converged" and NO_NOISE in reason:
+        return "find what disturbs, and keep it away or cut the log there"
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":
