@@ -195,7 +195,7 @@ typedef struct {
 typedef struct {
     int channels, coefficients, states, beginnings, width, process;
     int at_bias, at_accel, at_torque, at_tilt; /* states, or -1 */
-    mp_real prior[MP_BEGINNINGS]; /* one sigma of each unknown beginning */
+    mp_real prior[15]; /* one sigma of each unknown beginning */
 } mp_layout;
 
 /* From one cycle into the next. */
