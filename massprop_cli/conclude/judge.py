@@ -50,7 +50,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
-        if isinstance(found.vehicle, Resolved):
+        # against a floor that stands in for noise no model fits
+        if isinstance(found.vehicle, Resolved) and all(notice.code != "noise-floor" for notice in found.notices):
             conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle))
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 
