@@ -3,13 +3,13 @@
 Where the stated noise doesn't explain a log, disturbances are sized until it does (:mod:`massprop_cli.estimate.disturbances`), and their
 covariance goes into every sigma. That is honest of noise alone. A flexible part or sloshing answers a push for many cycles, and a command
 that was not executed leaves a few steps as large as the command: both are no white torque, and may move a value by far more than its sigma.
-So the whitened innovations that are left are held against what they claim to be, channel by channel, by two tests:
+So the whitened innovations that are left are held against what they claim to be, sensor by sensor, by two tests:
 
-    Q = N Σ r_k², k = 1 … 11,   chi-square of as many degrees of freedom (Box & Pierce 1970), r_k their autocorrelation,
-    K = Σ z⁴ / N / (Σ z² / N)² − 3,   normal with a variance of 24 / N.
+    Q = N Σ r_k², k = 1 … 11, of three axes,   chi-square of as many degrees of freedom (Box & Pierce 1970), r_k their autocorrelation,
+    K = Σ z⁴ / N / (Σ z² / N)² − 3, the largest of the axes,   normal with a variance of 24 / N.
 
 Of rates not r_1, which is ½ for a torque that is white from cycle to cycle and turns the rate in two steps, half in each; the others
-scatter by half as much again then. Where one axis fails, no axis of that sensor counts: what swings about one turns the others too.
+scatter by half as much again then.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ LAGS = range(1, 12)
 """Cycles over which what is left may follow itself."""
 LEAST = 60
 """Cycles that tell."""
-COLOURED, SURE = 0.25, 75.0
+COLOURED, SURE = 0.25, 130.0
 """Σ r_k² and Q beyond which it does. No real disturbance is quite white, and of a long log a little shows; a part that swings leaves
-0.3 to 2. Chance exceeds that Q once in four million channels of a white torque."""
+0.3 to 5. Chance exceeds that Q once in some millions of logs with a white torque."""
 HEAVY = 3.0
-"""K beyond which a few cycles are most of what is left: that of a channel of which one cycle in a hundred has five times the noise."""
+"""K beyond which a few cycles are most of what is left: that of a channel of which one cycle in a hundred has 3.5 times the noise."""
 PART = 0.2
-"""Of the information on a quantity that such channels give."""
+"""Of the information on a quantity that such a sensor gives."""
 TINY = 1e-300
 SENSORS = ("rates", "specific force")
 
@@ -43,23 +43,23 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity."""
     disturbed = used.environment.disturbance_torque_n_m + used.environment.disturbance_walk_n_m > 0
     along, tail, count = left(history.normalised)
-    power = (along**2).sum(0)
+    power, heavy = (along**2).sum(0).reshape(2, 3).sum(1), tail.reshape(2, 3).max(1)
     widened = used.estimator.accel_noise_scale != UNWIDENED
-    failed = np.repeat([disturbed, widened], 3) & (((power > COLOURED) & (count * power > SURE)) | (tail > HEAVY))
+    failed = np.array([disturbed, widened]) & (((power > COLOURED) & (count * power > SURE)) | (heavy > HEAVY))
     if not failed.any():
         return {}
-    bad = np.repeat(failed.reshape(2, 3).any(1), 3)
     total = history.information_share.sum(1)
-    share = history.information_share[:, bad].sum(1) / np.where(total > 0, total, 1.0)
-    worst = int(np.argmax(np.where(failed, np.maximum(power / COLOURED, tail / HEAVY), 0.0)))
-    lag = int(np.argmax(np.abs(along[:, worst])))
+    share = history.information_share[:, np.repeat(failed, 3)].sum(1) / np.where(total > 0, total, 1.0)
+    worst = int(np.argmax(failed))
+    own = along[:, 3 * worst : 3 * worst + 3]
+    lag, axis = np.unravel_index(np.argmax(np.abs(own)), own.shape)
     how = (
-        f"follows itself from cycle to cycle (its autocorrelation is {along[lag, worst]:.2g} at lag {LAGS[lag]})"
-        if power[worst] / COLOURED > tail[worst] / HEAVY
-        else f"stands in a few cycles (its kurtosis is {tail[worst]:.3g} beyond that of noise)"
+        f"stands in a few cycles (its kurtosis is {heavy[worst]:.3g} beyond that of noise)"
+        if heavy[worst] > HEAVY
+        else f"follows itself from cycle to cycle (its autocorrelation is up to {own[lag, axis]:.2g}, at lag {LAGS[lag]})"
     )
     reason = (
-        f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst >= 3]} {how}; look for a flexible or sloshing part, commands "
+        f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst]} {how}; look for a flexible or sloshing part, commands "
         "that were not executed, bumps, a torque that is not stated"
     )
     return {name: reason for name, part in zip(QUANTITIES, share, strict=True) if part > PART}

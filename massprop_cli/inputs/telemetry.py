@@ -40,6 +40,8 @@ PACE = 0.0025
 """Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
+ROBUST = 1.4826
+"""Median absolute deviation to standard deviation, of a normal distribution."""
 FELT = 0.08
 """Part of gravity below which an accelerometer doesn't feel it: one that counts in g feels a tenth."""
 
@@ -122,7 +124,7 @@ class Log:
 def jitter(interval_s: Array) -> float:
     """By what part of the usual interval all of them (n,) scatter: the median deviation, as one sigma of a normal distribution."""
     usual = median(interval_s)
-    return 1.4826 * median(np.abs(interval_s - usual)) / usual
+    return ROBUST * median(np.abs(interval_s - usual)) / usual
 
 
 def read(table: Table, vehicle: Vehicle) -> Log:

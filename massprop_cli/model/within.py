@@ -21,7 +21,7 @@ from massprop_cli.prepare.compensate import Samples
 STEEP = 0.5
 """Largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step."""
 ORDERS = 4
-"""Of the turn within a cycle: by less the vertical of a body that turns by 0.13 rad in one is off by 0.4 mrad, which moves an inertia."""
+"""Of the turn within a cycle: by two of them the vertical of a body that turns by 0.13 rad in one is off by 0.4 mrad, θ³ / 6."""
 _REFINEMENTS = 3
 """Passes that rebuild the motion within a cycle; each gains a factor of rate × cycle."""
 

@@ -154,7 +154,7 @@ class Before:
     """(4,) at its end, as logged or as integrated; anything in free flight."""
     seen: BiasSeen
     """What gravity had shown by then of the gyro's bias."""
-    squares_s2: float = 0.0
+    squares_s2: float
     """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
 
 

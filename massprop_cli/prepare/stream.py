@@ -58,7 +58,7 @@ class Stream:
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
         self.attitude_logged = self.log.attitude_wxyz is not None
-        self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), BiasSeen.none())]
+        self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), BiasSeen.none(), 0.0)]
         self._held = slice(0, 0)
         self._samples: Samples | None = None
         if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
@@ -97,23 +97,21 @@ class Stream:
         if cycle == 0:
             return None
         rate, turn = self._motion(slice(cycle - 1, cycle))
-        if not self.vehicle.on_air_bearing:
-            return Before(rate[0], turn[0], *self._edges[0])
-        squares = float((cycle_edges(self.log, slice(0, cycle))[1] ** 2).sum())
-        return Before(rate[0], turn[0], *self._edge(cycle), squares)
+        return Before(rate[0], turn[0], *(self._edge(cycle) if self.vehicle.on_air_bearing else self._edges[0]))
 
-    def _edge(self, cycle: int) -> tuple[Array, BiasSeen]:
-        """(4,) attitude at the start of a cycle on the grid, and what gravity has shown by then of the gyro's bias."""
+    def _edge(self, cycle: int) -> tuple[Array, BiasSeen, float]:
+        """What :class:`Before` has of the attitude at the start of a cycle on the grid."""
         if self.log.attitude_wxyz is not None:
-            return self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1], BiasSeen.none()
+            return self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1], *self._edges[0][1:]
         for first in range((len(self._edges) - 1) * GRID, cycle, GRID):
             turns = self._motion(slice(max(first - 1, 0), first + GRID))[1]
             before, turns = (turns[0], turns[1:]) if first else (None, turns)
-            begun, seen = self._edges[-1]
+            begun, seen, squares = self._edges[-1]
             attitude = integrate_attitude(begun, turns, before)
             if biased_attitude(False, self.vehicle):
                 seen = bias_seen(attitude, *self._felt(slice(first, first + GRID)), seen).at(-1)
-            self._edges.append((attitude[-1], seen))
+            squares += float((cycle_edges(self.log, slice(first, first + GRID))[1] ** 2).sum())
+            self._edges.append((attitude[-1], seen, squares))
         return self._edges[cycle // GRID]
 
     def _felt(self, cycles: slice) -> tuple[Array, Array]:

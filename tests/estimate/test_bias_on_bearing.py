@@ -87,10 +87,7 @@ def test_the_equations_hold_at_the_truth_to_the_second_order() -> None:
 
 
 def test_noise_carries_the_attitude_off_before_a_phase_begins_too() -> None:
-    """A coarse gyro beside a sharp accelerometer, a CG 4 mm out: in eight seconds noise turns the vertical by 0.3 mrad.
-
-    Taken as none, it made such logs contradicted, with inertias 4.7 sigma off (root mean square).
-    """
+    """A coarse gyro beside a sharp accelerometer, a CG 4 mm out: in eight seconds noise turns the vertical by 0.3 mrad."""
     coarse = [f"{where}.gyro_noise_rad_s=5e-4" for where in ("sensors", "vehicle.imu")]
     sharp = [f"{where}.accel_noise_m_s2=3e-3" for where in ("sensors", "vehicle.imu")]
     late = '[{name = "late", start_s = 8.0, end_s = 24.0}]'

@@ -7,8 +7,10 @@ import random
 from dataclasses import dataclass
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
+from tests.commandline import massprop
 from tests.refusal import (
     INF,
     NAN,
@@ -19,6 +21,7 @@ from tests.refusal import (
     flight,
     refused,
     renamed,
+    replaced,
     save,
     save_vehicle,
     text_cell,
@@ -142,6 +145,32 @@ def test_a_log_is_refused_that(bad: BadLog, suffix: str, tmp_path: Path) -> None
     log = save(bad.edit(flight(bad.sample)), tmp_path / f"log{suffix}")
     place = [] if bad.row is None else [f"line {bad.row + 2}" if suffix == ".csv" else f"row {bad.row}"]
     refused(tmp_path, log, names=[log, *place, *bad.names])
+
+
+@pytest.mark.parametrize("tick", [True, False])
+@pytest.mark.parametrize("factor", [0.01, 0.02])
+def test_on_times_a_hundredth_as_long_are_refused_by_their_longest(factor: float, tick: bool, tmp_path: Path) -> None:
+    """Mass and inertia would be as small, and the motion fits."""
+    text = vehicle_text()
+    save_vehicle(tmp_path, text if tick else text.replace("pwm_tick_s = 0.0025\n", ""))
+    table = flight(rows=200)
+    for name in [name for name in table.column_names if name.startswith("jet_")]:
+        table = replaced(table, name, [factor * on for on in table.column(name).to_pylist()], pa.float64())
+    log = save(table, tmp_path / "log.parquet")
+    if tick or factor < 0.015:
+        why = "below cycle.pwm_tick_s = 0.0025 s" if tick else "1 % of the control cycle of 0.05 s"
+        refused(tmp_path, log, names=[log, "is the longest on-time of the log", why, "is it in seconds?"])
+    else:  # a valve may open for 1 ms at most
+        assert massprop(tmp_path, "estimate", log).returncode == 0
+
+
+def test_jets_that_are_never_off_are_refused_with_what_they_idle_at(tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    table = flight(rows=200)
+    for name in [name for name in table.column_names if name.startswith("jet_")]:
+        table = replaced(table, name, [0.01 + 0.5 * on for on in table.column(name).to_pylist()], pa.float64())
+    log = save(table, tmp_path / "log.parquet")
+    refused(tmp_path, log, names=[log, "0.01 s is the on-time of most jets in most cycles", "an idle jet's is 0", "offset under its table"])
 
 
 def test_a_missing_log_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
-from massprop_cli.inputs.formats import mapfile, mapped, resample, signals
+from massprop_cli.inputs.formats import mapfile, mapped, pathpattern, resample
 from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.tablefile import Table
@@ -363,6 +363,6 @@ def test_a_pattern_fits_what_the_regular_expression_for_it_fits() -> None:
         parts = re.split(r"(\*\*|\*|\?)", pattern)
         expression = "".join({"**": ".*", "*": "[^/]*", "?": "[^/]"}.get(part, re.escape(part)) for part in parts)
         wanted = [path] if re.fullmatch(expression, path) else []
-        assert signals.fitting(pattern, [path]) == wanted, f"{pattern} on {path}"
+        assert pathpattern.fitting(pattern, [path]) == wanted, f"{pattern} on {path}"
         fitted += bool(wanted)
     assert fitted > 300

@@ -11,9 +11,10 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.onrows import wrenches
-from massprop_cli.inputs.formats.signals import GAP, Signal, Signals
+from massprop_cli.inputs.formats.signals import Signal, Signals
 
 LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""

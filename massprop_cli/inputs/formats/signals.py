@@ -2,65 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats import clocks, resample, units
+from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
+from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
 
 _SHOWN = 5
 _SENSORS = ("gyro", "accelerometer")
-TOGETHER = 0.1
-"""Part of the mean interval below which samples come together; ..."""
-_PAIRED, _SEVERAL = (0.3, 1.0), 20
-"""... the part of them that do, of sensors that take turns or of bursts, and how many samples tell."""
-LEAPT = 0.75
-"""Samples by which stamps may wander from even intervals: less than by one that was lost."""
-_IN_BRACKETS, _SLASH = re.compile(r"\[[^\[\]]*\]|\([^()]*\)"), "\0"
-"""A slash of a unit, as in ``gyro_x [deg/s]``, parts no levels."""
-_WRAPPED = 1e-3
-_WRAPS = {
-    **{
-        2.0**bits * factor: f"its counter wraps: add 2^{bits} {unit} to all that follows"
-        for bits in (16, 31, 32)
-        for unit, factor in units.TIME.items()
-    },
-    86400.0: "it passes midnight: add a day to all that follows, or write dates",
-    1.0: "it holds the part of a second: name the whole seconds as path, and nanoseconds = this one",
-}
-"""What to do about a clock that goes back by so many seconds."""
-GAP = 2.5
-"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
-
-
-@dataclass(frozen=True)
-class Times:
-    """A clock, in seconds."""
-
-    path: str
-    s: Array
-    """(n,) strictly increasing, less the recording's zero."""
-    zero_s: float
-
-    @property
-    def step_s(self) -> float:
-        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off."""
-        steps = np.diff(self.s)
-        return float(steps[steps <= GAP * median(steps)].mean())
-
-    def span(self) -> str:
-        """From when to when, by the clock itself."""
-        return f"{self.s[0] + self.zero_s:.13g} to {self.s[-1] + self.zero_s:.13g} s by {self.path!r}"
 
 
 @dataclass(frozen=True)
@@ -274,7 +234,7 @@ class Signals:
         """The clock with a path: of the quantity, of the stream as the file says, of the map."""
         named = [path for path in paths if isinstance(path, str)]
         own = next((self._stream(key, path).clock for path in named), "")
-        stated = said or (self.map.clock if self.map.clock.path or not own else Clock(offset_s=self.map.clock.offset_s))
+        stated = said or (self.map.clock if self.map.clock.path or not own else self.map.clock.model_copy(update={"unit": None}))
         if stated.path is None and not own:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
         return stated if stated.path is not None else replace_clock(stated, own)
@@ -316,93 +276,28 @@ class Signals:
                 seconds = np.asarray(values, np.float64) * (factor * clock.scale) + clock.offset_s
             if clock.nanoseconds is not None:
                 seconds += 1e-9 * np.asarray(self._counts(key, clock.nanoseconds, rows), np.float64)
-            own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
             if clock.even and len(seconds) > 1:
                 seconds = self._even(key, path, seconds)
-            self._check_times(key, path, seconds, own)
+            own = np.arange(len(seconds)) if rows is None else np.flatnonzero(rows)
+            place = self._stream(key, path).place
+            problem = clocks.problem(seconds, lambda at: place(int(own[at])), float(self._zero), key in _SENSORS)
+            if problem:
+                raise self.error(f"{key}.clock", path, problem)
             self._clocks[held] = Times(path, seconds, float(self._zero))
         return self._clocks[held]
-
-    def _check_times(self, key: str, path: str, seconds: Array, rows: IntArray) -> None:
-        """:class:`InputError` where they don't increase, or are those of two sensors, one after the other."""
-        steps, place = np.diff(seconds), self._stream(key, path).place
-        back = np.flatnonzero(steps <= 0)
-        if len(seconds) < 2:
-            raise self.error(f"{key}.clock", path, "time has one sample only; name another clock")
-        if back.size:
-            first = int(back[0])
-            where = f"time stands still or goes back at {place(int(rows[first + 1]))}"
-            drop, zero = median(np.abs(steps)) - float(steps[first]), float(self._zero)
-            wrap = next((cure for length, cure in _WRAPS.items() if abs(drop / length - 1) < _WRAPPED), None)
-            cure = wrap or "name another clock, or sort and cut the recording"
-            fall = f"from {seconds[first] + zero:.13g} to {seconds[first + 1] + zero:.13g} s"
-            raise self.error(f"{key}.clock", path, f"{where}, {fall}; {cure}")
-        mean = float(steps.mean())
-        together = steps < TOGETHER * mean
-        if key in _SENSORS and len(steps) >= _SEVERAL and _PAIRED[0] < float(together.mean()) < _PAIRED[1]:
-            raise self.error(
-                f"{key}.clock",
-                path,
-                f"{100 * together.mean():.0f} % of its samples come right after another ({median(steps[together]):.3g} s, and "
-                f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if "
-                "they came in bursts, state even = true under the clock, or the clock of the sensor itself",
-            )
 
     def _even(self, key: str, path: str, stamps_s: Array) -> Array:
         """(n,) times of samples that come at even intervals; :class:`InputError` where their stamps tell that they don't."""
         even, wander = resample.even(stamps_s)
-        step = float(even[1] - even[0])
-        if wander > LEAPT:
-            problem = (
-                f"its stamps wander by {wander:.2g} samples from even intervals of {step:.6g} s: samples were lost, or the rate changed"
-            )
+        step = f"{even[1] - even[0]:.9g} s"
+        if wander > clocks.LEAPT:
+            problem = f"its stamps wander by {wander:.2g} samples from even intervals of {step}: samples were lost, or the rate changed"
             raise self.error(f"{key}.clock", path, f"{problem}; drop even")
         scatter = float((stamps_s - even).std())
-        self.made.append(f"{key}: stamps by {path!r} scatter by {scatter:.3g} s; its samples are taken as coming every {step:.9g} s")
+        self.made.append(f"{key}: stamps by {path!r} scatter by {scatter:.3g} s; its samples are taken as coming every {step}")
         return even
 
 
 def replace_clock(clock: Clock, path: str) -> Clock:
     """The clock with a path."""
     return clock.model_copy(update={"path": path})
-
-
-def fitting(pattern: str, paths: Sequence[str]) -> list[str]:
-    """The paths that a pattern fits, 2 before 10; ``*`` is any text within a level of the path, ``**`` any text, ``?`` one character."""
-    if pattern in paths:
-        return [pattern]
-    parts = [part for part in re.split(r"(\*\*|\*|\?)", pattern) if part]
-    return sorted((path for path in paths if _fits(parts, path)), key=natural)
-
-
-def _fits(parts: Sequence[str], path: str) -> bool:
-    """Whether a pattern's parts fit a path, in a time that grows as the product of their lengths: a regular expression's may explode."""
-    ends = {0}
-    path = _IN_BRACKETS.sub(lambda unit: unit[0].replace("/", _SLASH), path)
-    for part in parts:
-        if part == "**":
-            ends = set(range(min(ends), len(path) + 1))
-        elif part == "*":
-            ends = _within_level(ends, path)
-        elif part == "?":
-            ends = {end + 1 for end in ends if path[end : end + 1] not in ("", "/")}
-        else:
-            ends = {end + len(part) for end in ends if path[end : end + len(part)].replace(_SLASH, "/") == part}
-        if not ends:
-            return False
-    return len(path) in ends
-
-
-def _within_level(starts: set[int], path: str) -> set[int]:
-    """Where any text without a slash may end that begins at one of these."""
-    found, reached = set(), False
-    for at in range(len(path) + 1):
-        reached = at in starts or (reached and path[at - 1] != "/")
-        if reached:
-            found.add(at)
-    return found
-
-
-def natural(path: str) -> list[tuple[int, str]]:
-    """Sorts x2 before x10."""
-    return [(int(part), "") if part.isdecimal() and part.isascii() else (-1, part) for part in re.split(r"(\d+)", path)]

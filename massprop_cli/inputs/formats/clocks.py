@@ -1,0 +1,77 @@
+"""Clocks of a recording: times in seconds, and what is wrong with those that are none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.formats import units
+
+GAP = 2.5
+"""Times the median interval, as in a log: more is a gap. None may be longer than a record, or that would be made up."""
+LEAPT = 0.75
+"""Samples by which stamps may wander from even intervals: less than by one that was lost."""
+TOGETHER = 0.1
+"""Part of the mean interval below which samples come together; ..."""
+_PAIRED, _SEVERAL = 0.3, 20
+"""... the part of them that do, of sensors that take turns or of bursts, and how many samples tell."""
+_WRAPPED = 1e-3
+_WRAPS = {
+    **{
+        2.0**bits * factor: f"its counter wraps: add 2^{bits} {unit} to all that follows"
+        for bits in (16, 31, 32)
+        for unit, factor in units.TIME.items()
+    },
+    86400.0: "it passes midnight: add a day to all that follows, or write dates",
+    1.0: "it holds the part of a second: name the whole seconds as path, and nanoseconds = this one",
+}
+"""What to do about a clock that goes back by so many seconds, to a thousandth of them."""
+
+
+@dataclass(frozen=True)
+class Times:
+    """A clock, in seconds."""
+
+    path: str
+    s: Array
+    """(n,) strictly increasing, less the recording's zero."""
+    zero_s: float
+
+    @property
+    def step_s(self) -> float:
+        """The usual interval: the mean of those that are no gaps, as the median of times that are rounded is off."""
+        steps = np.diff(self.s)
+        return float(steps[steps <= GAP * median(steps)].mean())
+
+    def span(self) -> str:
+        """From when to when, by the clock itself."""
+        return f"{self.s[0] + self.zero_s:.13g} to {self.s[-1] + self.zero_s:.13g} s by {self.path!r}"
+
+
+def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: bool) -> str:
+    """Why times (n,) are none, with what to do; empty where they are.
+
+    ``place`` names one of them, ``zero_s`` is what was taken off; those of a ``sensor`` may not come in pairs or bursts.
+    """
+    steps = np.diff(times_s)
+    if not len(steps):
+        return "time has one sample only; name another clock"
+    back = np.flatnonzero(steps <= 0)
+    if back.size:
+        first = int(back[0])
+        fallen = median(np.abs(steps)) - float(steps[first])
+        wrapped = next((cure for length, cure in _WRAPS.items() if abs(fallen / length - 1) < _WRAPPED), None)
+        cure = wrapped or "name another clock, or sort and cut the recording"
+        fall = f"from {times_s[first] + zero_s:.13g} to {times_s[first + 1] + zero_s:.13g} s"
+        return f"time stands still or goes back at {place(first + 1)}, {fall}; {cure}"
+    together = steps < TOGETHER * steps.mean()
+    if not sensor or len(steps) < _SEVERAL or float(together.mean()) <= _PAIRED:
+        return ""
+    return (
+        f"{100 * together.mean():.0f} % of its samples come right after another ({median(steps[together]):.3g} s, and "
+        f"{median(steps[~together]):.3g} s between the others): if these are two sensors in one table, keep the rows of one; if they came "
+        "in bursts, state even = true under the clock, or the clock of the sensor itself"
+    )
