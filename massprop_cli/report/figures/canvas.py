@@ -31,7 +31,7 @@ STYLE: dict[Any, Any] = {
     "text.color": palette.INK, "axes.labelcolor": palette.INK, "axes.edgecolor": palette.MUTED, "xtick.color": palette.MUTED,
     "ytick.color": palette.MUTED, "xtick.labelcolor": palette.INK, "ytick.labelcolor": palette.INK, "grid.color": palette.GRID,
     "figure.facecolor": palette.PAPER, "axes.facecolor": palette.PAPER, "savefig.facecolor": palette.PAPER,
-    "xtick.bottom": False, "ytick.left": False,
+    "xtick.bottom": False, "ytick.left": False, "axes.titley": 1.0,
 }  # fmt: skip
 HEADING = 0.3
 """Inches above all panels of a titled figure."""
