@@ -13,6 +13,7 @@ from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known,
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
 from massprop_cli.conclude.physical import physical_note
 from massprop_cli.conclude.score import by_doubts, hanging
+from massprop_cli.conclude.swing import swinging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.white import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
@@ -52,7 +53,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
         # against a floor that stands in for noise no model fits
         if isinstance(found.vehicle, Resolved) and all(notice.code != "noise-floor" for notice in found.notices):
-            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle))
+            swing = swinging(settled, found.samples, found.vehicle, found.stated)
+            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle) | swing)
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 
 

@@ -35,6 +35,8 @@ UNWEIGHED = (
 )
 NO_NOISE = "counts as noise what no noise leaves"
 """In the reason why a value is not called converged that rests on a disturbance which is none."""
+PARTLY = "the body seems lighter than it is"
+"""... that rests on a sensor which shows a swing after each push."""
 NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
 """What the motion on a table depends on."""

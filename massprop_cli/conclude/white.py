@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.verdict import NO_NOISE
 from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
@@ -48,8 +48,6 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     failed = np.array([disturbed, widened]) & (((power > COLOURED) & (count * power > SURE)) | (heavy > HEAVY))
     if not failed.any():
         return {}
-    total = history.information_share.sum(1)
-    share = history.information_share[:, np.repeat(failed, 3)].sum(1) / np.where(total > 0, total, 1.0)
     worst = int(np.argmax(failed))
     own = along[:, 3 * worst : 3 * worst + 3]
     lag, axis = np.unravel_index(np.argmax(np.abs(own)), own.shape)
@@ -62,7 +60,14 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
         f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst]} {how}; look for a flexible or sloshing part, commands "
         "that were not executed, bumps, a torque that is not stated"
     )
-    return {name: reason for name, part in zip(QUANTITIES, share, strict=True) if part > PART}
+    return dict.fromkeys(resting(history, np.repeat(failed, 3)), reason)
+
+
+def resting(history: History, channels: BoolArray) -> list[str]:
+    """Quantities on which so many of the six ``channels`` give much of the information."""
+    total = history.information_share.sum(1)
+    share = history.information_share[:, channels].sum(1) / np.where(total > 0, total, 1.0)
+    return [name for name, part in zip(QUANTITIES, share, strict=True) if part > PART]
 
 
 def left(normalised: Array) -> tuple[Array, Array, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from massprop_cli.conclude.verdict import NO_NOISE, NO_PART, WANTED, Verdict
+from massprop_cli.conclude.verdict import NO_NOISE, NO_PART, PARTLY, WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import Result
@@ -91,6 +91,8 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason: str = "
         return "mend what contradicts this phase first"
     if verdict == "not_converged" and NO_NOISE in reason:
         return "find what disturbs, and keep it away or cut the log there"
+    if verdict == "not_converged" and PARTLY in reason:
+        return "fix or drain what swings, or push so seldom that it comes to rest"
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":

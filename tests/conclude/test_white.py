@@ -88,7 +88,8 @@ def examined(log: Log, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> tup
     """What is said of a log, and what would be said of it if every disturbance counted as noise."""
     source = VehicleSource(vehicle, "", "")
     found = flow.examine(log, source)
-    monkeypatch.setattr(judge, "unlike_noise", lambda *_: {})
+    for test in ("unlike_noise", "swinging"):
+        monkeypatch.setattr(judge, test, lambda *_: {})
     return found, flow.examine(log, source)
 
 

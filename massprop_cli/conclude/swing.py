@@ -1,0 +1,147 @@
+"""A test for what goes on after a push: a part that swings, fuel that sloshes.
+
+A spring or a pendulum within the vehicle answers each push by a swing of its own, so that at first the body seems lighter than it is: mass
+or inertia come out too small, by up to the part that swings, in the likeness of a good fit. What is left, made white, is held against
+the answers of oscillators to what was commanded, damped within one period, of periods half an octave apart,
+
+    y_k = Σ_j h_j u_(k−j),  h_j = exp(−j / P) (cos, sin)(2π j / P),  j = 1 … 3 P.
+
+Two directions for each axis, so that any phase and damping shows in the one that is nearest. Of all cycles only the sums of products of
+what is some cycles apart are kept. As it knows what was commanded, it sees a swing far below the noise, which no test of what is left alone
+does (:mod:`massprop_cli.conclude.white`).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.conclude.verdict import PARTLY
+from massprop_cli.conclude.white import resting
+from massprop_cli.diagnosis.lackoffit import correlation, deviate
+from massprop_cli.estimate.history import History
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.compensate import Source, blocks
+
+PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
+"""Cycles: 4 to 1024."""
+MEMORY = 3
+"""Periods after which a push is forgotten."""
+REPEATED = 2
+"""Least periods within a phase."""
+SWINGS, SIZED = 4.0, 3.0
+"""Sigmas from which on something swings: by chance in one of a thousand phases, of thirty periods and sensors each, and in one of forty
+where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
+EMPTY = 1e-9
+"""Part of the power of all axes that is none."""
+TINY = 1e-300
+SENSORS = ("turn", "speed")
+
+
+class Lagged(NamedTuple):
+    """Sums over a phase's cycles of products of what is 0, 1, … cycles apart; torque x y z and force x y z."""
+
+    left: Array
+    """(6, L) what is left of rate and specific force, by what was commanded so many cycles before."""
+    commanded: Array
+    """(6, L) what was commanded, by itself."""
+    scatter: Array
+    """(6,) mean square of what is left."""
+    cycle_s: float
+
+
+def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle) -> dict[str, str]:
+    """Why values are not to be called converged, by quantity: those that rest on a sensor which shows a swing.
+
+    ``used`` holds the disturbances that were sized, beyond what is ``stated``.
+    """
+    cycles = history.cycles
+    periods = PERIODS[: np.searchsorted(PERIODS, (cycles.stop - cycles.start) / REPEATED, "right")]
+    if history.reference is None or not len(periods):
+        return {}
+    found = lagged(history, samples)
+    sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
+    sized = (used.environment, used.estimator) != (stated.environment, stated.estimator)
+    reasons: dict[str, str] = {}
+    for sensor, own in enumerate(sigmas):
+        at = int(own.argmax())
+        if own[at] > (SIZED if sized else SWINGS):
+            lasts = periods[at] * found.cycle_s
+            reason = (
+                f"after each push the body's {SENSORS[sensor]} swings on, about once in {lasts:.2g} s ({own[at]:.2g} sigma): {PARTLY}, "
+                "by up to the part that swings; look for sloshing fuel, a flexible or loose part, thrust that trails off"
+            )
+            reasons |= dict.fromkeys(resting(history, np.arange(6) // 3 == sensor), reason)
+    return reasons
+
+
+def swings(one: Lagged, periods: Array, spread: Array) -> Array:
+    """(2, P) by how many sigmas what is left of rate and of specific force follows oscillators of each period.
+
+    Slow noise may have more power than white noise by the factors ``spread`` (2,).
+    """
+    explained, freedom = np.array([explained_by(one, float(period)) for period in periods]).transpose(2, 1, 0)
+    explained /= spread[:, None]
+    among = np.maximum(freedom, 1)
+    return np.where(freedom > 0, deviate(explained / among, among), 0.0)
+
+
+def lagged(history: History, samples: Source) -> Lagged:
+    """Of a phase, part by part, by the fast Fourier transform."""
+    reference, cycles = history.reference, history.cycles
+    assert reference is not None
+    lags = int(MEMORY * min(PERIODS[-1], (cycles.stop - cycles.start) / REPEATED)) + 1
+    left, commanded, power, count = np.zeros((6, lags)), np.zeros((6, lags)), np.zeros(6), 0
+    before, lasting = np.zeros((6, lags)), 0.0
+    for part in blocks(cycles):
+        executed = samples.part(part).executed
+        channels, lasting = executed.channels, lasting + float(executed.duration_s.sum())
+        pushed = channels.whole @ channels.wrench
+        pushed[:, :3] -= np.cross(reference.cg, pushed[:, 3:])
+        rest = history.normalised[part.start - cycles.start : part.stop - cycles.start]
+        told: BoolArray = np.asarray(np.isfinite(rest).all(1))
+        rest = np.where(told[:, None], rest, 0.0)
+        driven = np.hstack([before, pushed.T])
+        left += _products(rest.T, driven, lags)
+        commanded += _products(pushed.T, driven, lags)
+        power, count = power + (rest**2).sum(0), count + int(told.sum())
+        before = driven[:, -lags:]
+    return Lagged(left, commanded, power / max(count, 1), lasting / (cycles.stop - cycles.start))
+
+
+def _products(now: Array, driven: Array, lags: int) -> Array:
+    """(6, L) sums of ``now`` (6, K) by what ``driven`` (6, L + K) was so many cycles before."""
+    size = 1 << (driven.shape[1] + lags - 1).bit_length()
+    spectrum = np.fft.rfft(np.pad(now, ((0, 0), (lags, 0))), size) * np.fft.rfft(driven, size).conj()
+    return np.asarray(np.fft.irfft(spectrum, size)[:, :lags])
+
+
+def explained_by(one: Lagged, period: float) -> Array:
+    """(2, 2) of each sensor: the sum of squares that oscillators of a period explain, over its scatter; and of how many directions.
+
+    Oscillators' own sums of squares follow from the commands': Σ_jl h_j h_l R(j − l).
+    """
+    lags = min(int(MEMORY * period) + 1, one.left.shape[1])
+    kernel, across = _oscillator(period, lags)
+    along = one.left[:, 1:lags] @ kernel.T
+    both = np.hstack([one.commanded[:, :lags], np.zeros((6, 1)), one.commanded[:, lags - 1 : 0 : -1]])
+    gram = np.einsum("hgl,al->ahg", across, both)
+    power = one.commanded[:, 0].reshape(2, 3)
+    driven: BoolArray = np.asarray(power > EMPTY * power.sum(1, keepdims=True))
+    gram[~driven.ravel()] = np.eye(2)
+    square = np.einsum("ah,ah->a", along, np.linalg.solve(gram, along[..., None])[..., 0]).reshape(2, 3)
+    scatter = np.maximum(one.scatter.reshape(2, 3).mean(1), TINY)
+    return np.stack([np.where(driven, square, 0.0).sum(1) / scatter, 2.0 * driven.sum(1)], axis=1)
+
+
+@lru_cache(64)
+def _oscillator(period: float, lags: int) -> tuple[Array, Array]:
+    """(2, L − 1) its answers h_j, j = 1 … L − 1; and (2, 2, 2 L) their products Σ_j h_j h_(j+l), l = 0 … L, −L + 1 … −1."""
+    answer = np.exp((-1 + 2j * np.pi) * np.arange(1, lags) / period)
+    kernel = np.stack([answer.real, answer.imag])
+    spectrum = np.fft.rfft(kernel, 2 * lags)
+    return kernel, np.fft.irfft(spectrum[:, None].conj() * spectrum, 2 * lags)

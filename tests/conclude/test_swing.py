@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.conclude.swing import PERIODS, explained_by, lagged, swings
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare.actuators import channel_wrench
+from massprop_cli.report import vocabulary
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.testbed.simulate import Flight
+
+PERIOD_S = 0.05
+PLAN = (
+    "duration_s=25.0",
+    "plan=["
+    + ", ".join(
+        f'{{motion="random", axes=["{axis}"], every_cycles=5, max_cycles=4, start_cycle={60 * i}, end_cycle={60 * i + 60}}}'
+        for i, axis in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))
+    )
+    + ', {motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=5, max_cycles=4, start_cycle=360, end_cycle=500}]',
+)
+INERTIA, CG, MASS = np.array([0.6, 2.7, 2.4]), np.array([-0.02, 0.025, 0.01]), 22.0
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return simulate.fly(scenario.load("free-flyer", PLAN), [3001])
+
+
+def swung(flight: Flight, part: float, hertz: float, turning: bool = False) -> Analysis:
+    """The flight of a body of which ``part`` hangs on a spring: at its CG, or, ``turning``, about each of its axes."""
+    log = flight.log(0)
+    rigid = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
+    executed = rigid.samples.part(slice(0, len(rigid.samples))).executed
+    pushed = executed.channels.whole @ channel_wrench(log, rigid.vehicle) / PERIOD_S
+    mounting, found = np.array(flight.vehicle.imu.body_from_imu), log
+    if turning:
+        torque = pushed[:, :3] - np.cross(CG, pushed[:, 3:])
+        gained = np.cumsum(_beyond_rigid(torque / INERTIA, part, hertz), axis=0)
+        mean = (gained + np.vstack([np.zeros((1, 3)), gained[:-1]])) / 2
+        found = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad + mean * PERIOD_S @ mounting))
+    else:
+        gained = _beyond_rigid(pushed[:, 3:] / MASS, part, hertz)
+        found = replace(log, delta_v_imu_m_s=frozen(log.delta_v_imu_m_s + gained @ mounting))
+    return flow.examine(found, VehicleSource(flight.vehicle, "", ""))
+
+
+def _beyond_rigid(drive: Array, part: float, hertz: float, damping: float = 0.02, steps: int = 40) -> Array:
+    """(K, 3) what a spring adds to the increments of a rigid body's speed, which ``drive`` (K, 3) accelerates: m₁ẍ₁ = F + k x + c ẋ."""
+    rate, step = 2 * np.pi * hertz, PERIOD_S / steps
+    found, away, moving = np.zeros_like(drive), np.zeros(3), np.zeros(3)
+    for gained, push in zip(found, drive, strict=True):
+        for _ in range(steps):
+            pull = rate**2 * away + 2 * damping * rate * moving
+            base = (push + part * pull) / (1 - part)
+            moving = moving - step * (base + pull)
+            away = away + step * moving
+            gained += step * (base - push)
+    return found
+
+
+def test_sums_of_products_explain_what_the_oscillators_themselves_do(flight: Flight) -> None:
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    history, one = found.settled[0], lagged(found.settled[0], found.samples)
+    channels = found.samples.part(history.cycles).executed.channels
+    pushed = channels.whole @ channels.wrench
+    assert history.reference is not None
+    pushed[:, :3] -= np.cross(history.reference.cg, pushed[:, 3:])
+    left = np.nan_to_num(history.normalised)
+    for period in (4.0, 16.0, 45.25):
+        # a push goes on beyond the end: its oscillators' squares count whole
+        beyond = np.vstack([pushed, np.zeros((int(3 * period) + 1, 6))])
+        square = np.zeros(6)
+        steps = np.arange(1, int(3 * period) + 1)
+        answers = np.exp(-steps / period) * np.array([np.cos(2 * np.pi * steps / period), np.sin(2 * np.pi * steps / period)])
+        for axis in range(6):
+            rows = np.column_stack([np.convolve(beyond[:, axis], np.append(0.0, answer))[: len(beyond)] for answer in answers])
+            along = rows[: len(left)].T @ left[:, axis]
+            square[axis] = along @ np.linalg.solve(rows.T @ rows, along)
+        expected = square.reshape(2, 3).sum(1) / (left**2).sum(0).reshape(2, 3).mean(1) * np.isfinite(history.normalised).all(1).sum()
+        np.testing.assert_allclose(explained_by(one, period)[:, 0], expected, rtol=1e-6)
+        np.testing.assert_array_equal(explained_by(one, period)[:, 1], 6)
+
+
+def test_noise_follows_no_oscillator_by_more_than_chance(flight: Flight) -> None:
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    history, rng = found.settled[0], np.random.default_rng(1)
+    periods, drawn = PERIODS[:13], []
+    for _ in range(60):
+        one = lagged(replace(history, normalised=rng.standard_normal(history.normalised.shape)), found.samples)
+        drawn.append([explained_by(one, float(period))[:, 0] for period in periods])
+    # chi-square of six degrees of freedom: mean 6, variance 12; of 60 draws of two sensors. What rings on beyond the end explains nothing
+    mean = np.mean(drawn, axis=(0, 2))
+    assert mean[:5] == pytest.approx(6.0, abs=4 * np.sqrt(12 / 120))
+    assert (mean < 6 + 4 * np.sqrt(12 / 120)).all()
+    assert swings(one, periods, np.ones(2)).max() < 3.5
+
+
+@pytest.mark.parametrize("hertz", [0.3, 0.8, 2.0])
+def test_a_mass_beside_sloshing_fuel_is_not_called_converged(flight: Flight, hertz: float) -> None:
+    found = swung(flight, 0.1, hertz).conclusions[0].estimates
+    assert found["mass"].verdict == "not_converged"
+    assert "swings on" in found["mass"].reason
+    said = float(found["mass"].reason.split("about once in ")[1].split(" s ")[0])
+    assert said == pytest.approx(1 / hertz, rel=0.45)
+    assert vocabulary.remedy("mass", "not_converged", "", found["mass"].reason).startswith("fix or drain")
+    # rates tell inertia by themselves
+    assert all(found[name].verdict == "converged" for name in ("ixx", "iyy", "izz"))
+
+
+@pytest.mark.parametrize("hertz", [0.3, 0.8, 2.0])
+def test_no_inertia_beside_a_flexible_part_is_called_converged(flight: Flight, hertz: float) -> None:
+    found = swung(flight, 0.1, hertz, turning=True).conclusions[0].estimates
+    assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))
+
+
+def test_a_rigid_body_shows_no_swing(flight: Flight) -> None:
+    found = swung(flight, 0.0, 1.0)
+    assert all(found.conclusions[0].estimates[name].verdict == "converged" for name in QUANTITIES)
