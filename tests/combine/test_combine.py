@@ -298,7 +298,16 @@ def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: P
         (["a", "b", "--out", "a"], 3, "holds the result of a log, with its history"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(arguments: list[str], code: int, said: str, folder: Path) -> None:
+def test_what_does_not_belong_together_is_refused(arguments: list[str], code: int, said: str, odd: Path) -> None:
+    done = massprop(odd, "combine", *arguments)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr
+
+
+@pytest.fixture(scope="module")
+def odd(folder: Path) -> Path:
+    """Beside the results of three logs: what combine makes of them, and what does not belong with them."""
     told = json.loads((folder / "b" / "result.json").read_text())
     changed = {
         "copy": json.loads((folder / "a" / "result.json").read_text()),
@@ -314,7 +323,4 @@ def test_what_does_not_belong_together_is_refused(arguments: list[str], code: in
     for name, content in changed.items():
         (folder / name).mkdir(exist_ok=True)
         (folder / name / "result.json").write_text(json.dumps(content))
-    done = massprop(folder, "combine", *arguments)
-    assert (done.returncode, done.stdout) == (code, "")
-    assert len(done.stderr.splitlines()) == 1
-    assert said in done.stderr
+    return folder

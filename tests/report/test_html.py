@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,29 @@ import numpy as np
 import pytest
 
 from massprop_cli.report import checks, html, limiting, view, vocabulary
+from massprop_cli.report.figures import canvas
+from massprop_cli.report.figures.panel import Panel
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Delay, Innovations, Mended, PhaseItem
 from tests import recorded
 from tests.recording import changed, record
 from tests.report.page import Page
+
+RENDER = canvas.render
+DRAWN: dict[object, bytes] = {}
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What two pages show alike is drawn once: these tests are of what stands around the figures."""
+
+    def render(panels: Sequence[Panel], kind: canvas.Kind, columns: int = 1, title: str = "") -> bytes:
+        key = (kind, columns, title, tuple((panel.key, panel.says, panel.size) for panel in panels))
+        if key not in DRAWN:
+            DRAWN[key] = RENDER(panels, kind, columns, title)
+        return DRAWN[key]
+
+    monkeypatch.setattr(canvas, "render", render)
 
 
 def test_the_first_table_holds_every_value_with_sigma_unit_and_verdict(flyer: Recorded, flyer_page: Page) -> None:
