@@ -133,12 +133,12 @@ def _forces(s: Subject, _: Random, factor: float) -> Drawn | None:
     return Drawn(wrong, due("thrust-scale", channels=who), f"{', '.join(who)} give {factor:g} times what is stated, all others what is")
 
 
-def _rise(s: Subject, _: Random, cycles: float) -> Drawn | None:
+def _rise(s: Subject, _: Random, cycles: float, ramps: tuple[str, ...] = ("rise_s", "fall_s")) -> Drawn | None:
     if not s.vehicle.jets:
         return None
-    more = cycles * s.period_s
-    keys = [f"vehicle.jets.{i}.{k}={getattr(j, k) + more}" for i, j in enumerate(s.vehicle.jets) for k in ("rise_s", "fall_s")]
-    return Drawn(s.flown(*keys), due("thrust-rise"), f"thrust rises and falls for {1000 * more:g} ms more than stated")
+    more, what = cycles * s.period_s, " and ".join(ramp.removesuffix("_s") for ramp in ramps)
+    keys = [f"vehicle.jets.{i}.{ramp}={getattr(jet, ramp) + more}" for i, jet in enumerate(s.vehicle.jets) for ramp in ramps]
+    return Drawn(s.flown(*keys), due("thrust-rise"), f"{what} of thrust take {1000 * more:g} ms more than stated")
 
 
 def _lag(s: Subject, rng: Random) -> Drawn | None:
@@ -195,6 +195,8 @@ THRUST = (
     Fault("forces-unit", "the same at eight times what is stated", partial(_forces, factor=8.0)),
     Fault("rise-short", "rise and fall of a fifth of a cycle unstated", partial(_rise, cycles=0.2)),
     Fault("rise-long", "rise and fall of two fifths unstated", partial(_rise, cycles=0.4)),
+    Fault("opens-late", "valves that open late: a rise of a tenth unstated", partial(_rise, cycles=0.1, ramps=("rise_s",))),
+    Fault("closes-late", "valves that close late: a fall of a tenth unstated", partial(_rise, cycles=0.1, ramps=("fall_s",))),
     Fault("lag", "lag of 0.3 to 0.8 cycles unstated", _lag),
     Fault("delay-half", "delay off by half a cycle", partial(_delay, cycles=0.5)),
     Fault("delay-one", "delay off by a cycle", partial(_delay, cycles=1.0)),

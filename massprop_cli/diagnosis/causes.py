@@ -33,6 +33,7 @@ EXPECTED = {
     "drag": 1.0,
     "delay": 1.0,
     "rise": 0.3,
+    "fall": 0.3,
     "lag": 0.5,
     "gyro_lag": 1.0,
     "accel_lag": 1.0,
@@ -121,15 +122,16 @@ def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: floa
 
 def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
     """What makes motion late."""
+    if by_jets:  # valves that open or close late, or both alike
+        ramps = (("rise",), ("fall",), ("rise", "fall"))
+        yield from (Supposition("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
     for code, name in (
         ("delay-mismatch", "delay"),
-        ("thrust-rise", "rise"),
         ("thrust-lag", "lag"),
         ("gyro-filter", "gyro_lag"),
         ("accel-filter", "accel_lag"),
     ):
-        if by_jets or name != "rise":
-            yield _one(model, code, name)
+        yield _one(model, code, name)
     # clocks agree where the log begins, and the stretch is somewhere in it
     yield Supposition("clock-drift", (), np.hstack([along(model, (name, np.ones(1))) for name in ("delay", "drift")]))
 

@@ -193,7 +193,7 @@ def _jets(vehicle: Vehicle, found: Fitted, fired: list[int]) -> dict[int, Jet]:
     model = found.model
     force = model.wrench(found.x)[1]
     position = model.position + found.value("position").reshape(-1, 3)
-    rise = 2 * float(found.value("rise")[0]) * vehicle.cycle.period_s
+    rise, fall = (2 * float(found.value(ramp)[0]) * vehicle.cycle.period_s for ramp in ("rise", "fall"))
     mended = {}
     for i, jet in enumerate(vehicle.jets):
         changed: dict[str, Any] = {}
@@ -204,7 +204,9 @@ def _jets(vehicle: Vehicle, found: Fitted, fired: list[int]) -> dict[int, Jet]:
             if np.any(position[at] != model.position[at]):
                 changed["position_m"] = _vector(position[at])
         if rise != 0:
-            changed |= {"rise_s": max(jet.rise_s + rise, 0.0), "fall_s": max(jet.fall_s + rise, 0.0)}
+            changed["rise_s"] = max(jet.rise_s + rise, 0.0)
+        if fall != 0:
+            changed["fall_s"] = max(jet.fall_s + fall, 0.0)
         if changed:
             mended[i] = jet.model_copy(update=changed)
     return mended

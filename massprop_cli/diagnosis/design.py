@@ -33,7 +33,7 @@ from massprop_cli.prepare.timing import Timing
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
 SLOWER = 0.02
-"""Cycles by which half of the thrust is made to come later by a longer rise and fall, to see what that would do."""
+"""Cycles by which half of a thrust that rises, or falls, is made to come later, to see what that would do."""
 SWUNG = ("gyro_scale", "gyro_bias")
 """Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
 with it the vertical is turned, and begins elsewhere."""
@@ -115,8 +115,9 @@ class Designs:
         # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
         earliest = max(timing.delay - SHIFT, 0.0)
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        risen = self._window(log, _slower(vehicle), timing.delay, lag_s) if log.command_kind == "jets" else None
-        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, risen, vehicle, cycles))
+        ramps = ("rise_s", "fall_s") if log.command_kind == "jets" else ()
+        slower = [self._window(log, _slower(vehicle, ramp), timing.delay, lag_s) for ramp in ramps]
+        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, slower, vehicle, cycles))
         if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
@@ -187,10 +188,10 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
     return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
-def _slower(vehicle: Vehicle) -> Vehicle:
-    """With jets that rise and fall so that half of their thrust comes ``SLOWER`` cycles later."""
+def _slower(vehicle: Vehicle, ramp: str) -> Vehicle:
+    """With jets that rise, or fall, so that half of their thrust comes, or goes, ``SLOWER`` cycles later."""
     by = 2 * SLOWER * vehicle.cycle.period_s
-    jets = tuple(jet.model_copy(update={"rise_s": jet.rise_s + by, "fall_s": jet.fall_s + by}) for jet in vehicle.jets)
+    jets = tuple(jet.model_copy(update={ramp: getattr(jet, ramp) + by}) for jet in vehicle.jets)
     return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})
 
 
@@ -200,10 +201,13 @@ class _Part(NamedTuple):
     mean: Array
 
 
-def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Window | None, vehicle: Vehicle, cycles: slice) -> list[_Part]:
+def _columns(
+    samples: Samples, moved: Sequence[_Window], at: float, slower: Sequence[_Window], vehicle: Vehicle, cycles: slice
+) -> list[_Part]:
     """Each kind: (K − 1, n) growth of the rate, (K, n) means.
 
-    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``risen``: slower thrust.
+    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``slower``: thrust that rises, and
+    that falls, more slowly.
     """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
@@ -243,9 +247,9 @@ def _columns(samples: Samples, moved: Sequence[_Window], at: float, risen: _Wind
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    if risen is not None:
-        then = windowed(risen.rising, risen.impulse), risen.impulse[cycles] / duration
-        parts.append(_Part("rising", *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
+    for name, one in zip(("rising", "falling"), slower, strict=False):
+        then = windowed(one.rising, one.impulse), one.impulse[cycles] / duration
+        parts.append(_Part(name, *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
     return parts
 
 

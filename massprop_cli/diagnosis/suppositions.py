@@ -47,6 +47,7 @@ ENTRIES = {
     "drag": 3,
     "delay": 1,
     "rise": 1,
+    "fall": 1,
     "lag": 1,
     "gyro_lag": 1,
     "accel_lag": 1,
@@ -62,10 +63,11 @@ BY = {
     "rates": ("drag", "gyro_bias"),
     "later": _LATE,
     "lagging": _LATE,
-    "smeared": (*_LATE, "rise"),
+    "smeared": (*_LATE, "rise", "fall"),
     "drifting": ("drift",),
     "aging": ("mass_rate", "inertia_rate"),
     "rising": ("rise",),
+    "falling": ("fall",),
     "east": ("tilt", "gyro_turn"),
     "north": ("tilt", "gyro_turn"),
     **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
@@ -289,12 +291,12 @@ class Model:
         return self._measured(spin, push, x, gyro, accelerometer)
 
     def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
-        """What the stated wrench does later, smeared, with a drifting clock or a longer rise; sensors that lag see all of it later.
+        """What the stated wrench does later, smeared, with a drifting clock or a longer rise or fall; sensors that lag see all of it later.
 
         A lag L as stated that is L + e is ``(1 + sL) / (1 + s(L + e)) = 1 − s e + s² e (L + e) − …``; of a sensor's the first term is taken
         as the sensor sees it, ``− s e / (1 + sL)``.
         """
-        delay, lag, rise = (x[..., self.entries[name]][..., 0] for name in ("delay", "lag", "rise"))
+        delay, lag, rise, fall = (x[..., self.entries[name]][..., 0] for name in ("delay", "lag", "rise", "fall"))
         for own, parts, sensor in ((response, spin, "gyro_lag"), (thrust, push, "accel_lag")):
             more = x[..., self.entries[sensor]][..., 0]
             begins = more if self.lags[sensor] == 0 else np.zeros_like(more)
@@ -302,9 +304,10 @@ class Model:
             smeared = (later**2 + lag**2 + begins**2) / 2 + lag * self.lags["lag"]
             parts["later"] = later[..., None, None] * own
             parts["lagging"] = (more - begins)[..., None, None] * own
-            parts["smeared"] = (smeared + RAMP * rise**2)[..., None, None] * own
+            parts["smeared"] = (smeared + RAMP * rise * fall)[..., None, None] * own
             parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
             parts["rising"] = rise[..., None, None] * own
+            parts["falling"] = fall[..., None, None] * own
 
     def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
         """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.

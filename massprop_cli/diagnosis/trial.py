@@ -21,7 +21,7 @@ PROMISED = 0.5
 of the log's."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
-TIMES = frozenset({"delay", "rise", "lag", "gyro_lag", "accel_lag", "drift"})
+TIMES = frozenset({"delay", "rise", "fall", "lag", "gyro_lag", "accel_lag", "drift"})
 TURNING = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt"})
 """Entries of x by which what is measured changes along no straight line: when things happen, and on a bearing, where it moves the
 vertical, what a gyro gets wrong."""
@@ -88,12 +88,13 @@ def beyond(look: Look) -> float:
 def _before_its_cause(look: Look, found: Fitted) -> bool:
     """Whether it takes a delay, a lag or a rise below zero, by more than chance."""
     (_, vehicle, timing, _), period = look.case, look.case.vehicle.cycle.period_s
-    rise = max((jet.rise_s for jet in vehicle.jets), default=0.0) / period / 2
+    rise, fall = (max((getattr(jet, ramp) for jet in vehicle.jets), default=0.0) / period / 2 for ramp in ("rise_s", "fall_s"))
     imu = vehicle.imu
     least = {
         "delay": timing.delay,
         "lag": timing.lag,
         "rise": rise,
+        "fall": fall,
         "gyro_lag": imu.gyro_lag_s / period,
         "accel_lag": imu.accel_lag_s / period,
     }

@@ -109,8 +109,16 @@ def _lag(said: Said) -> str:
 
 
 def _rise(said: Said) -> str:
-    by = 2e3 * said.seconds("rise")
-    return f"thrust takes {by:.3g} ms {'longer' if by > 0 else 'less'} to rise and to fall than rise_s and fall_s say; mend them"
+    rise, fall = 2e3 * said.seconds("rise"), 2e3 * said.seconds("fall")
+    by = rise or fall
+    longer = f"thrust takes {abs(by):.3g} ms {'longer' if by > 0 else 'less'}"
+    if rise and fall:
+        return f"{longer} to rise and to fall than rise_s and fall_s say; mend them"
+    ramp, valve, gives = ("rise", "opens", by < 0) if rise else ("fall", "closes", by > 0)
+    return (
+        f"{longer} to {ramp} than {ramp}_s says, as of a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}, "
+        f"so each pulse gives {'more' if gives else 'less'}; mend it"
+    )
 
 
 def _filter(sensor: str) -> Callable[[Said], str]:

@@ -21,6 +21,7 @@ enum {
     DRAG = 37,
     DELAY = 40,
     RISE,
+    FALL,
     LAG,
     GYRO_LAG,
     ACCEL_LAG,
@@ -28,8 +29,8 @@ enum {
     MASS_RATE,
     INERTIA_RATE,
     TILT,
-    SLOPE = 50,
-    THRUST = 52
+    SLOPE = 51,
+    THRUST = 53
 };
 /* Blocks of columns; a block begins at a place, or is not there. */
 enum {
@@ -42,14 +43,15 @@ enum {
     SMEARED,
     DRIFTING,
     RISING,
+    FALLING,
     AGING,
     UP = SUPPOSED_UP,
     LEVEL,
     EAST,
     NORTH,
     BY_SCALE,
-    BY_BIAS = 17,
-    SLOPES = 20
+    BY_BIAS = 18,
+    SLOPES = 21
 };
 
 typedef double matrix[3][3];
@@ -172,7 +174,7 @@ static void put_times(const mp_suspect *about, int block, double by_spin, const 
     put(about, block, parts[0], parts[1], wide, out);
 }
 
-/* What the stated wrench does later, smeared, with a drifting clock, a longer rise or a body that changes. */
+/* What the stated wrench does later, smeared, with a drifting clock, a longer rise or fall, or a body that changes. */
 static void put_late(const mp_suspect *about, const double *x, const double *response, const double *through, const double *thrust,
                      double *out) {
     double later[2], lagging[2], smeared[2], aging[18], aged[18];
@@ -182,13 +184,14 @@ static void put_late(const mp_suspect *about, const double *x, const double *res
         later[i] = x[DELAY] + x[LAG] + begins;
         lagging[i] = more - begins;
         smeared[i] = (later[i] * later[i] + x[LAG] * x[LAG] + begins * begins) / 2 + x[LAG] * about->lags[0];
-        smeared[i] += about->ramp * x[RISE] * x[RISE];
+        smeared[i] += about->ramp * x[RISE] * x[FALL];
     }
     put_times(about, LATER, later[0], response, later[1], thrust, 6, out);
     put_times(about, LAGGING, lagging[0], response, lagging[1], thrust, 6, out);
     put_times(about, SMEARED, smeared[0], response, smeared[1], thrust, 6, out);
     put_times(about, DRIFTING, x[DRIFT], response, x[DRIFT], thrust, 6, out);
     put_times(about, RISING, x[RISE], response, x[RISE], thrust, 6, out);
+    put_times(about, FALLING, x[FALL], response, x[FALL], thrust, 6, out);
     for (i = 0; i < 18; i++) {
         aging[i] = -x[INERTIA_RATE] * response[i];
         aged[i] = -x[INERTIA_RATE] * through[i] - x[MASS_RATE] * (thrust[i] - through[i]);

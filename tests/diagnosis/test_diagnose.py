@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -107,6 +108,28 @@ def test_a_fault_is_named(keys: list[str], mistake: Mistake, code: str, words: s
     assert words in said[0].replace("+0.79", "+0.8")
     # the other suppositions stay unsaid
     assert {notice.code for notice in notices} - {"unphysical-inertia"} == {code}
+
+
+@pytest.mark.parametrize(
+    ("ramp", "by_s", "words"),
+    [
+        ("rise_s", 0.004, "longer to rise than rise_s says, as of a valve that opens 2 ms later, so each pulse gives less"),
+        ("fall_s", 0.006, "longer to fall than fall_s says, as of a valve that closes 3 ms later, so each pulse gives more"),
+    ],
+)
+def test_valves_that_open_or_close_late_are_named_and_mended(ramp: str, by_s: float, words: str) -> None:
+    """Each pulse gives so much less or more whatever its length: as stated, inertias are hundreds of sigmas off."""
+    source = scenario.load("free-flyer", PLAN)
+    slower = [f"vehicle.jets.{i}.{ramp}={getattr(jet, ramp) + by_s}" for i, jet in enumerate(source.scenario.vehicle.jets)]
+    flown, stated = simulate.fly(scenario.load("free-flyer", [*PLAN, *slower]), [3]), source.scenario.vehicle
+    found = flow.examine(flown.log(0), VehicleSource(stated, "t", ""))
+    (said,) = [notice.message for notice in found.notices if notice.code == "thrust-rise"]
+    assert words in re.sub(r"(\d)\.0\d* ms", r"\1 ms", re.sub("(1.9|2.9)\\d* ms", lambda one: f"{round(float(one[1]))} ms", said))
+    (answer,) = found.mended
+    for (name, item), true in zip(answer.conclusions[0].estimates.items(), flown.truth[0][0], strict=True):
+        assert item.value is not None, name
+        assert item.sigma is not None, name
+        assert abs(item.value - true) < 4 * item.sigma, name
 
 
 @pytest.mark.numerical
