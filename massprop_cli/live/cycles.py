@@ -7,11 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.telemetry import ABSURD, GAP, LONG
 from massprop_cli.live.records import Columns, Record, RecordError
+
+STARTS, SPAN = 3, 1.5
+"""Intervals, and control cycles, that the first records must span to say how many there are in a cycle."""
+LOST = 3.5
+"""Usual intervals that three in a row last at least, the middle one long, where a record is lost and none was but stamped early or late."""
 
 
 class Cycle(NamedTuple):
@@ -20,42 +25,56 @@ class Cycle(NamedTuple):
     end_s: float
     numbers: Array
     """As :func:`massprop_cli.estimate.flown.cycles_of` has them."""
+    lacking: bool = False
+    """Whether a record before it is lacking, with a command that nobody knows."""
 
 
 class Gatherer:
-    """Counts records into cycles. The first interval stands for the usual one."""
+    """Counts records into cycles, by the median of the first intervals: one of them may be jittered, or twice as long for a lost record."""
 
     def __init__(self, columns: Columns, period_s: float) -> None:
         self.columns, self.period_s = columns, period_s
         self.usual_s = 0.0
         self.records = 0
-        """Of a cycle; 0 until the second has come."""
-        self._first: Record | None = None
+        """Of a cycle; 0 until the first have come."""
+        self._begun: list[Record] = []
         self._last_s = -math.inf
         self._own: list[tuple[Record, float]] = []
+        self._lengths = [1.0, 1.0, 1.0]
 
     def add(self, record: Record) -> list[Cycle]:
         """Cycles that are whole with it. :class:`RecordError` where it must be left out, :class:`InputError` where nothing can follow."""
         interval = record.time_s - self._last_s
         if not interval > 0:
             raise RecordError(f"time {record.time_s:.9g} s does not come after {self._last_s:.9g} s")
-        if self._first is None and not self.records:
-            self._first, self._last_s = record, record.time_s
-            return []
-        absurd = self._absurd(record, interval)
-        if absurd:
-            raise RecordError(absurd)
-        if self._first is not None:
-            self._counted(interval)
-            first, self._first = self._first, None
-            absurd = self._absurd(first, self.usual_s)
+        if self._begun or self.records:
+            absurd = self._absurd(record, interval)
             if absurd:
-                raise InputError(f"standard input: the first record: {absurd}; begin a new recording")
-            return self._added(first, self.usual_s) + self._next(record, interval)
-        self._follows(record, interval)
-        return self._next(record, interval)
+                raise RecordError(absurd)
+        if self.records:
+            return self._next(record, interval)
+        self._begun.append(record)
+        self._last_s = record.time_s
+        told = len(self._begun) > STARTS and record.time_s - self._begun[0].time_s > SPAN * self.period_s
+        return self.started() if told else []
+
+    def started(self) -> list[Cycle]:
+        """Cycles of the first records, which waited for one another; nothing of a single one."""
+        begun, self._begun = self._begun, []
+        if len(begun) < 2:
+            return []
+        steps = np.diff([record.time_s for record in begun])
+        self._counted(median(steps))
+        absurd = self._absurd(begun[0], self.usual_s)
+        if absurd:
+            raise InputError(f"standard input: the first record: {absurd}; begin a new recording")
+        made = self._added(begun[0], self.usual_s)
+        for record, interval in zip(begun[1:], map(float, steps), strict=True):
+            made += self._next(record, interval)
+        return made
 
     def _next(self, record: Record, interval: float) -> list[Cycle]:
+        self._follows(record, interval)
         made = self._added(record, interval)
         self._last_s = record.time_s
         return made
@@ -72,8 +91,8 @@ class Gatherer:
         records = round(self.period_s / interval)
         if records < 1 or abs(records * interval / self.period_s - 1) > 0.2:
             raise InputError(
-                f"standard input: the first interval of {interval:.6g} s does not divide the control cycle of {self.period_s:g} s; "
-                "is time in seconds ([columns] can scale it), is cycle.period_s right?"
+                f"standard input: the usual interval of the first records, {interval:.6g} s, does not divide the control cycle of "
+                f"{self.period_s:g} s; is time in seconds ([columns] can scale it), is cycle.period_s right?"
             )
         self.usual_s, self.records = interval, records
 
@@ -115,7 +134,9 @@ class Gatherer:
             attitude /= np.linalg.norm(attitude)
         commands = [own[0][0].numbers[name] for name in columns.commands]
         length = float(np.array([interval for _, interval in own]).sum())
-        return Cycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, *attitude, 0.0, 0.0, 0.0, *commands]))
+        self._lengths = [*self._lengths[-2:], length / self.usual_s]
+        lacking = self.records == 1 and self._lengths[-2] > LONG and sum(self._lengths) > LOST
+        return Cycle(last.time_s, np.array([last.time_s, length, *theta, *velocity, *attitude, 0.0, 0.0, 0.0, *commands]), lacking)
 
 
 def _summed(own: list[tuple[Record, float]], names: tuple[str, ...], rates: bool) -> Array:

@@ -57,6 +57,8 @@ class Completed(NamedTuple):
     end_s: float
     phase: str
     found: Reported
+    lacking: bool = False
+    """Whether a command of this phase is not known, so that no value is to be used."""
 
 
 class Legs:
@@ -69,12 +71,14 @@ class Legs:
         """Whether a cycle's estimate comes with the next cycle."""
         self.flight: Estimator = Compiled(resolved) if kernel().library is not None else OnNumPy(resolved)
         self._waiting: tuple[float, int] | None = None
+        self._lacking = False
 
     def add(self, cycle: Cycle) -> list[Completed]:
         """The cycle that is estimated by now, where there is one."""
         leg = self._leg(cycle.end_s)
         cycle.numbers[UNUSED] = leg is None
         begins, self.leg = leg not in (None, self.leg), self.leg if leg is None else leg
+        self._lacking = cycle.lacking or (self._lacking and not begins)
         if begins and not self.late:
             self._begin()
         completed = self._waiting if self.late else (cycle.end_s, self.leg)
@@ -99,4 +103,4 @@ class Legs:
 
     def _completed(self, at: tuple[float, int] | None, found: Reported | None) -> list[Completed]:
         # none of a cycle that is of no phase, or whose commands were issued before the first one came
-        return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found)]
+        return [] if at is None or found is None else [Completed(at[0], self.legs[at[1]].name, found, self._lacking)]

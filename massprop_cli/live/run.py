@@ -41,6 +41,8 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
         yield from _one(at, line, reader, gatherer, live, keep, warn)
+    for cycle in gatherer.started():
+        yield from map(_line, live.add(cycle))
     yield from map(_line, live.last())
 
 
@@ -61,6 +63,11 @@ def _one(
         return
     keep(found.row)
     for cycle in cycles:
+        if cycle.lacking:
+            warn(
+                f"standard input: a record is lacking before {cycle.end_s:.9g} s, and what was commanded then; values of this phase are "
+                "contradicted from here on, since they would be taken from a wrong command"
+            )
         try:
             yield from map(_line, live.add(cycle))
         except StatusError as error:
@@ -71,10 +78,14 @@ def _line(completed: Completed) -> str:
     """Of JSON."""
     found = completed.found
     estimates = {
-        name: {"value": _said(value), "sigma": _said(sigma), "verdict": flown.VERDICTS[int(verdict)]}
+        name: {"value": _said(value), "sigma": _said(sigma), "verdict": _verdict(completed, float(value), int(verdict))}
         for name, value, sigma, verdict in zip(QUANTITIES, found.values[-1], found.sigmas[-1], found.verdicts[-1], strict=True)
     }
     return json.dumps({"time_s": completed.end_s, "phase": completed.phase, "estimates": estimates})
+
+
+def _verdict(completed: Completed, value: float, verdict: int) -> str:
+    return "contradicted" if completed.lacking and math.isfinite(value) else flown.VERDICTS[verdict]
 
 
 def _said(value: float) -> float | None:

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -141,6 +142,79 @@ def test_a_bad_record_is_told_and_left_out(kind: str) -> None:
     assert warned[0].startswith("standard input, line 101: left out: ")
     assert kept.count("\n") == 301
     assert said == followed("free-flyer", lines)[0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_times_that_scatter_at_the_beginning_do_not_miscount_the_records(seed: int) -> None:
+    """By 4 % of an interval; by the first one alone six of eight such recordings had been refused."""
+    lines = recorded("high-rate")[: 1 + 20 * 40]
+    rng = np.random.default_rng(seed)
+    shifted = [f"{float(time) + 1e-4 * rng.normal():.9f},{rest}" for time, rest in (line.split(",", 1) for line in lines[1:])]
+    # the first cycle's commands may be known a record later
+    assert abs(len(followed("high-rate", [lines[0], *shifted])[0]) - len(followed("high-rate", lines)[0])) <= 1
+
+
+def test_a_record_that_is_lost_takes_its_command_with_it() -> None:
+    """Values had stayed converged for a third of a second, up to 450 sigma off; a stamp that comes late or early loses nothing."""
+    lines = recorded("free-flyer")
+    said, _, warned = followed("free-flyer", [*lines[:638], *lines[639:700]])
+    (warning,) = warned
+    assert "a record is lacking before 32 s" in warning
+
+    def verdicts(line: dict[str, object]) -> set[str]:
+        estimates = line["estimates"]
+        assert isinstance(estimates, dict)
+        return {one["verdict"] for one in estimates.values() if one["value"] is not None}
+
+    assert all(verdicts(line) <= {"contradicted"} for line in said if float(str(line["time_s"])) > 31.975)
+    assert all("contradicted" not in verdicts(line) for line in said if float(str(line["time_s"])) < 31.975)
+    for by in (-0.025, 0.025):
+        time, rest = lines[638].split(",", 1)
+        stamped = [*lines[:638], f"{float(time) + by:.6f},{rest}", *lines[639:660]]
+        assert not followed("free-flyer", stamped)[2]
+
+
+def test_the_second_record_may_be_lost_or_stamped_late() -> None:
+    lines = recorded("free-flyer")[:100]
+    assert len(followed("free-flyer", [*lines[:2], *lines[3:]])[0]) == len(followed("free-flyer", lines)[0]) - 1
+    time, rest = lines[2].split(",", 1)
+    late = [*lines[:2], f"{float(time) - 0.025:.6f},{rest}", *lines[3:]]
+    assert abs(len(followed("free-flyer", late)[0]) - len(followed("free-flyer", lines)[0])) <= 1
+
+
+@pytest.mark.parametrize("end", ["reader", "disk", "interrupt"])
+def test_the_result_is_there_however_the_answers_end(end: str, tmp_path: Path) -> None:
+    """Where nobody reads them, where they can't be written, and at Ctrl-C."""
+    lines = recorded("free-flyer")[:400]
+    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
+    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live", "-q"]
+    pipe = subprocess.PIPE
+    with Path("/dev/full").open("w") as full:
+        out = full if end == "disk" else pipe
+        process = subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=out, stderr=pipe, text=True)
+    assert process.stdin is not None
+    process.stdin.writelines(lines[:300])
+    process.stdin.flush()
+    if process.stdout is not None:
+        for _ in range(297):  # of 299 records, with a delay of two
+            assert process.stdout.readline()
+    if end == "reader" and process.stdout is not None:
+        process.stdout.close()
+    if end == "interrupt":
+        process.send_signal(signal.SIGINT)
+    else:
+        process.stdin.writelines(lines[300:])
+        process.stdin.close()
+    process.wait(60)
+    assert process.stderr is not None
+    said = process.stderr.read()
+    for stream in (process.stdin, process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()
+    assert process.returncode == {"reader": 141, "disk": 3, "interrupt": 130}[end], said
+    assert len((tmp_path / "live" / "record.csv").read_text().splitlines()) == (300 if end == "interrupt" else 400)
+    assert json.loads((tmp_path / "live" / "result.json").read_text())["phases"]
+    assert ("interrupted; the result is that of what had come" in said) == (end == "interrupt")
 
 
 def test_a_lost_record_ends_what_cannot_do_without() -> None:
