@@ -50,6 +50,7 @@ class LocalPlace:
     @contextmanager
     def lock(self) -> Iterator[None]:
         """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
+        check_own(self.folder, [name for name in _TABLES if not (self.folder / name).is_dir()], RESULTS)
         try:
             with files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
                 taken = [name for name in _TABLES if (self.folder / name).is_dir()]

@@ -8,6 +8,7 @@ from massprop_cli import __version__
 from massprop_cli import kernel as kernel_room
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.escape import line
 from massprop_cli.export import tables, vector
 from massprop_cli.export.resolve import Constants
 from massprop_cli.kernel import kernel
@@ -27,6 +28,8 @@ def write(resolved: Constants, folder: Path) -> list[str]:
             for name, text in texts.items():
                 stage.save(name, lambda path, text=text: files.save_text(path, text))  # type: ignore[misc]
             stage.place()
+            for name in {"vector.txt", "expected.txt"} - texts.keys():  # of an earlier export
+                (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
     return list(texts)
@@ -56,7 +59,7 @@ def _makefile(resolved: Constants, sources: str) -> str:
         f"\tif [ -x {program} ]; then $(RUN) ./{program} < vector.txt > replayed.txt && cmp replayed.txt expected.txt; fi\n"
         for program in programs
     )
-    test = flown if resolved.log is not None else "\t@echo built; there is no test vector, since no log was given\n"
+    test = flown if resolved.log is not None else "\t@echo 'built, and nothing flown: no log was given, so there is no test vector'\n"
     text = (TEMPLATES / "Makefile.in").read_text(encoding="utf-8")
     return text.replace("@LIMITS@", tables.limits(resolved)).replace("@KERNEL@", sources).replace("@TEST@\n", test + "\n")
 
@@ -66,7 +69,10 @@ def _readme(resolved: Constants) -> str:
     delay_s, period_s = resolved.commands[4], vehicle.cycle.period_s
     late = delay_s < period_s
     said = {
-        "NAME": " ".join(vehicle.name.split()),
+        "NAME": line(" ".join(vehicle.name.split())),
+        "TEST": "flies vector.txt as it was flown on the ground, and compares every bit of every value and sigma"
+        if resolved.log is not None
+        else "builds it under every warning; made with --log it also flies that log, and compares every bit with the ground",
         "VERSION": __version__,
         "PERIOD": f"{period_s:g}",
         "BEARING": "On the bearing inertia and CG are those of what turns, and the mass has the bearing's in it. "

@@ -82,7 +82,7 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     table = logfile.read_table(log_path)
     with np.errstate(all="ignore"):
         found = flow.examine(telemetry.read(table, source.vehicle), source)
-    log, vehicle = found.samples.log, found.vehicle
+    log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     used = _checked(source, vehicle, found.timing, shortest)
     commands = flown.commands_of(log.command_kind == "jets", found.samples.attitude_logged, vehicle, found.timing.delay)
@@ -91,6 +91,14 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
         own = used.in_phase(history.phase)
         legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles, own))
     return Constants(vehicle, commands, tuple(legs), log)
+
+
+def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
+    """With a delay and a lag that were left to the log as it shows them, which the kernel takes as exact."""
+    cycle = {"command_delay_sigma_cycles": 0.0} if stated.cycle.command_delay_cycles == "auto" else {}
+    thrust = {"lag_sigma_s": 0.0} if stated.thrust.lag_s == "auto" else {}
+    parts = {"cycle": found.cycle.model_copy(update=cycle), "thrust": found.thrust.model_copy(update=thrust)}
+    return found.model_copy(update=parts) if cycle or thrust else found
 
 
 def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:

@@ -70,7 +70,11 @@ def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
     first = grid[:, :1]
     missing = np.flatnonzero(np.isnan(first[:, 0]))
     if missing.size:
-        raise source.error(int(missing[0]) * records, column, "no command in the first row of its control cycle; write one (0 for none)")
+        raise source.error(
+            int(missing[0]) * records,
+            column,
+            "no command in the first row of its control cycle; write one (0 for none), or cut the log where a record before it was lost",
+        )
     differs = np.argwhere(~np.isnan(grid) & (grid != first))
     if differs.size:
         cycle, row = (int(i) for i in differs[0])

@@ -39,6 +39,8 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
     """
     log = analysis.log.path
     try:
+        if out is not None:
+            files.check_own(out, ("history.parquet",) if not _is(out / "history.parquet", log) else (), "result.json")
         folder = _claimed(log) if out is None else out
         with files.held(folder), files.staged(folder) as stage:
             pages = _placed(stage, analysis, result_json)

@@ -98,6 +98,20 @@ def test_jets_are_listed_and_want_their_geometry(tmp_path: Path) -> None:
         vehiclefile.parse(text, "own")
 
 
+def test_wheels_are_listed_as_comments_since_each_needs_what_no_log_tells(tmp_path: Path) -> None:
+    path = log(tmp_path, jets=True)
+    table = pq.read_table(path)
+    still = pa.array(np.zeros(len(table)))
+    for column in ("wheel_x_rad_s", "wheel_x_n_m", "wheel_y_n_m"):
+        table = table.append_column(column, still)
+    pq.write_table(table, path)
+    text = draft.draft("own", traits.traits(read_table(path)), {})
+    assert text.count("# [[wheels]]") == 2
+    assert '# name = "x"\n# column = "speed"' in text
+    assert '# name = "y"\n# column = "torque"' in text
+    assert "wheels" not in tomllib.loads(text)
+
+
 def test_few_quiet_cycles_leave_noise_to_the_estimate(tmp_path: Path) -> None:
     text = draft.draft("own", traits.traits(read_table(log(tmp_path, quiet=60))), {})
     assert "# gyro_noise_rad_s = 0.00" in text

@@ -55,6 +55,8 @@ OWN: dict[str, tuple[Callable[[Path], None], tuple[str, ...], int, str]] = {
     ),
     "batch: a page": (_folder("own/campaign.html"), BATCH, 3, "own/campaign.html: is a folder; move it"),
     "batch: its lock": (_folder("own/.lock"), BATCH, 3, "own: cannot be written"),
+    "batch: another page": (_mine("own/campaign.html"), BATCH, 3, "own/campaign.html: is there already, and massprop did not write it"),
+    "estimate: another history": (_mine("own/history.parquet"), ESTIMATE, 3, "own/history.parquet: is there already, and massprop did not"),
     "estimate: the log": (
         _log_called_history,
         ("estimate", "own/history.parquet", "-q", "--vehicle", "vehicle.toml", "--out", "own"),

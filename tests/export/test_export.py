@@ -45,6 +45,32 @@ def test_its_own_test_passes(name: str, options: tuple[str, ...], tmp_path: Path
     assert len((where / "expected.txt").read_text().splitlines()) > 300
 
 
+def test_without_a_log_it_builds_and_says_that_nothing_flew(tmp_path: Path) -> None:
+    """Also where an earlier export to that folder had a log: its vector goes."""
+    where = exported("free-flyer", tmp_path / "out")
+    assert (where / "vector.txt").exists()
+    vehicle = SAMPLES / "free-flyer" / "vehicle.toml"
+    done = massprop(tmp_path, "export-flight", "--vehicle", vehicle, "--out", "out")
+    assert done.returncode == 0, done.stderr
+    run = make(where, "test", "SANITIZED=")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "nothing flown" in run.stdout
+    assert not (where / "vector.txt").exists()
+    assert "vector.txt" not in (where / "README.md").read_text()
+
+
+def test_a_delay_that_a_log_tells_is_flown_as_exact(tmp_path: Path) -> None:
+    log, vehicle = (SAMPLES / "free-flyer" / name for name in ("log.parquet", "vehicle.toml"))
+    command = ("export-flight", "--vehicle", vehicle, "--log", log, "--out", "out")
+    done = massprop(tmp_path, *command, "--set", "cycle.command_delay_cycles=auto")
+    assert done.returncode == 0, done.stderr
+    assert make(tmp_path / "out", "test", "SANITIZED=").returncode == 0
+    # an uncertainty that is stated is refused: the kernel has no room for it
+    done = massprop(tmp_path, *command, "--set", "cycle.command_delay_sigma_cycles=0.01")
+    assert done.returncode == 3
+    assert "command_delay_sigma_cycles" in done.stderr
+
+
 def test_one_wrong_bit_is_told(tmp_path: Path) -> None:
     where = exported("high-rate", tmp_path / "out")
     text = (where / "expected.txt").read_text()

@@ -78,6 +78,7 @@ def _environment(found: Traits) -> list[str]:
     elif abs(found.felt / G - 1) < _GRAVITY:
         return [
             f'kind = "air_bearing"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it',
+            '# kind = "planar"       # instead, if it slides and yaws on a table: the accelerometer feels the same there',
             "# (if it only stands on the ground there, cut that off with [[phases]], and state the kind of the rest)",
             "# bearing_position_m = [x, y, z]   # the centre of rotation from O: the bearing's drawing",
             "# bearing_mass_kg = ...            # what slides with the vehicle and does not turn: weigh it",
@@ -108,11 +109,23 @@ def _commands(found: Traits) -> list[str]:
             "# rise_s = ...             # and fall_s: a force or pressure sensor; left out, at once",
             "",
         ]
+    for name, has in found.wheels.items():
+        lines += [
+            "# [[wheels]]            # each of these is needed; data sheet or drawing",
+            f"# name = {json.dumps(name, ensure_ascii=False)}",
+            f'# column = "{has}"',
+            "# axis = [x, y, z]            # of positive speed, body axes",
+            "# spin_inertia_kg_m2 = ...    # about that axis",
+            "# locked_in_inertia = false   # or true, if the body's inertia is to have the wheel in it as if it were locked",
+            "",
+        ]
     thrust = [
         "[thrust]",
         "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
         '# lag_s = "auto"       # if thrust follows commands through a first-order lag, as a rotor does',
     ]
+    if not found.commands:
+        return lines or ["# no column of commands: jet_NAME_s, cmd_torque_x_n_m or wheel_NAME_rad_s"]
     return [*lines, *([""] * (lines[-1:] != [""])), *thrust]
 
 

@@ -36,6 +36,8 @@ class Traits:
     """Of a control cycle: commands change at its multiples only."""
     commands: Mapping[str, Array]
     """By column: the command of each cycle, or of each record where cycles aren't known."""
+    wheels: Mapping[str, str]
+    """Of each reaction wheel what its column has: "speed" or "torque"."""
     quiet: int
     """Cycles without command, and settled."""
     gyro_noise: Array | None
@@ -80,6 +82,7 @@ def traits(table: Table) -> Traits:
         interval_s=steps,
         records=records,
         commands=commands,
+        wheels=_wheels(table),
         quiet=int(quiet.sum()),
         gyro_noise=_noise(mean_rate, quiet),
         accel_noise=_noise(mean_force, quiet),
@@ -89,6 +92,16 @@ def traits(table: Table) -> Traits:
         gyro_clipped=_clipped(rate),
         accel_clipped=_clipped(force),
     )
+
+
+def _wheels(table: Table) -> dict[str, str]:
+    """A wheel of both columns is logged by its speed."""
+    found: dict[str, str] = {}
+    for column in table.columns:
+        name = columns.wheel_of(column)
+        if name is not None and found.get(name) != "speed":
+            found[name] = "speed" if column == columns.wheel_speed(name) else "torque"
+    return found
 
 
 def tick_s(on_s: Array) -> float | None:
