@@ -45,7 +45,8 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     along, tail, count = left(history.normalised)
     power, heavy = (along**2).sum(0).reshape(2, 3).sum(1), tail.reshape(2, 3).max(1)
     widened = used.estimator.accel_noise_scale != UNWIDENED
-    failed = np.array([disturbed, widened]) & (((power > COLOURED) & (count * power > SURE)) | (heavy > HEAVY))
+    # coarse counts leave as little as is stated of what they don't show, in a few cycles
+    failed = (np.array([disturbed, widened]) & (power > COLOURED) & (count * power > SURE)) | (heavy > HEAVY)
     if not failed.any():
         return {}
     worst = int(np.argmax(failed))
@@ -58,7 +59,7 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     )
     reason = (
         f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst]} {how}; look for a flexible or sloshing part, commands "
-        "that were not executed, bumps, a torque that is not stated"
+        "that were not executed, bumps, a torque that is not stated, a sensor that counts in steps of more than its noise"
     )
     return dict.fromkeys(resting(history, np.repeat(failed, 3)), reason)
 
