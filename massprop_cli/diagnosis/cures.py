@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -39,6 +40,9 @@ NEAR = 0.05
 """Parts of its stated thrust within which a jet is dead, or pushes the other way."""
 PART = 1e-3
 """Of a steady torque, what it may change per cycle where it is to be estimated."""
+
+SKEWED = 0.02
+"""rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
 
 
 class Case(NamedTuple):
@@ -274,6 +278,18 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
         cure = None if then is None else cure_of(case, then, further)
         cures += [] if cure is None else [cure]
     return tuple(cures)
+
+
+def skewed(cure: Cure | None, found: Fitted) -> tuple[Cure, ...]:
+    """The cure with each pair of the gyro's axes out of square by as much as all are found to be turned, where that is little.
+
+    An axis that leans over turns and shears; the turn is what is found, and the shear is taken on by the inertia, unseen.
+    """
+    size = float(np.linalg.norm(found.value("gyro_turn")))
+    if cure is None or not 0 < size < SKEWED:
+        return ()
+    shears = [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in itertools.combinations(np.eye(3), 2)]
+    return tuple(cure.followed_by(Cure(gyro=_rows(shear))) for shear in shears)
 
 
 def at_once(found: Fitted) -> bool:
