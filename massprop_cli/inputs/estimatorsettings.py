@@ -38,7 +38,13 @@ class EstimatorSettings(Section):
     """Settings of the estimators; the defaults serve every vehicle."""
 
     method: Literal["default", "thesis"] = "default"
-    bins_per_cycle: int = Field(4, ge=2, le=200, description="resolution of motion within a control cycle")
+    bins_per_cycle: int = Field(
+        4,
+        ge=2,
+        le=200,
+        description="resolution of motion within a control cycle; left out, the default method takes 8 or 16 where the log turns by 0.15 "
+        "or 0.3 rad in one",
+    )
     prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
     accel_noise_scale: tuple[Positive, Positive, Positive] = Field(
         UNWIDENED, description="factor on accel_noise_m_s2 per body axis, to which adapt_noise may add"
