@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.design import RAMPS
 from massprop_cli.diagnosis.suppositions import Model, Supposition
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
@@ -122,7 +123,7 @@ def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: floa
 
 def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
     """What makes motion late."""
-    if by_jets:  # valves that open or close late, or both alike
+    if by_jets and set(RAMPS) <= model.places.keys():  # valves that open or close late, or both alike
         ramps = (("rise",), ("fall",), ("rise", "fall"))
         yield from (Supposition("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
     for code, name in (

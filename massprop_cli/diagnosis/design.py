@@ -42,6 +42,10 @@ ANGLE = 1e-4
 COUPLING = 0.5
 """Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
 inertia's differences over one of them, squared, as it is of a slab."""
+RAMPS = ("rising", "falling")
+"""Columns of thrust that rises, and that falls, more slowly: a short log does without."""
+ENOUGH = 2
+"""Cycles that there must be for each column."""
 KEPT = 16
 """Timings of commands that are remembered."""
 
@@ -121,13 +125,12 @@ class Designs:
         if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
-        places, at = {}, 0
-        for name, growth, _ in parts:
-            places[name] = slice(at, at + growth.shape[1])
-            at += growth.shape[1]
-        count = len(parts[0].mean)
-        if count < 2 * at:
-            raise InputError(f"{log.path}: {count} cycles are too few for {at} free columns")
+        count, places = len(parts[0].mean), _places(parts)
+        if count < ENOUGH * _wide(places):
+            parts = [part for part in parts if part.name not in RAMPS]
+            places = _places(parts)
+        if count < ENOUGH * _wide(places):
+            raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
         fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
         growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
         rate = samples.rate_rad_s[cycles]
@@ -201,6 +204,15 @@ class _Part(NamedTuple):
     mean: Array
 
 
+def _places(parts: Sequence[_Part]) -> dict[str, slice]:
+    ends = np.cumsum([part.growth.shape[1] for part in parts]).tolist()
+    return {part.name: slice(end - part.growth.shape[1], end) for part, end in zip(parts, ends, strict=True)}
+
+
+def _wide(places: Mapping[str, slice]) -> int:
+    return int(max(place.stop for place in places.values()))
+
+
 def _columns(
     samples: Samples, moved: Sequence[_Window], at: float, slower: Sequence[_Window], vehicle: Vehicle, cycles: slice
 ) -> list[_Part]:
@@ -247,7 +259,7 @@ def _columns(
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    for name, one in zip(("rising", "falling"), slower, strict=False):
+    for name, one in zip(RAMPS, slower, strict=False):
         then = windowed(one.rising, one.impulse), one.impulse[cycles] / duration
         parts.append(_Part(name, *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
     return parts
