@@ -282,11 +282,12 @@ def _tell_github(found: Summary) -> None:
 def _leave(found: Summary) -> None:
     if found.exit_code == 0:
         return
-    from massprop_cli.campaign import page, summary
+    from massprop_cli.campaign import page
 
-    wrong = sum(1 for _ in summary.lines(found))
+    wrong, joint = (sum(1 for one in some if one.outcome is not None and one.outcome.exit_code) for some in (found.logs, found.combined))
     beyond = len(found.baseline.beyond) if found.baseline else 0
     said = [f"{wrong} of {len(found.logs)} logs failed ({page.counts(found)})"] if wrong else []
+    said += [f"{joint} of {len(found.combined)} combined results failed"] if joint else []
     said += (
         [f"{beyond} beyond the baseline: {'; '.join(item.message for item in found.baseline.beyond[:3])}"]
         if found.baseline and beyond

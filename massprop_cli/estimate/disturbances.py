@@ -162,13 +162,13 @@ def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list
     found = []
     now, before = used.environment, stated.environment
     if (now.disturbance_torque_n_m, now.disturbance_walk_n_m) != (before.disturbance_torque_n_m, before.disturbance_walk_n_m):
+        parts = (("white", now.disturbance_torque_n_m), ("slowly varying by", now.disturbance_walk_n_m))
+        added = ", ".join(f"{what} {size:.3g} N m per cycle" for what, size in parts if size > 0)
         found.append(
             Notice(
                 "disturbance-torque",
-                "the stated noise does not explain the rates; a disturbance torque was added: white "
-                f"{now.disturbance_torque_n_m:.3g} N m per cycle, slowly varying by {now.disturbance_walk_n_m:.3g} N m per cycle. "
-                "Sigmas include it as noise. Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, "
-                "a wrong delay or jet",
+                f"the stated noise does not explain the rates; a disturbance torque was added: {added}. Sigmas include it as noise. "
+                "Look for a lag of the thrust, damping by air, friction, thrust errors, times that scatter, a wrong delay or jet",
             )
         )
     if used.imu.gyro_noise_rad_s != stated.imu.gyro_noise_rad_s:
