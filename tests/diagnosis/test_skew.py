@@ -9,6 +9,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import frozen
+from massprop_cli.diagnosis import diagnose
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import Cure, skewed
@@ -23,6 +24,10 @@ TURNS = ", ".join(
     for i, axis in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))
 )
 ALL = '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=5, max_cycles=4, start_cycle=360, end_cycle=500}'
+STEERED = (
+    '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=5, max_cycles=3, closed_loop=true, start_cycle=0, '
+    "end_cycle=600}"
+)
 LEANING = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.01, 0.0, 1.0]])
 """What each axis measures of the rates about the three."""
 
@@ -42,6 +47,26 @@ def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
                 assert item.value is not None
                 assert item.sigma is not None
                 assert abs(item.value - true) < 4 * item.sigma
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", [1, 2])
+def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it a moment is converged many sigma off once mended."""
+    flown = simulate.fly(scenario.load("free-flyer", ("duration_s=30.0", f"plan=[{STEERED}]")), [seed])
+    log = flown.log(0)
+    leaning = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ LEANING.T))
+
+    def farthest() -> float:
+        found = flow.examine(leaning, VehicleSource(flown.vehicle, "", ""))
+        assert [fault.notice.code for fault in found.faults] == ["imu-mounting"]
+        estimates = zip(found.mended[0].conclusions[0].estimates.values(), flown.truth[0][0], strict=True)
+        told = [(one, true) for one, true in estimates if one.verdict == "converged"]
+        return float(max(abs((one.value or 0.0) - true) / (one.sigma or 1e-300) for one, true in told))
+
+    assert farthest() < 4
+    monkeypatch.setattr(diagnose, "skewed", lambda *_: ())
+    assert farthest() > 8
 
 
 def test_a_small_turn_may_be_a_shear_of_the_same_size_and_a_large_one_is_none() -> None:
