@@ -25,7 +25,7 @@ from massprop_cli.diagnosis.lackoffit import correlation, deviate
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import Source, blocks
+from massprop_cli.prepare.compensate import BLOCK, Source, blocks
 
 PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
 """Cycles: 4 to 1024."""
@@ -34,12 +34,13 @@ MEMORY = 3
 REPEATED = 2
 """Least periods within a phase."""
 SWINGS, SIZED = 4.0, 3.0
-"""Sigmas from which on something swings: by chance in one of a thousand phases, of thirty periods and sensors each, and in one of forty
-where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
+"""Sigmas from which on something swings: of thirty periods and sensors, as if each were by itself, by chance in one of a thousand phases, and
+in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
 EMPTY = 1e-9
 """Part of the power of all axes that is none."""
 TINY = 1e-300
 SENSORS = ("turn", "speed")
+"""What of the body the gyro and the accelerometer see swing."""
 
 
 class Lagged(NamedTuple):
@@ -52,6 +53,7 @@ class Lagged(NamedTuple):
     scatter: Array
     """(6,) mean square of what is left."""
     cycle_s: float
+    """Mean length of a cycle."""
 
 
 def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle) -> dict[str, str]:
@@ -91,33 +93,28 @@ def swings(one: Lagged, periods: Array, spread: Array) -> Array:
 
 
 def lagged(history: History, samples: Source) -> Lagged:
-    """Of a phase, part by part, by the fast Fourier transform."""
+    """Of a phase, part by part: products of fast Fourier transforms, added up."""
     reference, cycles = history.reference, history.cycles
     assert reference is not None
-    lags = int(MEMORY * min(PERIODS[-1], (cycles.stop - cycles.start) / REPEATED)) + 1
-    left, commanded, power, count = np.zeros((6, lags)), np.zeros((6, lags)), np.zeros(6), 0
-    before, lasting = np.zeros((6, lags)), 0.0
+    whole = cycles.stop - cycles.start
+    lags = min(int(MEMORY * min(PERIODS[-1], whole / REPEATED)) + 1, whole)
+    size = 1 << (min(BLOCK, whole) + 2 * lags - 1).bit_length()
+    spectra = np.zeros((2, 6, size // 2 + 1), dtype=complex)
+    before, power, count, lasting = np.zeros((6, lags)), np.zeros(6), 0, 0.0
     for part in blocks(cycles):
         executed = samples.part(part).executed
-        channels, lasting = executed.channels, lasting + float(executed.duration_s.sum())
-        pushed = channels.whole @ channels.wrench
+        pushed = executed.channels.whole @ executed.channels.wrench
         pushed[:, :3] -= np.cross(reference.cg, pushed[:, 3:])
         rest = history.normalised[part.start - cycles.start : part.stop - cycles.start]
         told: BoolArray = np.asarray(np.isfinite(rest).all(1))
         rest = np.where(told[:, None], rest, 0.0)
         driven = np.hstack([before, pushed.T])
-        left += _products(rest.T, driven, lags)
-        commanded += _products(pushed.T, driven, lags)
+        now = np.pad(np.stack([rest.T, pushed.T]), ((0, 0), (0, 0), (lags, 0)))
+        spectra += np.fft.rfft(now, size) * np.fft.rfft(driven, size).conj()
         power, count = power + (rest**2).sum(0), count + int(told.sum())
-        before = driven[:, -lags:]
-    return Lagged(left, commanded, power / max(count, 1), lasting / (cycles.stop - cycles.start))
-
-
-def _products(now: Array, driven: Array, lags: int) -> Array:
-    """(6, L) sums of ``now`` (6, K) by what ``driven`` (6, L + K) was so many cycles before."""
-    size = 1 << (driven.shape[1] + lags - 1).bit_length()
-    spectrum = np.fft.rfft(np.pad(now, ((0, 0), (lags, 0))), size) * np.fft.rfft(driven, size).conj()
-    return np.asarray(np.fft.irfft(spectrum, size)[:, :lags])
+        before, lasting = driven[:, -lags:], lasting + float(executed.duration_s.sum())
+    left, commanded = np.fft.irfft(spectra, size)[..., :lags]
+    return Lagged(left, commanded, power / max(count, 1), lasting / whole)
 
 
 def explained_by(one: Lagged, period: float) -> Array:
