@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.handed import Posed
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.estimate.whitening import Told
 
 LEAST, FARTHEST = 0.03, 0.3

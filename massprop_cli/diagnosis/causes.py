@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
@@ -43,7 +44,7 @@ EXPECTED = {
     "inertia_rate": 0.3,
     "tilt": 0.1,
 }
-"""One sigma of what an error of each may be: units of :mod:`massprop_cli.diagnosis.suppositions`, turns in rad, times in cycles."""
+"""One sigma of what an error of each may be: units of :mod:`massprop_cli.diagnosis.coefficients`, turns in rad, times in cycles."""
 
 
 def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Supposition]:

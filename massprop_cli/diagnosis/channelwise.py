@@ -4,7 +4,7 @@ The growth of the mean rate and the specific force are linear in columns that th
 products of the measured rates, a constant, the rates themselves, the stated wrench as it would act later, smeared, with a drifting clock
 or on a body that changes, and on a bearing the vertical. Each column has six free coefficients, three for the rate's growth and three for
 the specific force. What the log says of them is a triangle of constant size for each kind of measurement. Every supposition about jets,
-commands, IMU, timing or torques (:mod:`massprop_cli.diagnosis.suppositions`) only says what these coefficients are, so it is held against
+commands, IMU, timing or torques (:mod:`massprop_cli.diagnosis.coefficients`) only says what these coefficients are, so it is held against
 the triangles and the log is not gone through again.
 """
 

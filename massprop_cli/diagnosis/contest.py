@@ -16,8 +16,9 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.handed import Fits, Posed
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.estimate.regression import HEAVIER
 from massprop_cli.estimate.whitening import Told
 from massprop_cli.kernel import kernel

@@ -15,11 +15,12 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import causes
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import ROUGHLY, TINY, Fitted, compared, fitted
 from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.ranking import Ranking
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase

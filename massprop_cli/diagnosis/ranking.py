@@ -13,8 +13,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 
 Score = Callable[[Array, Fitted, int], float]
 """−2 log of how likely a supposition is that leaves chi-square (6,), one of so many of its kind."""

@@ -9,10 +9,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis.coefficients import ENTRIES, Model
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once
 from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
-from massprop_cli.diagnosis.suppositions import ENTRIES, Model
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.lowpass import narrowed
 

@@ -1,4 +1,4 @@
-/* The coefficients that any x makes: the equations of massprop_cli/diagnosis/suppositions.py, which has them in NumPy. */
+/* The coefficients that any x makes: the equations of massprop_cli/diagnosis/coefficients.py, which has them in NumPy. */
 #include "suppose.h"
 
 #include <math.h>

@@ -11,8 +11,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis import causes, contest
 from massprop_cli.diagnosis.channelwise import Free, free_response
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import _Rows, fitted
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.kernel import kernel
 from massprop_cli.prepare.timing import Timing
 from tests import flight

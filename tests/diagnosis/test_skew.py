@@ -11,9 +11,10 @@ from massprop_cli import flow
 from massprop_cli.base.arrays import frozen
 from massprop_cli.diagnosis import diagnose
 from massprop_cli.diagnosis.channelwise import free_response
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import Cure, skewed
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate

@@ -12,8 +12,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, rotation, tensor
 from massprop_cli.diagnosis.causes import mountings
 from massprop_cli.diagnosis.channelwise import free_response
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import _Rows, fitted
-from massprop_cli.diagnosis.suppositions import Model, Supposition
+from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing

@@ -1,0 +1,356 @@
+"""The free coefficients of :mod:`massprop_cli.diagnosis.channelwise` that a body makes, and whatever is wrong with log or vehicle file.
+
+One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
+them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
+time. A :class:`Supposition` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.contest` fits them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from functools import cached_property
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
+from massprop_cli.diagnosis.channelwise import Free
+from massprop_cli.diagnosis.design import SWUNG, level_of
+from massprop_cli.diagnosis.suppositions import STRAIGHT, Supposition
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
+from massprop_cli.model.plant import plant_of
+from massprop_cli.model.plant.plant import MOMENT, MU, J
+from massprop_cli.prepare.attitude import world_up_b
+
+_UNIT = np.eye(3)
+ALIKE = 1 - 1e-9
+"""Cosine beyond which two columns are one."""
+RAMP = 2 / 3
+"""Half the mean square of what thrust is late by, over the square of its mean, that rises and falls along a straight line."""
+_SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+_PAIRS = np.array(_SECOND).T
+_SENSORS = (slice(0, 3), slice(3, 6))
+ENTRIES = {
+    "theta": 10,
+    "gyro_turn": 3,
+    "accel_turn": 3,
+    "gyro_scale": 3,
+    "accel_scale": 3,
+    "imu": 3,
+    "bearing": 3,
+    "gyro_bias": 3,
+    "accel_bias": 3,
+    "torque": 3,
+    "drag": 3,
+    "delay": 1,
+    "rise": 1,
+    "fall": 1,
+    "lag": 1,
+    "gyro_lag": 1,
+    "accel_lag": 1,
+    "drift": 1,
+    "mass_rate": 1,
+    "inertia_rate": 1,
+    "tilt": 2,
+    "slope": 2,
+}
+"""Of x, before the channels' own: thrust, place and direction."""
+_LATE = ("delay", "lag", "gyro_lag", "accel_lag")
+BY = {
+    "rates": ("drag", "gyro_bias"),
+    "later": _LATE,
+    "lagging": _LATE,
+    "smeared": (*_LATE, "rise", "fall"),
+    "drifting": ("drift",),
+    "aging": ("mass_rate", "inertia_rate"),
+    "rising": ("rise",),
+    "falling": ("fall",),
+    "east": ("tilt", "gyro_turn"),
+    "north": ("tilt", "gyro_turn"),
+    **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
+}
+"""Columns without which the motion is explained while these entries are as stated; they come last."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """The coefficients that any x makes."""
+
+    places: Mapping[str, slice]
+    position: Array
+    """(C, 3) of each channel that fired, from O."""
+    force: Array
+    """(C, 3) at full thrust."""
+    couple: Array
+    """(C, 3) torque beside that of the force: of commanded wrenches."""
+    imu: Array
+    mounting: Array
+    """(3, 3) body from IMU, as stated."""
+    bearing: Array | None
+    gravity: float
+    level: Array
+    """(3, 3) mean projector on the level plane, body axes."""
+    lags: Mapping[str, float]
+    """Time constants as stated, cycles."""
+    clock_s: tuple[float, float] = (0.0, 1.0)
+    """From the log's beginning to the middle of the stretch, and how long that is."""
+    together: tuple[tuple[int, ...], ...] = ()
+    """Channels that always fire together, two or more each."""
+    biases: Mapping[str, float] = field(default_factory=dict)
+    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
+    up: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) at the start of the log, body axes; on a bearing."""
+
+    @staticmethod
+    def of(free: Free, vehicle: Vehicle, lag: float, by_jets: bool) -> Model:
+        """For a log's triangles; ``lag`` of the thrust as stated, cycles."""
+        if by_jets:
+            position = np.array([vehicle.jets[i].position_m for i in free.fired]).reshape(-1, 3)
+            force, couple = vehicle.jet_wrench[free.fired, 3:], np.zeros((len(free.fired), 3))
+        else:
+            wrench = np.eye(6)[free.fired]
+            position, couple, force = np.zeros((len(wrench), 3)), wrench[:, :3], wrench[:, 3:]
+        bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
+        gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
+        imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
+        sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
+        sigmas |= {"slope": plant_of(vehicle).tilt_sigma, "drag": vehicle.environment.damping_sigma_n_m_s}
+        biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
+        period = vehicle.cycle.period_s
+        lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
+        up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
+        stated = position, force, couple, imu, mounting, bearing
+        return Model(free.places, *stated, gravity, free.level, lags, free.clock_s, _together(free), biases, up)
+
+    @cached_property
+    def entries(self) -> dict[str, slice]:
+        """Where each stands in x."""
+        count, at, found = len(self.force), 0, {}
+        for name, size in {**ENTRIES, "thrust": count, "position": 3 * count, "direction": 3 * count}.items():
+            found[name] = slice(at, at + size)
+            at += size
+        return found
+
+    def place(self, name: str) -> slice:
+        """Of an entry."""
+        return self.entries[name]
+
+    @property
+    def stated(self) -> Array:
+        """(nx,) x with everything as stated, and no mass properties yet."""
+        x = np.zeros(self.place("direction").stop)
+        x[self.place("thrust")] = 1.0
+        return x
+
+    @property
+    def uncertain(self) -> Array:
+        """(nx, n) directions that x may move in whatever is supposed, each scaled to its stated sigma."""
+        unit = np.eye(len(self.stated))
+        return np.hstack([unit[:, :0], *(sigma * unit[:, self.place(name)] for name, sigma in self.biases.items())])
+
+    @cached_property
+    def _columns(self) -> dict[bytes, int]:
+        return {}
+
+    def columns(self, moved: BoolArray) -> int:
+        """How many of the first columns explain the motion where these entries alone (nx,) differ: without what swings, or comes late."""
+        key = moved.tobytes()
+        if key not in self._columns:
+            self._columns[key] = self._counted(moved)
+        return self._columns[key]
+
+    def _counted(self, moved: BoolArray) -> int:
+        before = np.concatenate([[0], np.cumsum(moved)])
+        away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]} | self.biases.keys()
+        most = max(place.stop for name, place in self.places.items() if name not in BY or away & set(BY[name]))
+        late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
+        return int(late if self.places["rates"].start < most < late else most)
+
+    def channel(self, supposed: Supposition) -> int | None:
+        """The one channel that a supposition is about, if it is about one and nothing else."""
+        rows = np.flatnonzero(supposed.moved)
+        first, count = self.place("thrust").start, len(self.force)
+        if not rows.size or rows[0] < first or supposed.gyro is not STRAIGHT or supposed.accelerometer is not STRAIGHT:
+            return None
+        at = rows - first
+        own = set(np.where(at < count, at, (at - count) // 3 % max(count, 1)).tolist())
+        return own.pop() if len(own) == 1 else None
+
+    def without(self, channel: int) -> Supposition:
+        """Nothing, but that nothing is supposed of one channel."""
+        return Supposition("", (), np.zeros((len(self.stated), 0))).whatever(channel)
+
+    def wrench(self, x: Array) -> tuple[Array, Array]:
+        """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""
+        shape = (*x.shape[:-1], -1, 3)
+        thrust = x[..., self.place("thrust"), None]
+        along = self.force + x[..., self.place("direction")].reshape(shape)
+        size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, self.force))
+        force = thrust * along * (stated / np.where(stated > 0, size, 1.0))
+        position = self.position + x[..., self.place("position")].reshape(shape)
+        return cross(position, force) + thrust * self.couple, force
+
+    def coefficients(self, x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """(..., p, 6) of x (..., nx) for IMUs turned so: growth of the rate, specific force."""
+
+        def get(name: str) -> Array:
+            return x[..., self.entries[name]]
+
+        theta = get("theta")
+        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU]
+        inertia = np.linalg.inv(inverse)
+        torque, force = self.wrench(x)
+        centre = moment if self.bearing is None else self.bearing + get("bearing")
+        about = torque - cross(centre[..., None, :], force)
+        by_product = -inverse @ gamma(inertia)
+        arm = self.imu + get("imu") - centre
+        spin: dict[str, Array] = {
+            "channels": np.einsum("...ij,...cj->...ic", inverse, about),
+            "products": by_product,
+            "constant": inverse @ get("torque")[..., None],
+        }
+        if "rates" in self.places:
+            spin["rates"] = inverse * get("drag")[..., None, :]
+        push: dict[str, Array] = {name: self._felt(part, arm, moment, mu) for name, part in spin.items()}
+        push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
+        push["products"] = push["products"] + self._centripetal(arm, moment, mu)
+        push["constant"] = push["constant"] + get("accel_bias")[..., None]
+        if "rates" in self.places:
+            for parts in (spin, push):
+                _less_bias(parts, get("gyro_bias"))
+        if "later" in self.places:
+            response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
+            through = self._felt(response, arm, moment, mu)
+            thrust = through.copy()
+            thrust[..., 3:] += mu[..., None, None] * _UNIT
+            self._add_times(spin, push, x, response, thrust)
+            age, lighter = get("inertia_rate")[..., None], get("mass_rate")[..., None]
+            spin["aging"] = -age * response
+            push["aging"] = -age * through - lighter * (thrust - through)
+        if self.bearing is not None:
+            turning = inverse @ cross_matrix(moment) * mu[..., None, None]
+            fall = -self.gravity * inverse @ cross_matrix(moment)
+            spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
+            spin |= {"up": fall, "level": -turning}
+            push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
+            push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
+            self._add_swings(spin, push, x)
+        for name in ("slope 0", "slope 1"):
+            if name in self.places:
+                by = get("slope")[..., int(name[-1]), None, None]
+                spin[name], push[name] = np.zeros((3, 3)), by * _UNIT
+        return self._measured(spin, push, x, gyro, accelerometer)
+
+    def _add_times(self, spin: dict[str, Array], push: dict[str, Array], x: Array, response: Array, thrust: Array) -> None:
+        """What the stated wrench does later, smeared, with a drifting clock or a longer rise or fall; sensors that lag see all of it later.
+
+        A lag L as stated that is L + e is ``(1 + sL) / (1 + s(L + e)) = 1 − s e + s² e (L + e) − …``; of a sensor's the first term is taken
+        as the sensor sees it, ``− s e / (1 + sL)``.
+        """
+        delay, lag, rise, fall = (x[..., self.entries[name]][..., 0] for name in ("delay", "lag", "rise", "fall"))
+        for own, parts, sensor in ((response, spin, "gyro_lag"), (thrust, push, "accel_lag")):
+            more = x[..., self.entries[sensor]][..., 0]
+            begins = more if self.lags[sensor] == 0 else np.zeros_like(more)
+            later = delay + lag + begins
+            smeared = (later**2 + lag**2 + begins**2) / 2 + lag * self.lags["lag"]
+            parts["later"] = later[..., None, None] * own
+            parts["lagging"] = (more - begins)[..., None, None] * own
+            parts["smeared"] = (smeared + RAMP * rise * fall)[..., None, None] * own
+            parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
+            parts["rising"] = rise[..., None, None] * own
+            parts["falling"] = fall[..., None, None] * own
+
+    def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
+        """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.
+
+        Rates in axes that are turned by δ carry a vertical that is turned by −δ, and began turned by δ.
+        """
+        turn = x[..., self.entries["gyro_turn"]]
+        tilt = x[..., self.entries["tilt"]] + cross(turn, self.up) @ level_of(self.up).T
+        for i, name in enumerate(("east", "north")):
+            if name in self.places:
+                spin[name], push[name] = tilt[..., i, None, None] * spin["up"], tilt[..., i, None, None] * push["up"]
+        for name in SWUNG:
+            for i in range(3):
+                if f"{name} {i}" in self.places:
+                    by = x[..., self.entries[name]][..., i, None, None]
+                    spin[f"{name} {i}"], push[f"{name} {i}"] = by * spin["up"], by * push["up"]
+        if "east" in self.places:
+            spin["up"], push["up"] = (part - part @ cross_matrix(turn) for part in (spin["up"], push["up"]))
+
+    def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:
+        """(..., 3, n) specific force at the IMU by angular accelerations (..., 3, n)."""
+        felt: Array = -cross_matrix(arm) @ spin
+        if self.bearing is not None:
+            felt = felt + self.level @ (cross_matrix(moment * mu[..., None]) @ spin)
+        return felt
+
+    def _centripetal(self, arm: Array, moment: Array, mu: Array) -> Array:
+        """(..., 3, 6) specific force by products of rates."""
+        found = _by_products(arm)
+        if self.bearing is not None:
+            found = found - self.level @ _by_products(moment * mu[..., None])
+        return found
+
+    def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """In the axes, units and scales of the IMU that measured the rates that the columns are made of."""
+        found = np.zeros((*x.shape[:-1], max(p.stop for p in self.places.values()), 6))
+        for name, place in self.places.items():
+            found[..., place, :3], found[..., place, 3:] = np.swapaxes(spin[name], -1, -2), np.swapaxes(push[name], -1, -2)
+        base = [np.broadcast_to(turn, (*x.shape[:-1], 3, 3)) for turn in (gyro, accelerometer)]
+        other = (x[..., self.entries["gyro_turn"].start : self.entries["accel_scale"].stop] != 0).any(-1)
+        other = other | ((base[0] != _UNIT) | (base[1] != _UNIT)).any((-2, -1))
+        if other.any():
+            found[other] = self._turned(found[other], x[other], base[0][other], base[1][other])
+        return found
+
+    def _turned(self, found: Array, x: Array, gyro: Array, accelerometer: Array) -> Array:
+        """(N, p, 6) the coefficients of IMUs that are turned or scaled."""
+        turns = []
+        for name, base in (("gyro", gyro), ("accel", accelerometer)):
+            scale = np.exp(x[:, self.place(f"{name}_scale")])
+            along = self.mounting @ (scale[:, :, None] * self.mounting.T)  # the IMU's own axes
+            turns.append(along @ rotation(x[:, self.place(f"{name}_turn")]) @ base)
+        back = np.linalg.inv(turns[0])
+        turned = np.concatenate([found[..., axes] @ turn.swapaxes(1, 2) for turn, axes in zip(turns, _SENSORS, strict=True)], -1)
+        for name, columns in (("products", _of_products(back)), ("rates", back)):
+            if name in self.places:
+                turned[:, self.places[name]] = columns.swapaxes(1, 2) @ turned[:, self.places[name]]
+        return turned
+
+
+def _less_bias(parts: dict[str, Array], bias: Array) -> None:
+    """Products of the rates less their bias."""
+    parts["rates"] = parts["rates"] - parts["products"] @ products_by_rate(bias)
+    parts["constant"] = parts["constant"] + parts["products"] @ products(bias)[..., None]
+
+
+def _together(free: Free) -> tuple[tuple[int, ...], ...]:
+    """Channels whose columns are one and the same, or its opposite."""
+    columns = free.accelerometer.triangle[:, free.places["channels"]]
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    alike = np.abs((columns / size).T @ (columns / size)) > ALIKE
+    groups = dict.fromkeys(tuple(int(i) for i in np.flatnonzero(row)) for row in alike)
+    return tuple(group for group in groups if len(group) > 1)
+
+
+def _by_products(arm: Array) -> Array:
+    """(..., 3, 6) matrix that takes the products of rates to ω × (ω × arm)."""
+    found = np.zeros((*arm.shape, 6))
+    for k, (i, j) in enumerate(_SECOND):
+        found[..., i, k] += arm[..., j]
+        if i != j:
+            found[..., j, k] += arm[..., i]
+        else:
+            found[..., :, k] -= arm
+    return found
+
+
+def _of_products(turn: Array) -> Array:
+    """(..., 6, 6) matrix of the products of ``turn @ ω`` in those of ω."""
+    (i, j), (k, m) = _PAIRS[:, :, None], _PAIRS[:, None]
+    found: Array = turn[..., i, k] * turn[..., j, m] + (k != m) * turn[..., i, m] * turn[..., j, k]
+    return found
