@@ -123,13 +123,6 @@ def parse(content: bytes, place: str) -> Summary:
         raise InputError(f"{place}: {where}: {first['msg']}; name a campaign.json that massprop batch of this version wrote") from None
 
 
-def lines(found: Summary) -> Iterator[str]:
-    """What is wrong with each log that isn't done, a line each."""
-    for one in (*found.logs, *found.combined):
-        if one.outcome is not None and one.outcome.exit_code:
-            yield f"{one.name}: {one.outcome.message}"
-
-
 def schema() -> dict[str, Any]:
     """JSON Schema of campaign.json."""
     return Summary.model_json_schema(by_alias=True)

@@ -92,23 +92,20 @@ def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Ca
     def each() -> Iterator[str]:
         nonlocal reading
         source = iter(lines)
-        while not asked:
-            try:
-                reading = True
-                line = next(source, None)
-            finally:
-                reading = False
-            if line is None:
-                return
-            yield line
-
-    def ended() -> Iterator[str]:
         with suppress(_Interrupt):
-            yield from each()
+            while not asked:
+                try:
+                    reading = True
+                    line = next(source, None)
+                finally:
+                    reading = False
+                if line is None:
+                    return
+                yield line
 
     before = signal.signal(signal.SIGINT, interrupt)
     try:
-        yield ended(), lambda: asked
+        yield each(), lambda: asked
     finally:
         signal.signal(signal.SIGINT, before)
 

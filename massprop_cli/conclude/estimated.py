@@ -14,6 +14,7 @@ from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.ready import Ready, ready
+from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
 from massprop_cli.inputs.telemetry import SATURATED, VOID, Log, Notice
@@ -92,7 +93,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
-    if detected is None and (used.environment, used.estimator) == (begun.stated.environment, begun.stated.estimator):
+    if detected is None and not sized(used, begun.stated):
         detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
     return answer, Checked(diagnosis, examination, doubted, detected)
 

@@ -22,6 +22,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.verdict import PARTLY
 from massprop_cli.conclude.white import resting
 from massprop_cli.diagnosis.lackoffit import correlation, deviate
+from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -34,8 +35,8 @@ MEMORY = 3
 REPEATED = 2
 """Least periods within a phase."""
 SWINGS, SIZED = 4.0, 3.0
-"""Sigmas from which on something swings: of thirty periods and sensors, as if each were by itself, by chance in one of a thousand phases, and
-in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
+"""Sigmas from which on something swings: of thirty periods and sensors, as if each were by itself, by chance in one of a thousand phases,
+and in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
 EMPTY = 1e-9
 """Part of the power of all axes that is none."""
 TINY = 1e-300
@@ -67,11 +68,11 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle)
         return {}
     found = lagged(history, samples)
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
-    sized = (used.environment, used.estimator) != (stated.environment, stated.estimator)
+    least = SIZED if sized(used, stated) else SWINGS
     reasons: dict[str, str] = {}
     for sensor, own in enumerate(sigmas):
         at = int(own.argmax())
-        if own[at] > (SIZED if sized else SWINGS):
+        if own[at] > least:
             lasts = periods[at] * found.cycle_s
             reason = (
                 f"after each push the body's {SENSORS[sensor]} swings on, about once in {lasts:.2g} s ({own[at]:.2g} sigma): {PARTLY}, "

@@ -21,8 +21,8 @@ from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
 FINER = ((0.3, 16), (0.15, 8))
-"""Angles, rad, by which a body turns in a cycle, from which on so many bins are to follow the motion within it: with four of them sigmas of
-clean logs were 1.5 to 2 times too small at 0.5 to 0.9 rad."""
+"""Angles, rad, by which a body turns in a cycle, from which on so many bins are to follow the motion within it
+(tests/estimate/test_fast_turns.py)."""
 SELDOM = 0.98
 """Part of the cycles that turn by less."""
 

@@ -157,6 +157,11 @@ def with_disturbances(excess: Array, vehicle: Resolved, likeliest: Callable[[Res
     return _changed(vehicle, environment=environment, imu=imu, estimator=estimator)
 
 
+def sized(used: Vehicle, stated: Vehicle) -> bool:
+    """Whether disturbances, or the accelerometer's noise, were raised beyond what is stated."""
+    return (used.environment, used.estimator) != (stated.environment, stated.estimator)
+
+
 def disturbance_notices(stated: Resolved, used: Resolved, excess: Array) -> list[Notice]:
     """What was added to the stated noise, and what is still not explained."""
     found = []

@@ -13,7 +13,7 @@ from massprop_cli.estimate import flown
 from massprop_cli.export import resolve
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.kernel import kernel
-from massprop_cli.live.cycles import Gatherer
+from massprop_cli.live.cycles import Cycle, Gatherer
 from massprop_cli.live.legs import Completed, Legs
 from massprop_cli.live.records import Reader, RecordError
 from massprop_cli.model.handed import StatusError
@@ -41,8 +41,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):
         yield from _one(at, line, reader, gatherer, live, keep, warn)
-    for cycle in gatherer.started():
-        yield from map(_line, live.add(cycle))
+    yield from _flown(gatherer.started(), live, "standard input", warn)
     yield from map(_line, live.last())
 
 
@@ -62,6 +61,10 @@ def _one(
         warn(f"standard input, line {number}: left out: {error}")
         return
     keep(found.row)
+    yield from _flown(cycles, live, f"standard input, line {number}", warn)
+
+
+def _flown(cycles: Iterable[Cycle], live: Legs, where: str, warn: Callable[[str], None]) -> Iterator[str]:
     for cycle in cycles:
         if cycle.lacking:
             warn(
@@ -71,7 +74,7 @@ def _one(
         try:
             yield from map(_line, live.add(cycle))
         except StatusError as error:
-            raise InputError(f"standard input, line {number}: the cycle that ends with it can't be used ({error})") from None
+            raise InputError(f"{where}: the cycle to {cycle.end_s:.9g} s can't be used ({error})") from None
 
 
 def _line(completed: Completed) -> str:

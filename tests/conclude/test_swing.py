@@ -7,6 +7,7 @@ import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.conclude import judge
 from massprop_cli.conclude.swing import PERIODS, explained_by, lagged, swings
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -112,6 +113,18 @@ def test_a_mass_beside_sloshing_fuel_is_not_called_converged(flight: Flight, her
     assert vocabulary.remedy("mass", "not_converged", "", found["mass"].reason).startswith("fix or drain")
     # rates tell inertia by themselves
     assert all(found[name].verdict == "converged" for name in ("ixx", "iyy", "izz"))
+
+
+def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judge, "swinging", lambda *_: {})
+    found = swung(flight, 0.1, 0.3)
+    mass = found.conclusions[0].estimates["mass"]
+    assert found.notices == ()
+    assert mass.verdict == "converged"
+    assert mass.value is not None
+    assert mass.sigma is not None
+    assert (mass.value - MASS) / mass.sigma < -10
+    assert mass.value < 0.9 * MASS
 
 
 @pytest.mark.parametrize("hertz", [0.3, 0.8, 2.0])
