@@ -18,7 +18,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.section import Positive
-from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
 from massprop_cli.testbed.conditions import Actuators, Body, Control, Disturbance, Fuel, Initial, Sensors
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
@@ -234,8 +234,20 @@ class Scenario(Timed):
 
     @property
     def logged(self) -> Vehicle:
-        """The vehicle as its log's users get it, with the phases that events make."""
-        return self.vehicle.model_copy(update={"phases": self.phases}) if self.events else self.vehicle
+        """The vehicle as its log's users get it, with the phases that events make, and which of them are before and after a docking."""
+        if not self.events:
+            return self.vehicle
+        return self.vehicle.model_copy(update={"phases": self.phases, "docking": self.vehicle.docking or self._docking()})
+
+    def _docking(self) -> Docking | None:
+        """The last phase that ends by the docking and the first that begins with it or after; None unless there are both."""
+        period = self.vehicle.cycle.period_s
+        docks = [event.at(period) * period for event in self.events if event.kind == "dock"]
+        before = [phase for phase in self.phases for at in docks if phase.end_s <= at + period / 2]
+        after = [phase for phase in self.phases for at in docks if phase.start_s >= at - period / 2]
+        if not before or not after:
+            return None
+        return Docking(before=max(before, key=lambda phase: phase.end_s).name, after=min(after, key=lambda phase: phase.start_s).name)
 
     @property
     def modelled(self) -> Literal["nominal", "estimate", "truth"] | None:

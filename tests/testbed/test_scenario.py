@@ -120,7 +120,22 @@ def test_what_is_unlikely_to_be_meant_is_a_warning() -> None:
     docked = "[docked]\nixx = 1.0\niyy = 1.0\nizz = 1.0\nmass = 5.0\n" + '[[events]]\nkind = "dock"\ncycle = 20\n'
     over = scenario.parse(BASE + JETS + docked, "t", ['vehicle.phases=[{name="p", start_s=0.0, end_s=4.0}]'])
     assert [notice.code for notice in output.warnings(over)] == ["phase-over-docking"]
+    assert over.scenario.logged.docking is None
     assert output.warnings(scenario.parse(BASE + JETS + HOLD + docked, "t")) == []
+
+
+@pytest.mark.parametrize("phases", ["", "begin, reset 20 cycles later", "three"])
+def test_the_vehicle_written_says_between_which_phases_it_docked(phases: str) -> None:
+    docked = "[docked]\nixx = 1.0\niyy = 1.0\nizz = 1.0\nmass = 5.0\n" + '[[events]]\nkind = "dock"\ncycle = 40\n'
+    reset = '[[events]]\nkind = "reset"\ncycle = {}\n'
+    events = {"": "", "begin, reset 20 cycles later": reset.format(60), "three": reset.format(20) + reset.format(60)}
+    logged = scenario.parse(BASE + JETS + docked + events[phases], "t").scenario.logged
+    assert logged.docking is not None
+    around = {phase.name: phase for phase in logged.phases}
+    ends, begins = around[logged.docking.before].end_s, around[logged.docking.after].start_s
+    at = 40 * logged.cycle.period_s
+    assert ends == pytest.approx(at)
+    assert begins == pytest.approx(at if not phases else 60 * logged.cycle.period_s)
 
 
 def test_the_vehicle_written_has_no_column_names_of_its_own() -> None:

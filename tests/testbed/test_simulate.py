@@ -297,6 +297,15 @@ def test_a_packaged_scenario_comes_back_out_of_the_estimator(name: str, tmp_path
             assert abs((estimate.value or 0.0) - recorded["docked"][quantity]) < 4.5 * (estimate.sigma or 0.0)
 
 
+def test_a_docked_object_that_the_motion_cannot_tell_is_a_missing_value(tmp_path: Path) -> None:
+    assert CliRunner().invoke(app, ["simulate", "docked-hold", "--out", str(tmp_path)]).exit_code == 0
+    command = ["estimate", str(tmp_path / "log.parquet"), "--expect", str(tmp_path / "truth.json"), "--out", str(tmp_path / "result")]
+    found = CliRunner().invoke(app, command)
+    assert found.exit_code == 5, found.output
+    docked = json.loads((tmp_path / "result" / "result.json").read_text())["docked_object"]
+    assert all(item["value"] is None and not item["expected"]["met"] for item in docked["estimates"].values())
+
+
 @pytest.mark.parametrize("name", ["preliminary", "refined", "docking", "testbed", "free-flyer"])
 def test_sample_logs_are_what_their_command_makes(name: str, tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["simulate", name, "--seed", "1", "--out", str(tmp_path)]).exit_code == 0
