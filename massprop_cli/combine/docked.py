@@ -6,10 +6,10 @@ from dataclasses import asdict
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.estimate.quantities import by_scale_beside
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo
 
 
@@ -24,8 +24,11 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
         joint_covariance[part, part] = np.array(phase.covariance, dtype=float)
     if not single.known and not combined.known:
         # known values calibrate each side's scale for itself; without, it is common
-        scaled = np.array([value if name not in CG else 0.0 for value, name in zip(values, (*QUANTITIES, *QUANTITIES), strict=True)])
-        joint_covariance[:10, 10:] = scale**2 * np.outer(scaled[:10], scaled[10:])
+        alone, both = (
+            by_scale_beside(half, vehicle.bearing_mass_kg, np.array(vehicle.bearing_position_m))
+            for half, vehicle in zip(values.reshape(2, 10), vehicles, strict=True)
+        )
+        joint_covariance[:10, 10:] = scale**2 * np.outer(alone, both)
         joint_covariance[10:, :10] = joint_covariance[:10, 10:].T
     values[[9, 19]] -= bearings
     found = docking.difference(values[:10], values[10:])

@@ -19,13 +19,13 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, tensor
+from massprop_cli.estimate.quantities import by_scale_beside
 from massprop_cli.model.plant import BearingBody, Reference
 
 BEYOND = 4.0
 """Sigmas by which a result may differ from all others together, as everywhere."""
 TOLD = 1e-9
 """Information on a quantity below this part of what it had with what is known was no information of the log's."""
-STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,11 @@ class Piece:
     scale_sigma: float = 0.0
     bearing: BearingBody | None = None
     """On which it turned."""
+
+    def by_scale(self, values: Array) -> Array:
+        """(10,) derivative by the thrust's scale of these ten quantities of the body; 0 where nothing can be said."""
+        mass, at = (self.bearing.bearing_mass, self.bearing.bearing) if self.bearing else (0.0, np.zeros(3))
+        return np.nan_to_num(by_scale_beside(values, mass, at))
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,7 @@ def _bare(piece: Piece) -> tuple[Array, Array]:
         at, information, vector = at[left], information[np.ix_(left, left)], vector[left]
         spread = np.linalg.inv(information)
         values[at], covariance[np.ix_(at, at)] = spread @ vector, spread
-    scaled = np.concatenate([values[:6], np.zeros(3), values[9:]])
+    scaled = piece.by_scale(values)
     covariance = covariance - piece.scale_sigma**2 * np.outer(scaled, scaled)
     return values, covariance
 
@@ -197,7 +202,7 @@ def _apart(number: int, linear: Sequence[tuple[Array, Array]], told: Sequence[tu
 
 def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:
     """With the thrust's common uncertainty, and each thing that is known, once."""
-    scaled = np.nan_to_num(np.concatenate([values[:6], np.zeros(3), values[9:]]))
+    scaled = pieces[0].by_scale(values)
     covariance = covariance + pieces[0].scale_sigma ** 2 * np.outer(scaled, scaled)
     shared = dict.fromkeys((name, value, sigma) for piece in pieces for name, (value, sigma) in piece.known.items())
     for name, value, sigma in shared:

@@ -94,17 +94,21 @@ def _curved(relative: Array) -> Array:
 
 
 def by_scale(values: Array, vehicle: Vehicle) -> Array:
-    """(…, 10) derivative by κ of the ten quantities (…, 10): kg m², m, kg.
+    """(…, 10) derivative by κ of the ten quantities (…, 10): kg m², m, kg."""
+    return by_scale_beside(values, vehicle.bearing_mass_kg, np.array(vehicle.environment.bearing_position_m))
+
+
+def by_scale_beside(values: Array, bearing_mass_kg: float, bearing_position_m: Array) -> Array:
+    """The same beside a bearing of this mass (0 where there is none), at this point (3,).
 
     Inertia and mass are proportional to the thrust; of the CG it is ``−(c − b) m_b / (m − m_b)`` where the mass is told, else nothing.
     """
     found = values.copy()
     found[..., 6:9] = 0.0
-    part = vehicle.bearing_mass_kg
-    if part > 0:
-        turning = values[..., 9:] - part
-        away = values[..., 6:9] - np.array(vehicle.environment.bearing_position_m)
-        found[..., 6:9] = np.where(turning > 0, -away * part / turning, 0.0)
+    if bearing_mass_kg > 0:
+        turning = values[..., 9:] - bearing_mass_kg
+        away = values[..., 6:9] - bearing_position_m
+        found[..., 6:9] = np.where(turning > 0, -away * bearing_mass_kg / turning, 0.0)
     return found
 
 

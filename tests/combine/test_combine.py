@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -147,6 +148,34 @@ def test_what_is_shared_counts_once() -> None:
     wanted = bare + to_quantities @ (mean - np.append(bare, 0.0))
     assert np.abs((found.values - wanted) / np.sqrt(np.diag(expected))).max() < 0.02
     assert np.sqrt(found.covariance[9, 9]) < sigma
+
+
+def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) -> None:
+    """Oracle: what the joint values do if every jet pushes half a per cent more or less than stated, beside their sigmas at exact thrust."""
+    for seed in (1, 2):
+        output.simulate(scenario.load("testbed"), tmp_path / f"log-{seed}", seed, None)
+
+    def combined(name: str, *settings: str) -> tuple[Array, Array]:
+        folders = [f"{name}-{seed}" for seed in (1, 2)]
+        for seed, folder in zip((1, 2), folders, strict=True):
+            chosen = [part for setting in settings for part in ("--set", setting)]
+            assert massprop(tmp_path, "estimate", f"log-{seed}/log.parquet", *chosen, "--out", folder, "-q").returncode == 0
+        assert massprop(tmp_path, "combine", *folders, "--out", name, "-q").returncode == 0
+        phase = json.loads((tmp_path / name / "result.json").read_text())["phases"][0]
+        assert {item["verdict"] for item in phase["estimates"].values()} == {"converged"}
+        return np.array([item["value"] for item in phase["estimates"].values()]), np.array(phase["covariance"])
+
+    vehicle = tomllib.loads((tmp_path / "log-1" / "vehicle.toml").read_text())
+    plain, covariance = combined("exact")
+    by = 0.005
+    pushed = []
+    for name, factor in (("more", 1 + by), ("less", 1 - by)):
+        jets = [jet | {"force_n": [factor * one for one in jet["force_n"]]} for jet in vehicle["jets"]]
+        pushed.append(combined(name, f"jets={json.dumps(jets)}".replace('": ', '" = '))[0])
+    slope = (pushed[0] - pushed[1]) / (2 * by)
+    values, wide = combined("scaled", "thrust.scale_sigma=0.02")
+    np.testing.assert_allclose((values - plain) / np.sqrt(np.diag(wide)), 0.0, atol=0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(wide)), np.sqrt(np.diag(covariance) + (0.02 * slope) ** 2), rtol=0.01)
 
 
 def test_what_a_piece_does_not_tell_is_left_to_the_others() -> None:
