@@ -104,7 +104,8 @@ def beside_torques(
     """The same beside each torque, wandering or white, that is ever tried; beside those of other levels ``near`` one."""
     design = (designs or Designs()).of(log, vehicle, timing, piece, theta)
     if near is None:
-        tried = [Disturbance(design.driven.coupling, walk) for walk in LEVELS] + [Disturbance(white, 0.0) for white in LEVELS]
+        none = Disturbance(design.driven.coupling, 0.0)
+        tried = [none._replace(walk=level) for level in LEVELS] + [none._replace(white=none.white + level) for level in LEVELS]
     elif near.walk > 0:
         tried = [near._replace(walk=near.walk * by) for by in NEARER if near.walk * by >= LEVELS[0]]  # less is a steady torque
     else:

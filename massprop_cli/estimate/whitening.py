@@ -82,14 +82,21 @@ def whitened(rates: Driven, stated: float, likely: Sequence[Disturbance]) -> tup
         return best.told, ()
     distinct = _distinct(best.told.triangle)
     unit = orthogonal(rates, best.told.triangle, distinct)
-    kinds = ("walk", "white") if stated > 0 else ("walk",)
-    likeliest = _likeliest(unit, [none] * bool(stated > 0) + [none._replace(**{key: level}) for key in kinds for level in LEVELS])
-    walk, white = likeliest
-    near = [Disturbance(walk * by, white) for by in (1 / FINER, FINER) if walk]
-    near += [Disturbance(walk, white * by) for by in (1 / FINER, FINER)]
-    near += [Disturbance(walk, level) for level in LEVELS if walk]
-    (best,) = each(rates, [_likeliest(unit, [likeliest, *near])], distinct)
+    white = [none._replace(white=rates.coupling + level) for level in LEVELS] if stated > 0 else []
+    walks = [none._replace(walk=level) for level in LEVELS]
+    likeliest = _likeliest(unit, [none] * bool(stated > 0) + walks + white)
+    near = [
+        Disturbance(rates.coupling + beside, walk)
+        for beside in (_around(likeliest.white - rates.coupling) if stated > 0 else (0.0,))
+        for walk in _around(likeliest.walk)
+    ]
+    (best,) = each(rates, [_likeliest(unit, near)], distinct)
     return best.told, (best.beside,)
+
+
+def _around(level: float) -> tuple[float, ...]:
+    """It, and what is so much smaller and larger; of nothing, any."""
+    return (level / FINER, level, level * FINER) if level else (0.0, *LEVELS)
 
 
 def orthogonal(rates: Driven, triangle: Array, distinct: BoolArray) -> Driven:
@@ -127,7 +134,7 @@ def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[floa
         size = len(root) - 3
         told = Told(root, root[:0], (root[size:, size:] ** 2).sum(1), int(rates.used.sum()) - size, volume)
         own = np.diag(root)[size - rates.growth.shape[1] + walks : size]
-        costs.append(_restricted(told, np.append(own, _begun(white)) if walks else own, beside, len(rates.rate))[1])
+        costs.append(_restricted(told, np.append(own, _begun(white)) if walks else own, beside, rates)[1])
     return costs
 
 
@@ -145,10 +152,14 @@ def _white(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[tuple
         yield beside, white if beside.walk > 0 else white[:, 1:], float(own)
 
 
-def _restricted(told: Told, diagonal: Array, beside: Disturbance, count: int) -> tuple[float, float]:
-    """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance."""
+def _restricted(told: Told, diagonal: Array, beside: Disturbance, rates: Driven) -> tuple[float, float]:
+    """Log determinant of the information, by the diagonal of its root, and −2 log restricted likelihood with the price of a disturbance.
+
+    What products of rates bring is none.
+    """
     taken = 2 * float(np.log(np.abs(diagonal)).sum())
-    return taken, told.cost() + 3 * taken + 3 * np.log(count) * sum(level > 0 for level in beside)
+    added = int(beside.white > rates.coupling) + int(beside.walk > 0)
+    return taken, told.cost() + 3 * taken + 3 * np.log(len(rates.rate)) * added
 
 
 class Beside(NamedTuple):
@@ -183,7 +194,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
         if beside.walk > 0 and rates.steady is not None:  # what it begins as stands for a steady one
             own = distinct & (np.arange(len(distinct)) != rates.steady)
             diagonal, own = np.append(diagonal, _begun(white)), np.append(own, distinct[rates.steady])
-        found.append(Beside(beside, told, *_restricted(told, diagonal[own], beside, len(rates.rate))))
+        found.append(Beside(beside, told, *_restricted(told, diagonal[own], beside, rates)))
     return found
 
 

@@ -151,7 +151,7 @@ def test_what_is_shared_counts_once() -> None:
 
 
 def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) -> None:
-    """Oracle: what the joint values do if every jet pushes half a per cent more or less than stated, beside their sigmas at exact thrust."""
+    """Oracle: what the joint values do if every jet pushes half a per cent more or less, beside their sigmas at exact thrust."""
     for seed in (1, 2):
         output.simulate(scenario.load("testbed"), tmp_path / f"log-{seed}", seed, None)
 

@@ -53,6 +53,19 @@ def test_coefficients_beside_a_disturbance_are_as_certain_as_they_are_said_to_be
     assert 0.6 < np.mean(left) < 1.6
 
 
+@pytest.mark.parametrize("coupling", [0.0, 0.05])
+@pytest.mark.parametrize(("walk", "white"), [(0.0, 1.0), (0.1, 0.0), (0.1, 1.0), (0.3, 0.3)])
+def test_the_likeliest_disturbance_is_that_of_a_grid(walk: float, white: float, coupling: float) -> None:
+    """A torque that wanders and is white besides; what the grid's best has more of likelihood is what a factor of ten costs."""
+    for seed in range(5):
+        made = design(np.random.default_rng(seed), walk, float(np.hypot(white, np.sqrt(coupling))))[0].driven._replace(coupling=coupling)
+        _, (found,) = whitening.whitened(made, GYRO**2, [])
+        levels = [0.0, *np.logspace(-6, 1, 15)]
+        grid = whitening.each(made, [found, *(Disturbance(coupling + w, q) for w in levels for q in levels)])
+        assert grid[0].cost < min(one.cost for one in grid[1:]) + 25
+        assert found.white >= coupling
+
+
 def test_a_filter_on_columns_is_the_same_as_least_squares_with_the_full_covariance() -> None:
     made, _ = design(np.random.default_rng(1), 0.1, 0.5, cycles=60)
     (beside,) = whitening.each(made.driven, [Disturbance(white=0.25, walk=0.01)])
@@ -113,7 +126,7 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
         left = measured - columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
         spare = count - whole.shape[1]
         among = 2 * np.log(np.abs(np.diag(triangle)[1:])).sum() + 2 * np.log(np.diag(root)).sum()
-        price = 3 * np.log(count) * ((white > 0) + (walk > 0))
+        price = 3 * np.log(count) * ((white > made.driven.coupling) + (walk > 0))
         expected.append((spare * np.log((left**2).sum(0) / spare)).sum() + 3 * among + price)
     found = whitening.by_products(whitening.orthogonal(made.driven, none.told.triangle, distinct), levels)
     # columns of which some are nearly sums of others have a condition of 1e8, and products its square: rounding leaves 1e-4 to 0.02
