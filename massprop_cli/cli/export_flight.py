@@ -7,19 +7,23 @@ from typing import Annotated
 
 import typer
 
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say
 
 
 @guarded
 def export_flight(
-    vehicle: Annotated[Path, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the sources.", envvar="MASSPROP_OUT", show_default=False)],
+    vehicle: options.NeededVehicle,
+    out: Annotated[Path, options.out("Folder for the sources.")],
     log: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="A log: its noise levels, and a test vector from it.", show_default=False)
+        Path | None,
+        typer.Option(
+            metavar="LOG", help="A log: its noise levels, and a test vector from it.", show_default=False, rich_help_panel=options.INPUT
+        ),
     ] = None,
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
+    assign: options.Assign = None,
+    quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:
     """Write the causal estimator as C99 for a flight computer: sources, this vehicle's tables, a test vector, a Makefile, a README.
 
@@ -32,8 +36,9 @@ def export_flight(
     """
     folder_of_its_own(out)
     from massprop_cli.export import folder, resolve
+    from massprop_cli.inputs import vehiclefile
 
-    source = resolve.vehicle_of(vehicle, assign or [])
+    source = vehiclefile.load(vehicle, assign or [])
     resolved = resolve.stated(source) if log is None else resolve.told(source, log)
     names = folder.write(resolved, out)
     if not quiet:

@@ -10,20 +10,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprop_cli.base import exits
+from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say, show, told_of, warn
 
 
 @guarded
 def live(
-    vehicle: Annotated[Path, typer.Option(help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the recording and its result.", envvar="MASSPROP_OUT", show_default=False)],
-    assign: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table, no warnings.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).")] = False,
+    vehicle: options.NeededVehicle,
+    out: Annotated[Path, options.out("Folder for the recording and its result.")],
+    assign: options.Assign = None,
+    quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
+    no_color: options.NoColor = False,
 ) -> None:
     """Estimate while records arrive on standard input (CSV or a JSON object on each line): a JSON line on standard output for each cycle.
 

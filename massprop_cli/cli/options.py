@@ -26,6 +26,10 @@ Vehicle = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, rich_help_panel=INPUT),
 ]
+NeededVehicle = Annotated[
+    Path,
+    typer.Option(metavar="FILE", help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, rich_help_panel=INPUT),
+]
 MapFile = Annotated[
     Path | None,
     typer.Option(

@@ -6,10 +6,10 @@ from dataclasses import asdict
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.estimate.quantities import by_scale_beside
+from massprop_cli.result.build import matrix
 from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo
 
 
@@ -45,8 +45,3 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction=contradiction
     )
-
-
-def matrix(values: Array) -> list[list[float | None]]:
-    """As JSON has it: null where nothing can be said."""
-    return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]

@@ -12,15 +12,14 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import fit
-from massprop_cli.combine.docked import matrix
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
-from massprop_cli.conclude.physical import nearest_consistent, physical_note
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.plant import BearingBody
+from massprop_cli.result.build import matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import EstimateItem, PhaseItem, Physical, VehicleInfo, WarningItem
+from massprop_cli.result.schema import EstimateItem, PhaseItem, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -76,8 +75,6 @@ def together_phase(name: str, parts: Sequence[Part]) -> Phased:
     phase = Phase(name=name, start_s=0.0, end_s=duration)
     plain = {quantity: Estimate(item.value, item.sigma, item.unit, item.verdict, None, item.reason) for quantity, item in estimates.items()}
     whole = Conclusion(phase, plain, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
-    known = bool(np.isfinite(whole.principal_moments).all())
-    note = physical_note(whole)
     about = whole.inertia_about_origin
     contradicted = any(item.verdict == "contradicted" for item in estimates.values())
     item = PhaseItem(
@@ -87,12 +84,7 @@ def together_phase(name: str, parts: Sequence[Part]) -> Phased:
         estimates=estimates,
         covariance=matrix(found.covariance),
         inertia_about_origin=matrix(about) if np.isfinite(about).all() else None,
-        physical=Physical(
-            consistent=not note if known else None,
-            principal_moments=[float(moment) for moment in whole.principal_moments] if known else None,
-            note=note,
-            nearest_consistent=matrix(nearest_consistent(whole.inertia)) if note else None,
-        ),
+        physical=physical(whole),
         innovations=None,
         contradiction="; ".join(note.message for note in notes) if contradicted else "",
         known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},

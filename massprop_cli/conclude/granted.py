@@ -65,7 +65,9 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iter
     if later is not None:
         sigma = vehicle.cycle.command_delay_sigma_cycles
         words = "its uncertainty is in every sigma" if sigma > 0 else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
-        yield Taken("command-delay", f"the command delay is {timing.delay:.6g} cycles; {words}", "0.1 cycles", True, later, 0.1, sigma)
+        said = "command_delay_cycles" in vehicle.cycle.model_fields_set
+        message = f"the command delay is {timing.delay:.6g} cycles{'' if said else ', which nobody stated'}; {words}"
+        yield Taken("command-delay", message, "0.1 cycles", said, later, 0.1, sigma)
     for i, axis in enumerate(AXES):
         scaled = Variant(here, Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[i])), 0.01)
         yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, part_of=GYRO)

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
 from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
-from massprop_cli.conclude.physical import physical_note
+from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.swing import swinging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
@@ -93,7 +93,7 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:
     found = []
     for conclusion in conclusions:
-        note = physical_note(conclusion)
-        if note:
-            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {note}"))
+        broken = breach(conclusion)
+        if broken is not None and broken.certain:
+            found.append(Notice("unphysical-inertia", f"phase {conclusion.phase.name}: {broken.said}"))
     return found

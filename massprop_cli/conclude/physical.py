@@ -4,26 +4,58 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude.verdict import Conclusion
 
+BEYOND = 4.0
+"""Sigmas by which a law is broken, as everywhere."""
+RESOLVED = 1e-9
+"""Part of the largest moment that rounding may break it by."""
 _PAIRS = 1 - np.eye(3)
 """Principal moments from second moments."""
 
 
-def physical_note(conclusion: Conclusion) -> str:
-    """What no real body could have in this inertia, or an empty text; nothing is said of an inertia that is not wholly informed."""
-    low, middle, high = (float(moment) for moment in conclusion.principal_moments)
+class Breach(NamedTuple):
+    """What no real body could have in an inertia."""
+
+    said: str
+    certain: bool
+    """Whether its sigmas do not allow that a body has it after all."""
+
+
+def breach(conclusion: Conclusion) -> Breach | None:
+    """What no real body could have in this inertia; nothing is said of an inertia that is not wholly informed.
+
+    A flat body's principal moments are exactly those that a body could have at most, low + middle = high: noise puts half of its estimates
+    beyond.
+    """
+    moments = conclusion.principal_moments
+    low, middle, high = (float(moment) for moment in moments)
     if np.isnan(low):
-        return ""
+        return None
     if low <= 0:
-        return f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2)"
-    if low + middle < high * (1 - 1e-9):
-        return f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2; check jets, units and thrust"
-    return ""
+        return Breach(f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2)", True)
+    lacking = high - low - middle
+    if lacking <= RESOLVED * high:
+        return None
+    sigma = _sigma(conclusion, np.array([1.0, 1.0, -1.0]))
+    said = f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2"
+    if lacking > BEYOND * sigma:
+        return Breach(f"{said}; check jets, units and thrust", True)
+    return Breach(f"{said}, as its sigmas allow ({lacking:.2g} ± {sigma:.2g} kg m^2): a flat body's does", False)
+
+
+def _sigma(conclusion: Conclusion, weights: Array) -> float:
+    """Of a sum of the principal moments so weighted (3,): an eigenvalue's derivative is n nᵀ, n its eigenvector."""
+    axes = np.linalg.eigh(conclusion.inertia)[1]
+    slope: Array = (axes * weights) @ axes.T
+    six = elements(slope * (2 - np.eye(3)))  # products stand twice in the tensor
+    return float(np.sqrt(max(float(six @ conclusion.covariance[:6, :6] @ six), 0.0)))
 
 
 def nearest_consistent(inertia: Array) -> Array:

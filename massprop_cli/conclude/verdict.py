@@ -241,9 +241,14 @@ def tolerances(history: History, vehicle: Vehicle) -> Array:
     for i, name in enumerate(QUANTITIES):
         kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
         given = getattr(settings, f"{kind}_tolerance")
-        fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
-        found[i] = (fallback if given is None else given) * (history.natural_sizes[i] if relative else 1.0)
+        found[i] = allowed(kind, given, relative) * (history.natural_sizes[i] if relative else 1.0)
     return found
+
+
+def allowed(kind: str, given: float | None, relative: bool) -> float:
+    """The tolerance of "inertia", "cg" or "mass": as ``given``, else a part of the natural size, or the thesis's in the unit."""
+    fallback = RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind]
+    return fallback if given is None else given
 
 
 def _stretches(steady: BoolArray, count: int) -> list[tuple[int, int, int]]:

@@ -10,10 +10,10 @@ import numpy as np
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE
+from massprop_cli.conclude.verdict import allowed
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import compiled, flown
-from massprop_cli.inputs import logfile, telemetry, vehiclefile
+from massprop_cli.inputs import logfile, telemetry
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -101,11 +101,6 @@ def _exactly(stated: Vehicle, found: Vehicle) -> Vehicle:
     return found.model_copy(update=parts) if cycle or thrust else found
 
 
-def vehicle_of(path: Path, assignments: list[str]) -> VehicleSource:
-    """A vehicle file's."""
-    return vehiclefile.load(path, assignments)
-
-
 def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s: float) -> Resolved:
     used = Resolved.stated(vehicle)
     problem = handed.unknown(vehicle) or flown.beyond(vehicle, timing, shortest_s)
@@ -120,6 +115,6 @@ def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s
 
 def _rule(vehicle: Vehicle) -> Array:
     settings = vehicle.convergence
-    given = (settings.inertia_tolerance, settings.cg_tolerance, settings.mass_tolerance)
-    first, second, third = (RELATIVE_TOLERANCE if tolerance is None else tolerance for tolerance in given)
-    return flown.rule_of(vehicle, (first, second, third), settings.relative is not False)
+    relative = settings.relative is not False
+    inertia, cg, mass = (allowed(kind, getattr(settings, f"{kind}_tolerance"), relative) for kind in ("inertia", "cg", "mass"))
+    return flown.rule_of(vehicle, (inertia, cg, mass), relative)

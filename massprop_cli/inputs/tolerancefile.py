@@ -77,6 +77,13 @@ class ToleranceFile(Section):
     phases: tuple[PhaseLimits, ...] = ()
     docked: Limits = Field(Limits(), description="of the docked object")
 
+    @model_validator(mode="after")
+    def _names_each_phase_once(self) -> Self:
+        twice = configfile.repeated(phase.name for phase in self.phases)
+        if twice is not None:
+            raise ValueError(f"phase name {twice!r} is used twice; write its tolerances in one table")
+        return self
+
 
 @dataclass(frozen=True)
 class Gate:

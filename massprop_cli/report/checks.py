@@ -73,7 +73,12 @@ def verdict(held: Sequence[bool]) -> Verdict | None:
     return Verdict(False, f"the model does not fit the log: {sum(held)} of {len(held)} checks hold")
 
 
-SOURCES = {"vehicle": "stated by the vehicle file", "option": "stated by an option", "detected": "detected from the log"}
+SOURCES = {
+    "vehicle": "stated by the vehicle file",
+    "option": "stated by an option",
+    "detected": "detected from the log",
+    "default": "a default, stated nowhere",
+}
 
 
 def delay(found: Delay) -> list[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from massprop_cli import __version__
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.conclude import assumptions
 from massprop_cli.conclude.docking import Docked
-from massprop_cli.conclude.physical import nearest_consistent, physical_note
+from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis, MendedAnswer
@@ -97,53 +98,60 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
 
 
 def _delay(analysis: Analysis) -> Delay:
-    automatic = analysis.source.vehicle.cycle.command_delay_cycles == "auto"
     found = analysis.detected
     told = found is not None and found.sigma.delay > 0
     return Delay(
         cycles=analysis.timing.delay,
-        source="detected" if automatic else "option" if _overridden(analysis, "cycle.command_delay_cycles") else "vehicle",
+        source=_source(analysis, "cycle", "command_delay_cycles"),
         detected_cycles=found.at.delay if found is not None and told else None,
         sigma_cycles=found.sigma.delay if found is not None and told else None,
     )
 
 
 def _lag(analysis: Analysis) -> Lag:
-    automatic = analysis.source.vehicle.thrust.lag_s == "auto"
     found, period = analysis.detected, analysis.source.vehicle.cycle.period_s
     return Lag(
         lag_s=analysis.timing.lag_s(analysis.vehicle),
-        source="detected" if automatic else "option" if _overridden(analysis, "thrust.lag_s") else "vehicle",
+        source=_source(analysis, "thrust", "lag_s"),
         sigma_s=found.sigma.lag * period if found is not None and found.sigma.lag > 0 else None,
     )
 
 
-def _overridden(analysis: Analysis, key: str) -> bool:
-    return any(assignment.startswith(f"{key}=") for assignment in analysis.assignments)
+def _source(analysis: Analysis, section: str, key: str) -> Literal["vehicle", "option", "detected", "default"]:
+    stated = getattr(analysis.source.vehicle, section)
+    if getattr(stated, key) == "auto":
+        return "detected"
+    if any(assignment.startswith(f"{section}.{key}=") for assignment in analysis.assignments):
+        return "option"
+    return "vehicle" if key in stated.model_fields_set else "default"
 
 
 def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Array) -> PhaseItem:
     about_origin = conclusion.inertia_about_origin
-    moments = conclusion.principal_moments
-    note = physical_note(conclusion)
-    known = bool(np.isfinite(moments).all())
     return PhaseItem(
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
         estimates=_estimates(conclusion.estimates, used.nominal),
-        covariance=_matrix(conclusion.covariance),
-        inertia_about_origin=_matrix(about_origin) if np.isfinite(about_origin).all() else None,
-        physical=Physical(
-            consistent=not note if known else None,
-            principal_moments=[float(m) for m in moments] if known else None,
-            note=note,
-            nearest_consistent=_matrix(nearest_consistent(conclusion.inertia)) if note else None,
-        ),
+        covariance=matrix(conclusion.covariance),
+        inertia_about_origin=matrix(about_origin) if np.isfinite(about_origin).all() else None,
+        physical=physical(conclusion),
         innovations=_innovations(settled, factors),
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
         implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
+    )
+
+
+def physical(conclusion: Conclusion) -> Physical:
+    """Whether a real body could have this inertia."""
+    moments, broken = conclusion.principal_moments, breach(conclusion)
+    told = bool(np.isfinite(moments).all())
+    return Physical(
+        consistent=not (broken and broken.certain) if told else None,
+        principal_moments=[float(moment) for moment in moments] if told else None,
+        note=broken.said if broken else "",
+        nearest_consistent=matrix(nearest_consistent(conclusion.inertia)) if broken else None,
     )
 
 
@@ -216,11 +224,12 @@ def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
         before=found.before,
         after=found.after,
         estimates=_estimates(found.estimates),
-        covariance=_matrix(found.covariance),
+        covariance=matrix(found.covariance),
         contradiction=found.contradiction,
         known=_known(used.docking.known if used.docking else {}),
     )
 
 
-def _matrix(values: Array) -> Matrix:
+def matrix(values: Array) -> Matrix:
+    """As JSON has it: null where nothing can be said."""
     return [[float(cell) if np.isfinite(cell) else None for cell in row] for row in values]

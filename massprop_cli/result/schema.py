@@ -75,7 +75,7 @@ class Delay(Item):
     """Between the start of the cycle that issued a command and its execution."""
 
     cycles: float
-    source: Literal["vehicle", "option", "detected"]
+    source: Literal["vehicle", "option", "detected", "default"]
     detected_cycles: float | None = None
     sigma_cycles: float | None = None
 
@@ -84,7 +84,7 @@ class Lag(Item):
     """First-order lag of the thrust."""
 
     lag_s: float
-    source: Literal["vehicle", "option", "detected"]
+    source: Literal["vehicle", "option", "detected", "default"]
     sigma_s: float | None = None
 
 
@@ -129,10 +129,10 @@ class EstimateItem(Item):
 class Physical(Item):
     """Whether a real body could have this inertia."""
 
-    consistent: bool | None
+    consistent: bool | None = Field(description="false where its sigmas do not allow it; null unless the whole inertia is informed")
     principal_moments: Triple | None
     note: str
-    nearest_consistent: Matrix3 | None = Field(None, description="the nearest inertia that a body could have, where this is none")
+    nearest_consistent: Matrix3 | None = Field(None, description="the nearest inertia that a body could have, where the values are none")
 
 
 class Innovations(Item):

@@ -382,3 +382,17 @@ def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(
     innovations = causal["phases"][0]["innovations"]
     assert abs(innovations["nis"] - 6) < 4.5 * (12 / innovations["cycles"]) ** 0.5
     assert max(abs(c) for c in innovations["lag_one_correlation"]) < 4.5 / innovations["cycles"] ** 0.5
+
+
+def test_a_delay_that_nobody_stated_is_called_a_default(tmp_path: Path) -> None:
+    log = short(tmp_path)
+    vehicle = tmp_path / "unstated.toml"
+    stated = (SAMPLES / "free-flyer" / "vehicle.toml").read_text()
+    assert "command_delay_cycles" in stated
+    vehicle.write_text("".join(line for line in stated.splitlines(True) if "command_delay_cycles" not in line))
+    for file, source in ((SAMPLES / "free-flyer" / "vehicle.toml", "vehicle"), (vehicle, "default")):
+        found = json.loads(massprop("estimate", str(log), "--vehicle", str(file), "--json", "--out", str(tmp_path / source)).stdout)
+        assert found["delay"]["source"] == source
+        assert found["lag"]["source"] == "default"
+        (delay,) = [one for one in found["assumptions"] if one["code"] == "command-delay"]
+        assert delay["stated"] == (source == "vehicle")

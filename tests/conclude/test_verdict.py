@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from massprop_cli.conclude.physical import nearest_consistent
-from massprop_cli.conclude.verdict import conclude
+from massprop_cli import INERTIA
+from massprop_cli.conclude.physical import breach, nearest_consistent
+from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from tests import flight
@@ -154,6 +155,34 @@ def test_a_thesis_filter_that_knows_less_than_the_body_is_large_has_not_converge
     found = history()
     tiny = replace(found, values=1e-5 * found.values, natural_sizes=1e-5 * SIZES)
     assert {e.verdict for e in conclude(tiny, vehicle("thesis")).estimates.values()} == {"not_excited"}
+
+
+def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> None:
+    """A plate's moments are at the limit of what a body has: half of its estimates are beyond, none by more than their sigmas allow."""
+    rng = np.random.default_rng(8)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    root = 1e-3 * rng.normal(size=(6, 6))
+    found = conclude(history(), vehicle())
+
+    def drawn(moments: list[float]) -> Conclusion:
+        six = (turn @ np.diag(moments) @ turn.T)[np.triu_indices(3)] + root @ rng.normal(size=6)
+        covariance = np.zeros((10, 10))
+        covariance[:6, :6] = root @ root.T
+        told = {name: Estimate(value, 1.0, "kg m^2", "converged", None, "") for name, value in zip(INERTIA, six.tolist(), strict=True)}
+        return replace(found, estimates=found.estimates | told, covariance=covariance)
+
+    flat = [drawn([0.9, 1.5, 2.4]) for _ in range(400)]
+    broken = [breach(one) for one in flat]
+    assert not any(one.certain for one in broken if one)
+    assert 0.4 < np.mean([one is not None for one in broken]) < 0.6
+    lacking = [one.principal_moments @ [-1, -1, 1] for one in flat]
+    # beyond twice what scatters by draws are a fortieth of a normal distribution, and the note says the sigma that they scatter by
+    sigmas = [float(one.said.split(" ± ")[1].split()[0]) for one in broken if one]
+    np.testing.assert_allclose(sigmas, np.std(lacking), rtol=0.1)
+    none = breach(drawn([0.9, 1.5, 2.4 + 6 * float(np.std(lacking)) + 0.01]))
+    assert none is not None
+    assert none.certain
+    assert breach(drawn([0.9, 1.6, 2.4])) is None
 
 
 def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:

@@ -9,14 +9,16 @@ import struct
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.errors import InputError
+from massprop_cli.conclude import verdict
 from massprop_cli.export import folder, resolve, vector
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
-from tests.analysed import SAMPLES
+from tests.analysed import SAMPLES, analysed
 from tests.commandline import massprop
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
@@ -141,6 +143,18 @@ def test_what_the_kernel_cannot_hold_is_refused(setting: str, said: str) -> None
     with pytest.raises(InputError, match=re.escape(said)) as refused:
         resolve.stated(vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml", [setting]))
     assert "vehicle.toml" in str(refused.value)
+
+
+@pytest.mark.parametrize("stated", ["", "inertia_tolerance=0.2", "mass_tolerance=0.3"])
+@pytest.mark.parametrize("relative", ["", "true", "false"])
+def test_a_value_has_converged_in_flight_by_the_rule_of_the_ground(relative: str, stated: str) -> None:
+    settings = [f"convergence.{one}" for one in (stated, relative and f"relative={relative}") if one]
+    source = vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml", settings)
+    rule = resolve.stated(source).legs[0].rule
+    found = analysed("free-flyer").histories[0]
+    on_ground = verdict.tolerances(found, source.vehicle) / (found.natural_sizes if rule[2] else 1.0)
+    assert bool(rule[2]) == (relative != "false")
+    np.testing.assert_allclose(np.repeat(rule[3:6], [6, 3, 1]), on_ground, rtol=1e-12)
 
 
 def test_a_refusal_is_exit_3_and_leaves_nothing(tmp_path: Path) -> None:

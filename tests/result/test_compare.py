@@ -196,6 +196,7 @@ BAD_TOLERANCES = {
     "has a foreign unit": ('[all]\nmass = "2 m"\n', ("line 2", "all.mass", '"2 m"', "in kg")),
     "has a quantity outside tables": ('mass = "2 %"\n', ("mass", "[all]")),
     "has one absolute tolerance for all": ('[all]\ntolerance = "2 kg"\n', ("line 2", "all.tolerance", "several units")),
+    "names a phase twice": ('[[phases]]\nname = "all"\nmass = "2 %"\n' * 2, ("'all'", "used twice")),
     "names an unknown phase": ('[[phases]]\nname = "cruise"\nmass = "2 %"\n', ("'cruise'", "'all'")),
 }
 

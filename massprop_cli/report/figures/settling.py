@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.escape import line
-from massprop_cli.conclude.verdict import RELATIVE_TOLERANCE, THESIS_TOLERANCE
+from massprop_cli.conclude.verdict import allowed
 from massprop_cli.report import vocabulary
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
@@ -46,7 +46,7 @@ def tolerance(name: str, phase: PhaseItem, result: Result) -> float | None:
     thesis = settings.get("estimator.method") == "thesis"
     kind = "inertia" if name in INERTIA else "cg" if name in CG else "mass"
     relative = settings.get("convergence.relative", not thesis)
-    given = settings.get(f"convergence.{kind}_tolerance") or (RELATIVE_TOLERANCE if relative else THESIS_TOLERANCE[kind])
+    given = allowed(kind, settings.get(f"convergence.{kind}_tolerance"), relative)
     if not relative:
         return float(given)
     items = phase.estimates
