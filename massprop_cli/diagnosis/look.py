@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis import causes
+from massprop_cli.diagnosis import causes, stretch
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import ROUGHLY, TINY, Fitted, compared, fitted
@@ -27,13 +27,10 @@ from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_names, pushing
-from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.stream import Stream
 
 LONGEST = 1200
 """Cycles that suppositions are tried on."""
-MEMORY = 64
-"""Cycles before them that commands may come from, under any delay that is tried."""
 FITS = (2.0, 6.0)
 """The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
@@ -57,21 +54,9 @@ that are as well and less."""
 
 
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
-    """The ``LONGEST`` cycles of a piece in which most is commanded, in a log that holds no more than it takes to read them.
-
-    Where the attitude is integrated from the log's beginning on, the first ones.
-    """
-    log, vehicle, timing, _ = case
-    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
-    first, stop = piece.start, min(piece.start + LONGEST, piece.stop)
-    if stop < piece.stop and not integrated:
-        effort = (np.abs(log.command[piece]) / np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)).sum(1)
-        total = np.concatenate([[0.0], np.cumsum(effort)])
-        first = piece.start + int(np.argmax(total[LONGEST:] - total[:-LONGEST]))
-        stop = first + LONGEST
-    begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
-    end = min(stop + 1, log.cycles)
-    return case._replace(log=log.part(begin, end)), slice(first - begin, stop - begin)
+    """A case of the ``LONGEST`` cycles of a piece in which most is commanded."""
+    log, found = stretch.busiest(case.log, case.vehicle, case.timing, piece, LONGEST)
+    return case._replace(log=log), found
 
 
 def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Look | None:

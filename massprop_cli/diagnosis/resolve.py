@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis import delay, stretch
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
@@ -25,6 +25,8 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
+LONGEST = 4800
+"""Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
 NARROWER, FARTHEST = 0.5, 4.0
 """Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
 
@@ -73,7 +75,9 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     say("finding delay and lag", 0.0)
     given = stated_timing(source.vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
-    coarse = delay.search(log, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,))
+    latest = Timing(delay.LONGEST, max(lags))
+    part, pieces = stretch.bounded(log, source.vehicle, latest, [slice(0, log.cycles)], LONGEST)
+    coarse = delay.search(part, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     found = None
     if coarse is not None:
         found = _detected(log, source.vehicle, coarse, unknown)
@@ -90,7 +94,8 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str])
     samples = Stream.of(log, vehicle, start)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
-    return delay.detect(log, used, pieces, start, unknown)
+    part, within = stretch.bounded(log, vehicle, start, pieces, LONGEST)
+    return delay.detect(part, used, within, start, unknown)
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:

@@ -1,0 +1,48 @@
+"""The part of a long log that tells most, so that what is looked for in it takes no more room and time than in a short one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import LAGS_FORGOTTEN
+from massprop_cli.prepare.timing import Timing
+
+MEMORY = 64
+"""Cycles before a stretch that commands may come from, under any delay that is tried."""
+
+
+def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: int) -> tuple[Log, slice]:
+    """The ``longest`` cycles of a piece in which most is commanded, in a log that holds no more than it takes to read them.
+
+    Where the attitude is integrated from the log's beginning on, the first ones.
+    """
+    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
+    first, stop = piece.start, min(piece.start + longest, piece.stop)
+    if stop < piece.stop and not integrated:
+        total = np.concatenate([[0.0], np.cumsum(_effort(log, piece))])
+        first = piece.start + int(np.argmax(total[longest:] - total[:-longest]))
+        stop = first + longest
+    begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
+    end = min(stop + 1, log.cycles)
+    return log.part(begin, end), slice(first - begin, stop - begin)
+
+
+def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:
+    """The log with all its pieces, or the busiest stretch of the busiest one, if they hold more than ``longest`` cycles together."""
+    if sum(piece.stop - piece.start for piece in pieces) <= longest:
+        return log, pieces
+    parts = [busiest(log, vehicle, timing, piece, longest) for piece in pieces]
+    part, piece = max(parts, key=lambda found: float(_effort(found[0], found[1]).sum()))
+    return part, [piece]
+
+
+def _effort(log: Log, piece: slice) -> Array:
+    """(K,) what is commanded in each cycle, each jet over the most that it is in this log."""
+    most = np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
+    found: Array = (np.abs(log.command[piece]) / most).sum(1)
+    return found
