@@ -38,9 +38,8 @@ def _joined(s: Subject, rng: Random) -> Drawn:
         docked = "{" + ", ".join(f"{name} = {value}" for name, value in found.items()) + "}"
         wrong = s.flown(f"docked={docked}", f'events=[{{kind = "dock", cycle = {at}, motion = "rates_kept"}}]')
     time = at * s.period_s
-    return Drawn(
-        wrong.stating("phases=[]"), due("mass-change", Number(time, NEAR * s.period_s)), f"an object docks at {time:g} s, unstated"
-    )
+    unaware = replace(wrong, vehicle=wrong.vehicle.model_copy(update={"phases": (), "docking": None}))
+    return Drawn(unaware, due("mass-change", Number(time, NEAR * s.period_s)), f"an object docks at {time:g} s, unstated")
 
 
 def _glued(s: Subject, rng: Random) -> Drawn | None:

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.design import Design, Designs
-from massprop_cli.estimate.whitening import LEVELS, Disturbance, Told, each, reduced, whitened
+from massprop_cli.estimate.whitening import LEVELS, TINY, Disturbance, Told, each, reduced, whitened
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -58,6 +58,26 @@ class Free:
     def size(self) -> int:
         """p, the number of columns."""
         return int(self.gyro.triangle.shape[1])
+
+    @property
+    def dead(self) -> bool:
+        """Whether a sensor gives the very same in every cycle: neither motion nor noise."""
+        return not all(told.left.any() for told in (self.gyro, self.accelerometer))
+
+    @property
+    def answered(self) -> float:
+        """Sigmas of chance by which rates and specific force follow the commands, in the mean, beside all that they follow otherwise.
+
+        Of channels whose coefficients are those of noise their squares over the pure error are one each, but for 1 ± √(2 / their number).
+        """
+        own = np.arange(self.size)[self.places["channels"]]
+        order, squares = np.concatenate([np.setdiff1d(np.arange(self.size), own), own]), []
+        for told in (self.gyro, self.accelerometer):
+            triangle = triangle_of(np.hstack([told.triangle[:, order], told.measured]))
+            told_of_them = triangle[self.size - len(own) : self.size, self.size :]
+            squares += [told_of_them**2 / np.maximum(told.left / told.spare, TINY)]
+        each = np.concatenate(squares)
+        return float((each.mean() - 1) / np.sqrt(2 / each.size))
 
     @property
     def pure(self) -> Array:

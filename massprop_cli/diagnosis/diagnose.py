@@ -48,6 +48,10 @@ TRIED = (
     "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
     "a change of the mass properties, and pairs of these"
 )
+DEAD = "the gyro or the accelerometer gives the very same in every cycle: it is not recorded, or dead"
+ANSWERED = 30.0
+"""Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
+of another recording six, and shifted by some cycles 20."""
 NEARLY = 4.6
 """−2 log of the odds (1 : 10) below which of two kinds neither is named."""
 EVEN = 6.0
@@ -100,18 +104,23 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     # where nothing fires the columns are the noise that they should explain; another piece says more
     driven = [look for look in looks if len(look.free.fired)]
     look = max(driven or looks, key=lambda one: one.misfit)
+    if look.free.dead:
+        return Diagnosis(unknown=DEAD)
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _instead(look, alone, wandering) or _chosen(look, alone)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
-    for search in () if wandering.close else _further(look, alone, wandering, least):
+    moved = wandering.free.answered > ANSWERED
+    for search in () if wandering.close and moved else _further(look, alone, wandering, least):
         if found is not None and found.score < least:
             break
         found = search(look)
     if found is not None and found.score < least:
         return found
+    if not moved and look.loud:
+        return Diagnosis(unknown=_unanswered())
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
 
 
@@ -343,6 +352,14 @@ def _two_channels(look: Look) -> Diagnosis | None:
             for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
         ),
         score=trial.score,
+    )
+
+
+def _unanswered() -> str:
+    """Of commands that nothing follows."""
+    return (
+        "log and vehicle file don't fit, cause unknown: the motion is no noise, and follows the commands no more than by chance; are they "
+        f"this recording's, on its clock, and were they executed? {TRIED}"
     )
 
 

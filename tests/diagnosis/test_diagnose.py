@@ -15,6 +15,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate, truth
+from tests import faulty
 
 PLAN = [
     "duration_s=20.0",
@@ -297,3 +298,20 @@ def test_a_low_passed_sensor_is_named_with_its_time_constant_and_mended(sensor: 
     assert abs(said[f"imu.{sensor}_lag_s"] - lag_s) < 4 * said[f"imu.{sensor}_lag_sigma_s"] < 0.1 * lag_s
     for true, e in zip(flown.truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
         assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
+
+
+@pytest.mark.parametrize("name", ["free-flyer", "high-rate", "air-bearing"])
+@pytest.mark.parametrize("kind", ["another's commands", "a dead gyro", "a dead accelerometer"])
+def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: str) -> None:
+    """A torque that wanders would explain it: nothing was called excited, and nothing said, where chance would have it."""
+    log, used = faulty.sample(name)
+    for seed in range(4 if kind.startswith("another") and name == "free-flyer" else 1):
+        if kind.startswith("another"):
+            wrong = replace(log, command=np.random.default_rng(seed).permutation(log.command))
+        else:
+            column = "delta_theta_imu_rad" if kind.endswith("gyro") else "delta_v_imu_m_s"
+            wrong = replace(log, **{column: 0 * getattr(log, column)})
+        found = faulty.examined(wrong, used)
+        (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
+        assert ("no more than by chance" if kind.startswith("another") else "the very same in every cycle") in said
+        assert "converged" not in faulty.verdicts(found).values()
