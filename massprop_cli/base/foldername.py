@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import unicodedata
+from pathlib import PurePath
 
 _UNSAFE = re.compile(r"[^\w.+=@ -]|^[. -]|[. ]$")
 """What a folder's name should not hold, or not begin or end with."""
@@ -23,6 +24,12 @@ def safe(text: str) -> str:
     if len(whole.encode()) <= _LONGEST:
         return whole
     return f"{whole.encode()[:_LONGEST].decode(errors='ignore')}-{digest(whole)}"
+
+
+def stem(file: str) -> str:
+    """A file's name without its suffix, and without the .gz after that: what its vehicle file, its map and its result go by."""
+    plain = PurePath(file)
+    return (plain.with_suffix("") if plain.suffix.lower() == ".gz" else plain).stem
 
 
 def same(name: str) -> str:

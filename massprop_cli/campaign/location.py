@@ -6,7 +6,7 @@ import os
 import posixpath
 from pathlib import Path, PurePosixPath
 
-from massprop_cli.base import limits
+from massprop_cli.base import foldername, limits
 from massprop_cli.base.errors import InputError
 
 
@@ -105,5 +105,4 @@ def name(location: str) -> str:
 
 def stem(location: str) -> str:
     """The file's name without its last suffix, and without a .gz after that."""
-    plain = PurePosixPath(name(location))
-    return (plain.with_suffix("") if plain.suffix.lower() == ".gz" else plain).stem
+    return foldername.stem(name(location))

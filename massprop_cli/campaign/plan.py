@@ -72,23 +72,21 @@ def names(logs: Sequence[Found]) -> list[str]:
     """Names of result folders: stable, unique, readable.
 
     A log's path below what was named, without its suffix and joined by "-"; a file called log.parquet or log.csv goes by its folder. Logs
-    that would be called the same take one more folder in front, all of them, until they differ; then their suffix; then a digest of
-    their path. Names differ in more than upper and lower case. What a file system may refuse becomes "_".
+    of one folder that would be called the same take their suffix, others one more folder in front, all of them, until they differ; then a
+    digest of their path. Names differ in more than upper and lower case. What a file system may refuse becomes "_".
     """
     depth = [max(log.below, 1) for log in logs]
-    found = [_name(log, deep) for log, deep in zip(logs, depth, strict=True)]
+    stems = Counter((log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))) for log in logs)
+    twins = [stems[log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))] > 1 for log in logs]
+    found = [_name(*one) for one in zip(logs, depth, twins, strict=True)]
     for _ in range(max((len(log.parts) for log in logs), default=0)):
         same = _shared(found)
         if not same:
             return found
         depth = [min(deep + (n in same), len(log.parts)) for n, (log, deep) in enumerate(zip(logs, depth, strict=True))]
-        found = [_name(log, deep) for log, deep in zip(logs, depth, strict=True)]
-    for more in (lambda log: log.parts[-1].rpartition(".")[2].lower(), lambda log: foldername.digest("/".join(log.parts))):
-        same = _shared(found)
-        found = [
-            f"{name}-{foldername.safe(more(log))}" if n in same else name for n, (name, log) in enumerate(zip(found, logs, strict=True))
-        ]
-    return found
+        found = [_name(*one) for one in zip(logs, depth, twins, strict=True)]
+    same = _shared(found)
+    return [f"{name}-{foldername.digest('/'.join(logs[n].parts))}" if n in same else name for n, name in enumerate(found)]
 
 
 def _text(path: str) -> str:
@@ -102,10 +100,11 @@ def _shared(found: Sequence[str]) -> set[int]:
     return {n for n, name in enumerate(found) if counts[foldername.same(name)] > 1}
 
 
-def _name(log: Found, deep: int) -> str:
+def _name(log: Found, deep: int, twin: bool) -> str:
+    """Of so many parts of its path; with its suffix where a ``twin`` in its folder has its stem."""
     *folders, file = log.parts[-deep:]
-    stem = file.rpartition(".")[0] or file
-    above = log.parts[:-1]
+    stem, above = foldername.stem(file), log.parts[:-1]
     if stem.lower() == "log" and above:
         folders, stem = (folders[:-1], folders[-1]) if folders else ([], above[-1])
-    return foldername.safe("-".join(part for part in (*folders, stem) if part.strip("/")))
+    suffix = [file.rpartition(".")[2].lower()] if twin else []
+    return foldername.safe("-".join(part for part in (*folders, stem, *suffix) if part.strip("/")))

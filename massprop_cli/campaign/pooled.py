@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import field
+from collections.abc import Iterable, Sequence
+from dataclasses import field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.campaign import pool
 from massprop_cli.campaign.outcome import Item, Value
 from massprop_cli.campaign.rows import Row
+from massprop_cli.combine import twice
 from massprop_cli.inputs.equipment import EnvironmentKind
 
 INFORMED = ("converged", "not_converged")
@@ -78,11 +79,18 @@ class Group:
     expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in QUANTITIES))
     """Of each quantity, what any log expects."""
 
+    def without(self, which: set[int]) -> Group:
+        """But for these of its logs."""
+        left = [n for n in range(len(self.numbers)) if n not in which]
+        values = [self.values[n] for n in left]
+        return replace(self, numbers=[self.numbers[n] for n in left], names=[self.names[n] for n in left], values=values)
+
 
 def grouped(rows: Iterable[Row]) -> dict[Key, Group]:
     """Logs by vehicle and part.
 
-    A log that stands in the campaign twice, by its bytes, counts once. The thesis's method claims no sigmas, so nothing is pooled of it.
+    A log that stands in the campaign twice, by its bytes or in another file format, counts once. The thesis's method claims no sigmas, so
+    nothing is pooled of it.
     """
     groups: dict[Key, Group] = {}
     seen = set()
@@ -101,7 +109,22 @@ def grouped(rows: Iterable[Row]) -> dict[Key, Group]:
             group.values.append(np.array([_told(item) for item in items]))
             for alike, item in zip(group.expected, items, strict=True):
                 alike |= {item.expected} if item.expected is not None else set()
-    return groups
+    return {key: group.without(_again(group.values)) for key, group in groups.items()}
+
+
+def _again(values: Sequence[Array]) -> set[int]:
+    """Which of these (10, 3) are of a recording that stands there before in another file."""
+    whole = np.array(values)
+    quantity = int(np.argmax(np.isfinite(whole[:, :, 0]).sum(0)))
+    order = [int(i) for i in np.argsort(whole[:, quantity, 0]) if np.isfinite(whole[i, quantity, 0])]
+    found = set()
+    for n, one in enumerate(order):
+        for other in order[n + 1 :]:
+            if whole[other, quantity, 0] - whole[one, quantity, 0] > twice.ALIKE * whole[one, quantity, 1]:
+                break
+            if twice.alike(whole[one, :, :2], whole[other, :, :2]):
+                found.add(max(one, other))
+    return found
 
 
 class Key(NamedTuple):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli.base import foldername
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import guarded
 from massprop_cli.cli.terminal import console, say
@@ -50,7 +51,8 @@ def columns(
         sys.stdout.write("\n" + text)
     open_ones = propose.questions(text)
     if open_ones:
-        say(f'{open_ones} lines of the draft have a "?" to be answered: massprop columns {file} --as-map > {file.stem}.map.toml')
+        draft = f"{foldername.stem(file.name)}.map.toml"
+        say(f'{open_ones} lines of the draft have a "?" to be answered: massprop columns {file} --as-map > {draft}')
 
 
 def _show(streams: list[Listed], kind: str, no_color: bool) -> None:

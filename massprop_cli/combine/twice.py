@@ -36,7 +36,7 @@ def refuse(recorded: Sequence[Recorded]) -> None:
                 raise InputError(f"{one.path}: {_same_log(one, seen[log])}; its information would count twice. Name it once")
         seen |= dict.fromkeys(logs(one.result), one)
     for (first, mine), (one, theirs) in combinations([(one, _told(one.result)) for one in recorded], 2):
-        if _alike(mine, theirs):
+        if alike(mine, theirs):
             raise InputError(
                 f"{one.path}: all values and sigmas are those of {first.path}: the same recording in another file, whose information would "
                 "count twice. Name one of them"
@@ -66,7 +66,8 @@ def _told(result: Result) -> Array:
     return np.array([(item.value, item.sigma) for item in estimates], dtype=float)
 
 
-def _alike(mine: Array, theirs: Array) -> bool:
+def alike(mine: Array, theirs: Array) -> bool:
+    """Whether values and sigmas (n, 2), NaN where nothing can be said, are those of the same recording."""
     if mine.shape != theirs.shape or (np.isnan(mine) != np.isnan(theirs)).any():
         return False
     told = ~np.isnan(mine).any(1)

@@ -144,12 +144,15 @@ def examined(
 
 
 def sound(found: Examined, settled: Sequence[History]) -> Examined:
-    """Without phases in which an axis was never driven, and the body leaves something else than its fit did.
+    """Without phases in which an axis was never driven, and the body leaves something else than its fit did; or nothing finite.
 
-    What such an axis' inertia makes of a spin stayed free in the fit.
+    What such an axis' inertia makes of a spin stayed free in the fit. The response of what no body is, heavier bearing than whole, may grow
+    without end.
     """
 
     def untold(history: History, response: Response) -> bool:
+        if not all(np.isfinite(part).all() for part in (response.gram, response.shift)):
+            return True
         values, sigmas = history.bare[0][MOMENTS], np.sqrt(np.diag(history.bare[1]))[MOMENTS]
         left = sum(float((z**2).sum()) for z in history.whitened())
         return bool((sigmas > KNOWN * np.abs(values)).any()) and response.gram[0, 0] > ANOTHER * left + UNSEEN**2

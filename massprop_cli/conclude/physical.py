@@ -34,6 +34,8 @@ def breach(conclusion: Conclusion) -> Breach | None:
     A flat body's principal moments are exactly those that a body could have at most, low + middle = high: noise puts half of its estimates
     beyond.
     """
+    if conclusion.rotating_mass <= 0:
+        return Breach(f"the mass is less than its bearing's: {conclusion.rotating_mass:.4g} kg are left to turn on it", True)
     moments = conclusion.principal_moments
     low, middle, high = (float(moment) for moment in moments)
     if np.isnan(low):

@@ -68,9 +68,12 @@ class Free:
     def answered(self) -> float:
         """Sigmas of chance by which rates and specific force follow the commands, in the mean, beside all that they follow otherwise.
 
-        Of channels whose coefficients are those of noise their squares over the pure error are one each, but for 1 ± √(2 / their number).
+        Infinite where nothing is commanded. Of coefficients that are noise the squares over the pure error are 1 in the mean, ± √(2 / their
+        number).
         """
         own = np.arange(self.size)[self.places["channels"]]
+        if not len(own):
+            return np.inf
         order, squares = np.concatenate([np.setdiff1d(np.arange(self.size), own), own]), []
         for told in (self.gyro, self.accelerometer):
             triangle = triangle_of(np.hstack([told.triangle[:, order], told.measured]))

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from massprop_cli.base import configfile
+from massprop_cli.base import configfile, foldername
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.vehicle import Vehicle
@@ -48,8 +48,7 @@ def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Se
         return load(explicit, assignments)
     if embedded is not None:
         return parse(embedded, f"{log} (embedded vehicle)", assignments)
-    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
-    beside = [log.with_name(f"{plain.stem}.vehicle.toml"), log.with_name("vehicle.toml")]
+    beside = [log.with_name(f"{foldername.stem(log.name)}.vehicle.toml"), log.with_name("vehicle.toml")]
     for path in beside:
         if path.exists():
             return load(path, assignments)

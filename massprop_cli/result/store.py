@@ -81,7 +81,7 @@ def _holds(file: Path, content: bytes) -> bool:
 
 def plain(log: Path) -> Path:
     """The default folder of a log where no other log has taken it."""
-    return BASE / foldername.safe(log.stem)
+    return BASE / foldername.safe(foldername.stem(log.name))
 
 
 def _claimed(log: Path) -> Path:
@@ -112,8 +112,9 @@ def _is_free(folder: Path) -> bool:
 
 def _candidates(log: Path) -> Iterator[Path]:
     whole = _identity(log)
-    both = f"{Path(whole).parent.name}-{log.stem}"
-    names = (log.stem, both, *(f"{foldername.safe(both)}-{foldername.digest(whole, length)}" for length in (8, 64)))
+    own = foldername.stem(log.name)
+    both = f"{Path(whole).parent.name}-{own}"
+    names = (own, both, *(f"{foldername.safe(both)}-{foldername.digest(whole, length)}" for length in (8, 64)))
     yield from (BASE / name for name in map(foldername.safe, names) if foldername.same(name) not in _RESERVED)
 
 

@@ -91,8 +91,10 @@ def test_a_pattern_fits_as_in_a_shell_in_a_time_that_grows_as_path_times_pattern
         ([("r/seed-1/log.parquet", 2), ("r/seed-2/log.csv", 2)], ["seed-1", "seed-2"]),
         ([("r/log.parquet", 1)], ["r"]),
         ([("c1/seed-1/log.csv", 2), ("c2/seed-1/log.csv", 2), ("c2/x.csv", 1)], ["c1-seed-1", "c2-seed-1", "x"]),
-        ([("d/x.csv", 1), ("d/x.parquet", 1)], ["r-d-x-csv", "r-d-x-parquet"]),
-        ([("d/A.csv", 1), ("d/a.parquet", 1)], ["r-d-A-csv", "r-d-a-parquet"]),
+        ([("d/x.csv", 1), ("d/x.parquet", 1)], ["x-csv", "x-parquet"]),
+        ([("d/A.csv", 1), ("d/a.parquet", 1)], ["A-csv", "a-parquet"]),
+        ([("d/log.csv", 1), ("d/log.parquet", 1), ("e/log.csv", 1)], ["d-csv", "d-parquet", "e"]),
+        ([("c1/x.csv", 1), ("c1/x.csv.gz", 1), ("c2/x.csv", 1)], ["x-csv", "x-gz", "x"]),
         ([("d/..hid\nden.csv", 1), ("d/a:b?.csv", 1), ("d/µ é.csv", 1)], ["_.hid_den", "a_b_", "µ é"]),
     ],
 )

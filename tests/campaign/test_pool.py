@@ -156,7 +156,10 @@ def test_without_known_quantities_all_that_is_shared_is_the_thrust_scale() -> No
 
 
 def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row:
-    estimates = {name: Value(value=mass if name == "mass" else 1.0, sigma=sigma, shared=0.0, verdict="converged") for name in QUANTITIES}
+    estimates = {
+        name: Value(value=mass if name == "mass" else 1.0 + 0.01 * number, sigma=sigma, shared=0.0, verdict="converged")
+        for name in QUANTITIES
+    }
     stated = {
         "fingerprint": "f",
         "exit_code": 0,
@@ -188,12 +191,23 @@ def test_a_campaign_pools_each_vehicle_and_counts_a_copied_log_once() -> None:
     assert found.estimates["mass"].trend_per_log is None
 
 
+def test_a_recording_that_stands_there_in_two_formats_counts_once() -> None:
+    """Its values differ by rounding alone; those of two logs never agree to a thousandth of a sigma in all quantities."""
+    rng = np.random.default_rng(3)
+    values = 22.0 + 0.25 * rng.standard_normal(40)
+    rows = [row(n, value) for n, value in enumerate(values, 1)]
+    again = [row(n, value * (1 + 1e-12), input_sha256=f"{100 + n:064d}") for n, value in enumerate(values[:7], 1)]
+    (found,) = pooled([*rows, *again])
+    assert (found.estimates["mass"].logs, found.estimates["ixx"].logs) == (40, 40)
+    assert found.estimates["mass"].sigma == pytest.approx(0.25 / np.sqrt(40))
+
+
 def test_what_was_not_told_and_what_claims_no_sigma_is_not_pooled() -> None:
     dim = row(3, 99.0)
     assert dim.outcome is not None
     values = dim.outcome.bodies[0].estimates | {"mass": Value(value=99.0, sigma=0.1, shared=0.0, verdict="not_excited")}
     dim = row(3, 99.0, bodies=[Body(part="phase", name="all", estimates=values)])
-    (found,) = pooled([row(1, 22.0), row(2, 22.0), dim])
+    (found,) = pooled([row(1, 22.0), row(2, 22.1), dim])
     assert (found.estimates["mass"].logs, found.estimates["ixx"].logs) == (2, 3)
     assert pooled([row(1, 22.0, method="thesis"), row(2, 22.0, method="thesis")]) == []
 

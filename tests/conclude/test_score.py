@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from massprop_cli import flow
-from massprop_cli.conclude import score
+from massprop_cli.conclude import assumptions, score
 from massprop_cli.conclude.verdict import in_doubt
+from massprop_cli.estimate.rows import Response
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -156,3 +157,13 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(
 
 def test_of_clean_logs_nothing_hangs_on_chance(sound: Analysis) -> None:
     assert all("may be chance" not in estimate.reason for estimate in sound.conclusions[0].estimates.values())
+
+
+@pytest.mark.parametrize("part", ["gram", "shift"])
+def test_a_response_that_grew_without_end_says_nothing(sound: Analysis, part: str) -> None:
+    """Of a body that is none, as of a mass below its bearing's."""
+    response = Response(np.zeros((10, 2)), np.eye(3))
+    found = assumptions.Examined((), (response,), 1, (np.ones(6),))
+    assert assumptions.sound(found, sound.settled[:1]).responses == (response,)
+    endless = replace(response, **{part: np.nan * getattr(response, part)})
+    assert assumptions.sound(replace(found, responses=(endless,)), sound.settled[:1]).responses == (None,)

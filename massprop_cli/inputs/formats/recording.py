@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.base import limits
+from massprop_cli.base import foldername, limits
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 
@@ -121,8 +121,7 @@ SUFFIXES = (*KINDS, ".csv.gz", ".tsv.gz")
 
 def maps_beside(log: str) -> tuple[str, str]:
     """The names of map files that belong to a log of this name, the first before the second."""
-    plain = log[: -len(".gz")] if log.lower().endswith(".gz") else log
-    return f"{Path(plain).stem}.map.toml", "map.toml"
+    return f"{foldername.stem(log)}.map.toml", "map.toml"
 
 
 def suffix(path: Path) -> str:
