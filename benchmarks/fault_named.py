@@ -19,7 +19,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 CAUSES = frozenset(
     {
         *("jet-sign", "jet-dead", "jet-position", "jet-direction", "thrust-scale", "command-sign"),
-        *("thrust-rise", "thrust-lag", "delay-mismatch", "clock-drift"),
+        *("thrust-rise", "thrust-droop", "thrust-lag", "delay-mismatch", "clock-drift"),
         *("gyro-units", "gyro-scale", "gyro-sign", "gyro-bias", "gyro-filter", "gyro-saturated"),
         *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers"),
         *("imu-mounting", "imu-position", "attitude-start", "bearing-position", "gravity", "mass-change", "fuel-use"),

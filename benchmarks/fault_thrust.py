@@ -141,6 +141,14 @@ def _rise(s: Subject, _: Random, cycles: float, ramps: tuple[str, ...] = ("rise_
     return Drawn(s.flown(*keys), due("thrust-rise"), f"{what} of thrust take {1000 * more:g} ms more than stated")
 
 
+def _droop(s: Subject, rng: Random, key: str) -> Drawn | None:
+    if not s.vehicle.jets or not ((s.clean.log.command > 0).sum(1) > 1).any():
+        return None
+    part = float(np.exp(rng.uniform(np.log(0.003), np.log(0.03))))
+    what = f"each jet loses {100 * part:.2g} % beside each further one"
+    return Drawn(s.flown(f"actuators.{key}={part}"), due("thrust-droop", Number(100 * part, 5 * part)), what)
+
+
 def _lag(s: Subject, rng: Random) -> Drawn | None:
     stated = s.vehicle.thrust.stated_lag_s
     true = stated + rng.uniform(0.3, 0.8) * s.period_s
@@ -196,6 +204,8 @@ THRUST = (
     Fault("rise-short", "rise and fall of a fifth of a cycle unstated", partial(_rise, cycles=0.2)),
     Fault("rise-long", "rise and fall of two fifths unstated", partial(_rise, cycles=0.4)),
     Fault("opens-late", "valves that open late: a rise of a tenth unstated", partial(_rise, cycles=0.1, ramps=("rise_s",))),
+    Fault("droop", "0.3 to 3 % of thrust lost for each further jet while it is open", partial(_droop, key="droop")),
+    Fault("cycle-droop", "0.3 to 3 % of thrust lost for each further jet of the cycle", partial(_droop, key="cycle_droop")),
     Fault("closes-late", "valves that close late: a fall of a tenth unstated", partial(_rise, cycles=0.1, ramps=("fall_s",))),
     Fault("lag", "lag of 0.3 to 0.8 cycles unstated", _lag),
     Fault("delay-half", "delay off by half a cycle", partial(_delay, cycles=0.5)),

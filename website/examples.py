@@ -140,6 +140,7 @@ WARNINGS: dict[str, Example] = {
         ("thrust-scale", "jet-weak", "jets", RATE),
         ("command-sign", "command-sign", "wrench", RATE),
         ("thrust-rise", "rise-long", "jets", RATE),
+        ("thrust-droop", "droop", "jets", RATE),
         ("thrust-lag", "lag", "jets", RATE),
         ("delay-mismatch", "delay-one", "jets", RATE),
         ("clock-drift", "clock-drift", "jets", RATE),

@@ -16,7 +16,8 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.granted import AXES, Taken, granted
+from massprop_cli.conclude.granted import AXES, granted
+from massprop_cli.conclude.taken import Taken
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
@@ -123,12 +124,13 @@ def examined(
     samples: Stream,
     settled: Sequence[History],
     consider: Consider = Consider(),  # noqa: B008
+    more: bool = False,
 ) -> Examined:
-    """One pass through each phase about its off-line fit.
+    """One pass through each phase about its off-line fit; of ``more`` assumptions where something else than noise is left.
 
     The geometry that is uncertain in ``consider`` is unknown beside what is varied.
     """
-    taken = tuple(granted(log, vehicle, timing, samples))
+    taken = tuple(granted(log, vehicle, timing, samples, more))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled

@@ -47,7 +47,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     else:
         answer, told = _by_default(begun, check, say)
     explanations = told.diagnosis.explanations if told.diagnosis else ()
-    unknown = _unexplained(told.diagnosis, answer.notices)
+    unknown = _unexplained(told.diagnosis, answer.notices) or _baffled(told, answer.used, begun)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
     named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
     vain = [Notice(UNKNOWN, unknown)] if unknown else []
@@ -87,7 +87,8 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     if not check:
         return answer, Checked(detected=begun.detected)
     say("what the numbers rest on", 1.0)
-    examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider), answer.settled)
+    more = sized(used, begun.stated)
+    examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)
     # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
     doubted = _doubted(examination, begun, answer) if used.thrust.pulse_sigma == 0 else []
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
@@ -119,6 +120,18 @@ def _unexplained(diagnosis: Diagnosis | None, others: Sequence[Notice]) -> str:
     """That nothing explains the log; not where a floor stands in for its noise, against which no model fits."""
     known = all(notice.code != "noise-floor" for notice in others)
     return diagnosis.unknown if diagnosis and known else ""
+
+
+def _baffled(told: Checked, used: Vehicle, begun: Ready) -> str:
+    """That a disturbance was sized for what is none: beside it the log contradicts an assumption, and no named cause explains that."""
+    first = next((doubt for doubt in told.doubts if doubt.sure and not doubt.faint), None)
+    if first is None or (told.diagnosis and told.diagnosis.explanations) or not sized(used, begun.stated):
+        return ""
+    what = first.what.replace("-", " ")
+    return (
+        f"log and vehicle file don't fit, cause unknown: beside the disturbance that stands for what is left the log would fit better by "
+        f"{first.sigmas:.2g} sigma with another {what}; so it is no disturbance, and if not that, something that goes with the commands"
+    )
 
 
 def _saturated(log: Log) -> list[Notice]:

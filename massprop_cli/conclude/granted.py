@@ -8,7 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.conclude import supply
+from massprop_cli.conclude.taken import Taken, having
 from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -23,41 +24,19 @@ GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
 Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
-@dataclass(frozen=True)
-class Taken:
-    """An assumption, and how it is varied: ``size`` units make one step."""
-
-    code: str
-    message: str
-    step: str
-    stated: bool
-    variant: Variant | None
-    """None: of its parts, or of the columns that follow all variants."""
-    size: float
-    sigma: float = 0.0
-    """One sigma, units, by which it is stated to be uncertain."""
-    part_of: str = ""
-    """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
-
-    @property
-    def whole(self) -> str:
-        """Code of what is told."""
-        return self.part_of or self.code
-
-
-def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iterator[Taken]:
-    """What is varied, each about the log as it was read."""
+def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: bool = False) -> Iterator[Taken]:
+    """What is varied, each about the log as it was read; ``more`` of it where something else than noise is left."""
     here = Side(samples)
     imu, stated = vehicle.imu, vehicle.imu.model_fields_set
     words = f"imu.position_m is {'stated as' if 'position_m' in stated else 'not stated and taken as'} {_vector(imu.position_m)} m"
     for i, axis in enumerate(AXES):
-        further = _with(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
+        further = having(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
         variant = Variant(here, Side(here.samples, further), 1e-3)
         yield Taken("imu-position", f"{words}; further along {axis}", f"1 mm along {axis}", "position_m" in stated, variant, 1e-3)
     words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
     for i, axis in enumerate(AXES):
         mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
-        used = _with(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
+        used = having(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
         variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
         message = f"imu.body_from_imu is {words}; turned about {axis}"
         yield Taken("imu-mounting", message, f"1 degree about {axis}", "body_from_imu" in stated, variant, DEGREE)
@@ -68,6 +47,9 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream) -> Iter
         said = "command_delay_cycles" in vehicle.cycle.model_fields_set
         message = f"the command delay is {timing.delay:.6g} cycles{'' if said else ', which nobody stated'}; {words}"
         yield Taken("command-delay", message, "0.1 cycles", said, later, 0.1, sigma)
+    if log.command_kind == "jets":
+        yield from supply.droop(log, vehicle, timing, here)
+        yield from supply.memory(log, vehicle, timing, here) if more else ()
     for i, axis in enumerate(AXES):
         scaled = Variant(here, Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[i])), 0.01)
         yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, part_of=GYRO)
@@ -96,12 +78,12 @@ def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken
     for code, key, unit in (("bearing-mass", "bearing_mass_kg", "kg"), ("gravity", "gravity_m_s2", "m/s^2")):
         value = getattr(environment, key)
         if value > 0:
-            changed = _with(vehicle, "environment", key, 1.01 * value)
+            changed = having(vehicle, "environment", key, 1.01 * value)
             message = f"environment.{key} is {'stated' if key in stated else 'not stated and taken'} as {value:g} {unit}"
             yield Taken(code, message, "1 %", key in stated, Variant(here, Side(here.samples, changed), 0.01), 0.01)
     place = environment.bearing_position_m
     for i, axis in enumerate(AXES):
-        changed = _with(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
+        changed = having(vehicle, "environment", "bearing_position_m", _moved(place, i, 1e-4))
         message = f"environment.bearing_position_m is {_vector(place)} m; further along {axis}"
         variant = Variant(here, Side(here.samples, changed), 1e-4)
         yield Taken("bearing-position", message, f"1 mm along {axis}", "bearing_position_m" in stated, variant, 1e-3)
@@ -119,16 +101,12 @@ def _moved(place: Sequence[float], axis: int, by: float) -> tuple[float, ...]:
     return tuple(float(x) + by * (i == axis) for i, x in enumerate(place))
 
 
-def _with(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
-    return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})
-
-
 def _tilted(samples: Stream, vehicle: Vehicle, axis: int, angle: float) -> Side:
     w, x, y, z = vehicle.environment.initial_attitude_wxyz
     c, s = np.cos(angle / 2), np.sin(angle / 2)
     about_x = (c * w - s * x, c * x + s * w, c * y - s * z, c * z + s * y)
     about_y = (c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x)
-    used = _with(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
+    used = having(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
     return Side(samples.changed(used), used)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.design import RAMPS
+from massprop_cli.diagnosis.design import RAMPS, SUPPLY
 from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
@@ -36,6 +36,8 @@ EXPECTED = {
     "delay": 1.0,
     "rise": 0.3,
     "fall": 0.3,
+    "droop": 0.03,
+    "cycle_droop": 0.03,
     "lag": 0.5,
     "gyro_lag": 1.0,
     "accel_lag": 1.0,
@@ -127,6 +129,8 @@ def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
     if by_jets and set(RAMPS) <= model.places.keys():  # valves that open or close late, or both alike
         ramps = (("rise",), ("fall",), ("rise", "fall"))
         yield from (Supposition("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
+    if set(SUPPLY) <= model.places.keys():
+        yield from (_one(model, "thrust-droop", name) for name in ("droop", "cycle_droop"))
     for code, name in (
         ("delay-mismatch", "delay"),
         ("thrust-lag", "lag"),

@@ -48,6 +48,8 @@ ENTRIES = {
     "delay": 1,
     "rise": 1,
     "fall": 1,
+    "droop": 1,
+    "cycle_droop": 1,
     "lag": 1,
     "gyro_lag": 1,
     "accel_lag": 1,
@@ -68,6 +70,8 @@ BY = {
     "aging": ("mass_rate", "inertia_rate"),
     "rising": ("rise",),
     "falling": ("fall",),
+    "sagging": ("droop",),
+    "ebbing": ("cycle_droop",),
     "east": ("tilt", "gyro_turn"),
     "north": ("tilt", "gyro_turn"),
     **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
@@ -262,6 +266,8 @@ class Model:
             parts["drifting"] = x[..., self.entries["drift"]][..., None] * own
             parts["rising"] = rise[..., None, None] * own
             parts["falling"] = fall[..., None, None] * own
+            parts["sagging"] = x[..., self.entries["droop"]][..., None] * own
+            parts["ebbing"] = x[..., self.entries["cycle_droop"]][..., None] * own
 
     def _add_swings(self, spin: dict[str, Array], push: dict[str, Array], x: Array) -> None:
         """On a bearing: what a wrong vertical does, tilted from the beginning or turned with what the gyro gets wrong.

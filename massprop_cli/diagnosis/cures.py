@@ -137,6 +137,9 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
             log = replace(log, **{sensor: getattr(log, sensor) - bias * log.interval_s[:, None]})
     if log.command_kind == "jets":
         vehicle = _with_jets(vehicle, _jets(vehicle, found, list(fired)))
+    lost = {key: max(getattr(vehicle.thrust, key) + float(get(key)[0]), 0.0) for key in ("droop", "cycle_droop") if get(key).any()}
+    if lost:
+        vehicle = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update=lost)})
     imu: dict[str, Any] = {}
     fast = drift_ppm(case, found)
     if fast:
@@ -240,6 +243,7 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
     for section, keys in (
         ("imu", ("clock_drift_ppm", "gyro_lag_s", "accel_lag_s", "position_m", "body_from_imu")),
         ("environment", ("bearing_position_m", "initial_attitude_wxyz")),
+        ("thrust", ("droop", "cycle_droop")),
     ):
         for key in keys:
             before, after = (getattr(getattr(one.vehicle, section), key) for one in (case, mended))

@@ -6,7 +6,7 @@ What commands do is the same under every supposition about jets' places and stre
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +42,10 @@ ANGLE = 1e-4
 COUPLING = 0.5
 """Noise in the rates that the products are made of moves the rate by so much of its square, times (rate × cycle)²: half of the moments of
 inertia's differences over one of them, squared, as it is of a slab."""
-RAMPS = ("rising", "falling")
-"""Columns of thrust that rises, and that falls, more slowly: a short log does without."""
+RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
+"""Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
+SAGGED = 0.01
+"""Part of its thrust that a jet is made to lose beside each further one, to see what that would do."""
 ENOUGH = 2
 """Cycles that there must be for each column."""
 KEPT = 16
@@ -119,15 +121,14 @@ class Designs:
         # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
         earliest = max(timing.delay - SHIFT, 0.0)
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        ramps = ("rise_s", "fall_s") if log.command_kind == "jets" else ()
-        slower = [self._window(log, _slower(vehicle, ramp), timing.delay, lag_s) for ramp in ramps]
-        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, slower, vehicle, cycles))
+        thrusts = [(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle)]
+        parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
         if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
         count, places = len(parts[0].mean), _places(parts)
         if count < ENOUGH * _wide(places):
-            parts = [part for part in parts if part.name not in RAMPS]
+            parts = [part for part in parts if part.name not in (*RAMPS, *SUPPLY)]
             places = _places(parts)
         if count < ENOUGH * _wide(places):
             raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
@@ -167,7 +168,8 @@ class Designs:
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
-        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times)
+        droops = vehicle.thrust.droop, vehicle.thrust.cycle_droop
+        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times, droops)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]
@@ -198,6 +200,18 @@ def _slower(vehicle: Vehicle, ramp: str) -> Vehicle:
     return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})
 
 
+def _otherwise(log: Log, vehicle: Vehicle) -> Iterator[tuple[str, Vehicle, float]]:
+    """Columns of jets that act otherwise: the vehicle that has them so, and by how many units."""
+    if log.command_kind != "jets":
+        return
+    for name, ramp in zip(RAMPS, ("rise_s", "fall_s"), strict=True):
+        yield name, _slower(vehicle, ramp), SLOWER
+    if ((log.command > 0).sum(1) > 1).any():
+        for name, key in zip(SUPPLY, ("droop", "cycle_droop"), strict=True):
+            thrust = vehicle.thrust.model_copy(update={key: getattr(vehicle.thrust, key) + SAGGED})
+            yield name, Vehicle.model_construct(**{**dict(vehicle), "thrust": thrust}), SAGGED
+
+
 class _Part(NamedTuple):
     name: str
     growth: Array
@@ -214,12 +228,17 @@ def _wide(places: Mapping[str, slice]) -> int:
 
 
 def _columns(
-    samples: Samples, moved: Sequence[_Window], at: float, slower: Sequence[_Window], vehicle: Vehicle, cycles: slice
+    samples: Samples,
+    moved: Sequence[_Window],
+    at: float,
+    thrusts: Sequence[tuple[str, _Window, float]],
+    vehicle: Vehicle,
+    cycles: slice,
 ) -> list[_Part]:
     """Each kind: (K − 1, n) growth of the rate, (K, n) means.
 
-    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``slower``: thrust that rises, and
-    that falls, more slowly.
+    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise, and by how
+    many units.
     """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
@@ -259,9 +278,9 @@ def _columns(
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    for name, one in zip(RAMPS, slower, strict=False):
+    for name, one, by in thrusts:
         then = windowed(one.rising, one.impulse), one.impulse[cycles] / duration
-        parts.append(_Part(name, *((b - a) / SLOWER for a, b in zip(wrench, then, strict=True))))
+        parts.append(_Part(name, *((b - a) / by for a, b in zip(wrench, then, strict=True))))
     return parts
 
 

@@ -16,7 +16,8 @@ from massprop_cli.estimate.whitening import Told
 from massprop_cli.kernel import kernel, pointer
 
 BLOCKS = (
-    *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "falling", "aging", "up", "level"),
+    *("channels", "products", "constant", "rates", "later", "lagging", "smeared", "drifting", "rising", "falling"),
+    *("sagging", "ebbing", "aging", "up", "level"),
     *("east", "north", *(f"{name} {axis}" for name in SWUNG for axis in range(3)), "slope 0", "slope 1"),
 )
 """Blocks of columns in the kernel's order."""

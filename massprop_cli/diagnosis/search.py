@@ -13,7 +13,7 @@ from massprop_cli.diagnosis.trial import Begun, Trial, begin, drifts_no_more, ho
 
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
-LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "gyro-filter", "clock-drift"}), 5.0
+LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "thrust-droop", "gyro-filter", "clock-drift"}), 5.0
 """Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
 IN_VAIN = 3.0
 """Times what doesn't fit leaves, from which on one that is looked at roughly doesn't either; among what makes motion late ``LATER`` times

@@ -95,6 +95,8 @@ def _before_its_cause(look: Look, found: Fitted) -> bool:
         "lag": timing.lag,
         "rise": rise,
         "fall": fall,
+        "droop": vehicle.thrust.droop,
+        "cycle_droop": vehicle.thrust.cycle_droop,
         "gyro_lag": imu.gyro_lag_s / period,
         "accel_lag": imu.accel_lag_s / period,
     }

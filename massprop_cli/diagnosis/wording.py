@@ -121,6 +121,16 @@ def _rise(said: Said) -> str:
     )
 
 
+def _droop(said: Said) -> str:
+    key = "droop" if said.seconds("droop") else "cycle_droop"
+    lost, sigma = 100 * getattr(said.mended.vehicle.thrust, key), 100 * said.sigma(key)
+    beside = "while that is open" if key == "droop" else "that fires in its cycle"
+    return (
+        f"each jet loses {lost:.3g} ± {sigma:.2g} % of its thrust for each further one {beside}, as of a supply whose pressure sags; state "
+        f"thrust.{key}"
+    )
+
+
 def _filter(sensor: str) -> Callable[[Said], str]:
     def words(said: Said) -> str:
         key, sigma = f"{sensor}_lag_s", said.sigma(f"{sensor}_lag") * said.stated.vehicle.cycle.period_s
@@ -206,6 +216,7 @@ _WORDS: dict[str, Callable[[Said], str]] = {
     "jet-direction": _direction,
     "delay-mismatch": _delay,
     "thrust-rise": _rise,
+    "thrust-droop": _droop,
     "thrust-lag": _lag,
     "gyro-filter": _filter("gyro"),
     "accel-filter": _filter("accel"),

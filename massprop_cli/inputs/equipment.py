@@ -123,6 +123,10 @@ class Thrust(Section):
     pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
     lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
     lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
+    droop: NonNegative = Field(0.0, le=0.2, description="part of its thrust that a jet loses for each further one while that is open")
+    cycle_droop: NonNegative = Field(
+        0.0, le=0.2, description="the same for each further one that fires in the cycle, however long: of a supply slower than a pulse"
+    )
     lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
 
     @property

@@ -22,6 +22,8 @@ enum {
     DELAY = 40,
     RISE,
     FALL,
+    DROOP,
+    CYCLE_DROOP,
     LAG,
     GYRO_LAG,
     ACCEL_LAG,
@@ -29,8 +31,8 @@ enum {
     MASS_RATE,
     INERTIA_RATE,
     TILT,
-    SLOPE = 51,
-    THRUST = 53
+    SLOPE = 53,
+    THRUST = 55
 };
 /* Blocks of columns; a block begins at a place, or is not there. */
 enum {
@@ -44,14 +46,16 @@ enum {
     DRIFTING,
     RISING,
     FALLING,
+    SAGGING,
+    EBBING,
     AGING,
     UP = SUPPOSED_UP,
     LEVEL,
     EAST,
     NORTH,
     BY_SCALE,
-    BY_BIAS = 18,
-    SLOPES = 21
+    BY_BIAS = 20,
+    SLOPES = 23
 };
 
 typedef double matrix[3][3];
@@ -174,7 +178,7 @@ static void put_times(const mp_suspect *about, int block, double by_spin, const 
     put(about, block, parts[0], parts[1], wide, out);
 }
 
-/* What the stated wrench does later, smeared, with a drifting clock, a longer rise or fall, or a body that changes. */
+/* What the stated wrench does later, smeared, with a drifting clock, a longer rise or fall, beside other jets, or a body that changes. */
 static void put_late(const mp_suspect *about, const double *x, const double *response, const double *through, const double *thrust,
                      double *out) {
     double later[2], lagging[2], smeared[2], aging[18], aged[18];
@@ -192,6 +196,8 @@ static void put_late(const mp_suspect *about, const double *x, const double *res
     put_times(about, DRIFTING, x[DRIFT], response, x[DRIFT], thrust, 6, out);
     put_times(about, RISING, x[RISE], response, x[RISE], thrust, 6, out);
     put_times(about, FALLING, x[FALL], response, x[FALL], thrust, 6, out);
+    put_times(about, SAGGING, x[DROOP], response, x[DROOP], thrust, 6, out);
+    put_times(about, EBBING, x[CYCLE_DROOP], response, x[CYCLE_DROOP], thrust, 6, out);
     for (i = 0; i < 18; i++) {
         aging[i] = -x[INERTIA_RATE] * response[i];
         aged[i] = -x[INERTIA_RATE] * through[i] - x[MASS_RATE] * (thrust[i] - through[i]);

@@ -6,7 +6,7 @@
 /* Blocks of columns that stand in every triangle. */
 #define SUPPOSED_CHANNELS 0
 #define SUPPOSED_PRODUCTS 1
-#define SUPPOSED_UP 11 /* on a bearing */
+#define SUPPOSED_UP 13 /* on a bearing */
 
 /* What all suppositions about a log share. */
 typedef struct {

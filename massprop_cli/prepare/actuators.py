@@ -8,7 +8,7 @@ may be beside either, are the last channels: :mod:`massprop_cli.prepare.wheels` 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -99,9 +99,34 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
         told = zip(begun, command, vehicle.rotors, strict=True)
         return rotors.window_integrals([rotors.Held(begin, x, *rotor.lags(lag_s), rotor.thrust_n) for begin, x, rotor in told], edges_s)
     if log.command_kind == "jets":
-        touching = TOUCHING * vehicle.cycle.period_s
-        return pulse_integrals(begin_s, command, vehicle.jets, touching, edges_s, lag_s)
+        return jet_integrals(begin_s, command, vehicle, edges_s, lag_s)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
+
+
+def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
+    """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K): each jet's pulses, less what it loses.
+
+    Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse.
+    """
+    touching_s, thrust = TOUCHING * vehicle.cycle.period_s, vehicle.thrust
+    integral, moment = pulse_integrals(start_s, on_s, vehicle.jets, touching_s, edges_s, lag_s)
+    for droop, while_open in ((thrust.droop, True), (thrust.cycle_droop, False)):
+        for beside_s in beside_others(on_s, while_open) if droop else ():
+            lost = pulse_integrals(start_s, beside_s, vehicle.jets, touching_s, edges_s, lag_s)
+            integral, moment = integral - droop * lost[0], moment - droop * lost[1]
+    return integral, moment
+
+
+def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:
+    """(jets, K) how long each jet is open beside a second one, then beside a third, and so on: while both are, or all its pulse.
+
+    All pulses of a cycle begin at once. Of the other jets the one at a place is the next by its on-time.
+    """
+    order = np.argsort(-on_s, axis=0, kind="stable")
+    longest, rank = np.take_along_axis(on_s, order, 0), np.argsort(order, axis=0, kind="stable")
+    for place in range(int((on_s > 0).sum(0).max(initial=1)) - 1):
+        other_s = np.where(rank > place, longest[place], longest[place + 1])
+        yield np.minimum(on_s, other_s) if while_open else np.where(other_s > 0, on_s, 0.0)
 
 
 def pulse_integrals(

@@ -6,6 +6,7 @@ A ramp's integral and second integral are polynomials, so the impulse of every b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,9 @@ class Actuators:
         self.fall_s = np.array([jet.fall_s for jet in jets]) if jets else np.zeros(6)
         lag = self.scenario.actuators.lag_s
         self.lag_s = self.scenario.vehicle.thrust.stated_lag_s if lag is None else lag
+        thrust, real = self.scenario.vehicle.thrust, self.scenario.actuators
+        self.droop = thrust.droop if real.droop is None else real.droop
+        self.cycle_droop = thrust.cycle_droop if real.cycle_droop is None else real.cycle_droop
         self.issued = np.zeros((members, cycles, channels))
         """on-times in s, or values of a wrench command."""
         self._lagged = np.zeros((members, channels))
@@ -79,17 +83,29 @@ class Actuators:
         return total
 
     def _add_pulse(self, source: int, start_s: float, thrust: _Thrust) -> None:
-        """Add what cycle ``source`` issued, which begins ``start_s`` after the start of this cycle."""
-        command = self.issued[:, source]
+        """Add what cycle ``source`` issued, which begins ``start_s`` after the start of this one, less what jets lose beside others."""
+        none = np.zeros_like(self.issued[:, source])
+        around = [self.issued[:, k] if 0 <= k < self.issued.shape[1] else none for k in (source - 1, source, source + 1)]
+        self._add(around, self.strength[:, source], start_s, thrust)
+        for droop, while_open in ((self.droop, True), (self.cycle_droop, False)):
+            for other in range(none.shape[1]) if droop and self.on_jets else ():
+                theirs = [command[:, other, None] for command in around]
+                beside = [np.minimum(a, b) if while_open else np.where(b > 0, a, 0.0) for a, b in zip(around, theirs, strict=True)]
+                for command in beside:
+                    command[:, other] = 0.0
+                self._add(beside, -droop * self.strength[:, source], start_s, thrust)
+
+    def _add(self, around: Sequence[Array], strengths: Array, start_s: float, thrust: _Thrust) -> None:
+        """Add pulses of these on-times (S, C), between those of the cycles before and after."""
+        previous, command, following = around
         member, channel = np.nonzero(command)
         if not len(member):
             return
-        strength = self.strength[member, source, channel]
+        strength = strengths[member, channel]
         if self.on_jets:
             on = command[member, channel]
             full = self.period_s * (1 - TOUCHING)
-            before = np.zeros_like(on) if source == 0 else self.issued[member, source - 1, channel]
-            after = self.issued[member, source + 1, channel] if source + 1 < self.issued.shape[1] else np.zeros_like(on)
+            before, after = previous[member, channel], following[member, channel]
             joined, joins = before >= full, (on >= full) & (after > 0)
         else:
             strength = strength * command[member, channel]

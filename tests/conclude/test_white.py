@@ -10,7 +10,7 @@ from scipy import stats
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude import judge, white
+from massprop_cli.conclude import estimated, judge, white
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -91,6 +91,8 @@ def examined(log: Log, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> tup
     found = flow.examine(log, source)
     for test in ("unlike_noise", "swinging"):
         monkeypatch.setattr(judge, test, lambda *_: {})
+    monkeypatch.setattr(estimated, "_baffled", lambda *_: "")
+    monkeypatch.setattr(estimated, "_doubted", lambda *_: [])
     return found, flow.examine(log, source)
 
 

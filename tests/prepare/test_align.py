@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.equipment import Jet
-from massprop_cli.prepare.actuators import held, pulse_integrals, pulses
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.actuators import held, jet_integrals, pulse_integrals, pulses
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.signal import Signal, window_integrals
 from tests import flight
@@ -186,3 +187,22 @@ def test_a_drifting_clock_moves_commands_by_what_it_is_ahead(ppm: float) -> None
     np.testing.assert_allclose(aligned.duration_s, flight.CYCLE * pace)
     # a part of the log keeps the time at which both clocks agreed
     np.testing.assert_allclose(align(log.part(90, 130), used, 2.0, 0.0).channels.whole[:, 0], overlap[90:130], atol=1e-12)
+
+
+@pytest.mark.parametrize("key", ["droop", "cycle_droop"])
+def test_a_jet_loses_what_others_take_from_its_supply(key: str) -> None:
+    """Oracle: thrust at each moment, by how many others are open then, or fire in the cycle; pulses of four cycles, without ramps."""
+    rng = np.random.default_rng(5)
+    start = 0.2 * np.arange(4) + 0.1
+    on = np.where(rng.random((5, 4)) < 0.7, rng.uniform(0.01, 0.15, (5, 4)), 0.0)
+    on[1] = on[0]  # two that close at once
+    stated = Vehicle.model_validate(flight.vehicle("free", 2.0))
+    jets = tuple(stated.jets[i].model_copy(update={"rise_s": 0.0, "fall_s": 0.0}) for i in range(5))
+    used = stated.model_copy(update={"jets": jets, "thrust": stated.thrust.model_copy(update={key: 0.04})})
+    t = (np.arange(400_000) + 0.5) / 400_000
+    alone = np.array([sampled(start, each, 0.0, 0.0, t) for each in on])
+    others = (on > 0).sum(0)[np.clip(((t - 0.1) / 0.2).astype(int), 0, 3)] if key == "cycle_droop" else alone.sum(0)
+    expected = (alone * (1 - 0.04 * (others - 1))).reshape(5, 20, -1)
+    integral, moment = jet_integrals(start, on, used, EDGES, 0.0)
+    np.testing.assert_allclose(integral.T, expected.mean(2) * 0.05, atol=5e-6)
+    np.testing.assert_allclose(moment.T, (expected * (t.reshape(20, -1) % 0.05)).mean(2) * 0.05, atol=5e-7)

@@ -1,0 +1,70 @@
+"""That each jet's thrust is its own: what comes of one supply falls with all that takes from it, and a jet that has rested may give less.
+
+Most of such an error is a factor common to all thrust, which no log tells: mass and inertia are as far off. The rest of it goes with the
+commands, and a disturbance that stands for it as noise leaves values converged that are off by per cents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.taken import Taken, having
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.sensitivity import Side, Variant
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+DROOP = "thrust-droop"
+STEP = 0.01
+MEMORIES_S = (0.3, 1.0, 3.0)
+"""How long a supply may remember what was taken from it."""
+RESTED_S = 1.0
+"""After how long a jet may have cooled, or its line emptied."""
+
+
+def droop(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Iterator[Taken]:
+    """Thrust that falls with the number of jets that fire, at once or cycle by cycle; each is tested by itself."""
+    if not ((log.command > 0).sum(1) > 1).any():
+        return
+    thrust = vehicle.thrust
+    stated = bool({"droop", "cycle_droop"} & thrust.model_fields_set)
+    words = f"loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each further one" if stated else "gives the same"
+    message = f"each jet {words}{'' if stated else ' however many others are open (thrust.droop is not stated)'}"
+    for key, part_of in (("droop", ""), ("cycle_droop", DROOP)):
+        more = having(vehicle, "thrust", key, getattr(thrust, key) + STEP)
+        code = f"thrust-{key.replace('_', '-')}"
+        yield Taken(code, message, "1 % for each", stated, Variant(here, Side(Stream.of(log, more, timing)), STEP), STEP, part_of=part_of)
+
+
+def memory(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Iterator[Taken]:
+    """Thrust that falls with what was taken before, or that is less after a rest: tested where something else than noise is left.
+
+    A pulse that gives less is taken for a shorter one, which is as much less, and ends but little sooner.
+    """
+    of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in MEMORIES_S}
+    for what, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
+        less = replace(log, command=log.command * (1 - STEP * factor))
+        yield Taken(what, what, "1 %", False, Variant(here, Side(Stream.of(less, vehicle, timing)), STEP), STEP, part_of=DROOP)
+
+
+def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:
+    """(K,) what all jets took before each cycle, forgotten in so many seconds, over the most."""
+    taken = log.command @ np.linalg.norm(vehicle.jet_wrench[:, 3:], axis=1)
+    kept, held, found = float(np.exp(-vehicle.cycle.period_s / memory_s)), 0.0, np.empty(len(taken))
+    for k, now in enumerate(taken.tolist()):
+        found[k], held = held, kept * held + now
+    return found / max(float(found.max()), np.finfo(float).tiny)
+
+
+def _rest(log: Log, vehicle: Vehicle) -> Array:
+    """(K, C) how far each jet has rested before each cycle: 0 where it has just fired, 1 after long."""
+    cycle = np.arange(log.cycles)[:, None]
+    last = np.maximum.accumulate(np.where(log.command > 0, cycle, -log.cycles), axis=0)
+    before = np.vstack([np.full((1, last.shape[1]), -log.cycles), last[:-1]])
+    found: Array = -np.expm1(-(cycle - before - 1) * vehicle.cycle.period_s / RESTED_S)
+    return found

@@ -1,0 +1,34 @@
+"""An assumption that an estimate takes for granted, and how it is varied."""
+
+from __future__ import annotations
+
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.sensitivity import Variant
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An assumption, and how it is varied: ``size`` units make one step."""
+
+    code: str
+    message: str
+    step: str
+    stated: bool
+    variant: Variant | None
+    """None: of its parts, or of the columns that follow all variants."""
+    size: float
+    sigma: float = 0.0
+    """One sigma, units, by which it is stated to be uncertain."""
+    part_of: str = ""
+    """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
+
+    @property
+    def whole(self) -> str:
+        """Code of what is told."""
+        return self.part_of or self.code
+
+
+def having(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
+    """The vehicle with another value of one of its keys."""
+    return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})
