@@ -161,14 +161,19 @@ def _figures(recorded: Sequence[Recorded], asked: Sequence[str], kinds: Sequence
     from massprop_cli.report import figures
     from massprop_cli.report.labels import labels
 
-    names = list(figures.NAMES) if "all" in asked else list(dict.fromkeys(asked))
+    def names(item: Recorded) -> list[str]:
+        """All that were asked for; of all there are, those that it has data for where several logs are together."""
+        if "all" not in asked:
+            return list(dict.fromkeys(asked))
+        return [name for name in figures.NAMES if not item.joint or name in figures.WITHOUT_TIME]
+
     titles = [""] if len(recorded) == 1 else [f"{label.replace('/', '-')}-" for label in labels(recorded)]
     if len(set(titles)) < len(titles):
         titles = [f"{number}-{title}" for number, title in enumerate(titles, 1)]
     return {
         f"{title}{name}.{kind}": figures.draw(name, item, kind)
         for item, title in zip(recorded, titles, strict=True)
-        for name in names
+        for name in names(item)
         for kind in kinds
     }
 

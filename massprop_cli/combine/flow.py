@@ -21,7 +21,7 @@ from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.report.labels import labels
 from massprop_cli.result import rendered
 from massprop_cli.result import schema as results
-from massprop_cli.result.read import Recorded, read
+from massprop_cli.result.read import MEMBERS, Recorded, read
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
 MISFIT = ("cause-unknown", "contradicted", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
@@ -152,7 +152,7 @@ def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[
         update={
             "massprop": __version__,
             "input_sha256": digest,
-            "settings": {"estimator.method": "default", "combined": list(names), twice.MEMBERS: members},
+            "settings": {"estimator.method": "default", "combined": list(names), MEMBERS: members},
             "setting_sources": {},
             "versions": {"python": platform.python_version(), "numpy": np.__version__},
         }

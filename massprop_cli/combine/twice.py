@@ -10,11 +10,9 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.result.read import Recorded
+from massprop_cli.result.read import MEMBERS, Recorded
 from massprop_cli.result.schema import PhaseItem, Result
 
-MEMBERS = "combined_sha256"
-"""Setting of a joint result: the digests of all logs in it."""
 ALIKE = 1e-3
 """Sigmas, and part of a sigma, within which all values of two recordings never are by chance; rounding by a format is less."""
 ENOUGH = 3
@@ -46,8 +44,7 @@ def refuse(recorded: Sequence[Recorded]) -> None:
 def _same_log(one: Recorded, first: Recorded) -> str:
     if one.path.resolve() == first.path.resolve():
         return "is named twice"
-    joint = [MEMBERS in result.result.provenance.settings for result in (one, first)]
-    return f"{'shares a log with' if any(joint) else 'is of the same log as'} {first.path}"
+    return f"{'shares a log with' if one.joint or first.joint else 'is of the same log as'} {first.path}"
 
 
 def refuse_across(before: Sequence[tuple[Recorded, PhaseItem]], after: Sequence[tuple[Recorded, PhaseItem]]) -> None:

@@ -378,7 +378,7 @@ class Cells:
                     "holds; take off what the log begins with, or write it as float64"
                 )
             try:
-                is_number = cell is None or ("_" not in str(cell) and float(cell) is not None)
+                is_number = cell is None or (str(cell).isascii() and "_" not in str(cell) and float(cell) is not None)
             except (TypeError, ValueError):
                 is_number = False
             if cell == self.name:
@@ -387,6 +387,10 @@ class Cells:
                     "split the file there"
                 )
             if not is_number:
-                date = "; a date and time is ISO 8601's, 2024-05-01T12:00:00.125" if _DATED.search(str(cell)) else ""
-                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; mend the cell{date}")
+                mend = "mend the cell"
+                if _INSTANT.match(str(cell)):
+                    mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
+                elif _DATED.search(str(cell)):
+                    mend += "; a date and time is ISO 8601's, 2024-05-01T12:00:00.125"
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; {mend}")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

@@ -52,6 +52,9 @@ class Gatherer:
             if absurd:
                 raise RecordError(absurd)
         if self.records:
+            missing = self._uncommanded(record) if self.records == 1 else ""
+            if missing:
+                raise RecordError(missing)
             return self._next(record, interval)
         self._begun.append(record)
         self._last_s = record.time_s
@@ -107,12 +110,11 @@ class Gatherer:
 
     def _added(self, record: Record, interval: float) -> list[Cycle]:
         first = self._own[0][0] if self._own else record
+        missing = self._uncommanded(record) if first is record else ""
+        if missing:
+            raise InputError(f"standard input: {missing}")
         for name in self.columns.commands:
             value = record.numbers[name]
-            if first is record and math.isnan(value):
-                raise InputError(
-                    f"standard input: no {name} in the first record of its control cycle, {record.time_s:.9g} s; write 0 for none"
-                )
             if not math.isnan(value) and value != first.numbers[name]:
                 raise InputError(
                     f"standard input: {name} changes within a control cycle, at {record.time_s:.9g} s; commands change at cycle starts "
@@ -123,6 +125,11 @@ class Gatherer:
             return []
         own, self._own = self._own, []
         return [self._cycle(own)]
+
+    def _uncommanded(self, record: Record) -> str:
+        """Which command is lacking in the first record of a cycle; empty where none is."""
+        lacking = next((name for name in self.columns.commands if math.isnan(record.numbers[name])), None)
+        return f"no {lacking} in the first record of its control cycle, {record.time_s:.9g} s; write 0 for none" if lacking else ""
 
     def _cycle(self, own: list[tuple[Record, float]]) -> Cycle:
         columns, last = self.columns, own[-1][0]

@@ -26,6 +26,10 @@ LOGS = (".parquet", ".csv")
 """Endings of tables, which are no results."""
 
 
+MEMBERS = "combined_sha256"
+"""Setting of a joint result: the digests of all logs in it."""
+
+
 @dataclass(frozen=True)
 class Recorded:
     """A result with its history."""
@@ -37,6 +41,11 @@ class Recorded:
     """Phase name to column name to values (K,), NaN where nothing can be said; empty where no history.parquet lies beside result.json."""
     sha256: str = ""
     """Of result.json."""
+
+    @property
+    def joint(self) -> bool:
+        """Whether it is of several logs together, and so has no history."""
+        return MEMBERS in self.result.provenance.settings
 
     @property
     def name(self) -> str:

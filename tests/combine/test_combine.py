@@ -19,6 +19,7 @@ from massprop_cli.combine.joint import Piece, joint
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.plant import BearingBody, plant_of
+from massprop_cli.report.figures import WITHOUT_TIME
 from massprop_cli.result import schema
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.campaigns import simulate as fly
@@ -230,6 +231,17 @@ def test_two_logs_tell_more_than_one_and_their_result_is_a_result(folder: Path) 
     short = massprop(folder, "combine", "a", "b", "--out", "both", "-q", "--require", "mass<0.1%")
     assert short.returncode == 4
     assert "mass<0.1% wants" in short.stderr
+
+
+def test_a_joint_result_is_drawn_as_far_as_it_goes_without_time(folder: Path) -> None:
+    assert massprop(folder, "combine", "a", "b", "--out", "drawn", "-q").returncode == 0
+    done = massprop(folder, "report", "drawn", "--figure", "all", "--format", "svg,md", "-q")
+    assert done.returncode == 0, done.stderr
+    assert sorted(file.stem for file in (folder / "drawn").glob("*.svg")) == sorted(WITHOUT_TIME)
+    assert (folder / "drawn" / "report.md").exists()
+    done = massprop(folder, "report", "drawn", "--figure", "mass", "--format", "svg")
+    assert done.returncode == 3
+    assert "is of several logs together, without a history; draw figures against time from their own results" in done.stderr
 
 
 def test_logs_of_two_bodies_contradict_each_other(folder: Path) -> None:

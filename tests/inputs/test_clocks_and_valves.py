@@ -15,6 +15,9 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.telemetry import read
+from massprop_cli.inputs.vehicle import Vehicle
+from tests import flight
 
 MAP = """
 schema = 1
@@ -249,6 +252,25 @@ def test_groups_above_the_names_and_numbers_in_their_place_are_refused(tmp_path:
     path.write_text("\n".join([header, "05/01/2024 12:00:00.05 PM" + rows[0][rows[0].index(",") :], *rows[1:]]))
     with pytest.raises(InputError, match="is not a number; mend the cell; a date and time is ISO 8601's"):
         read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("2024-05-01T12:00:00.05", r"name the column as a clock in a map file \(massprop columns with --as-map drafts it\)"),
+        ("٣", "'٣' is not a number; mend the cell"),
+        ("1_0", "'1_0' is not a number; mend the cell"),
+    ],
+)
+def test_a_cell_that_is_no_number_is_named_with_what_to_do(cell: str, said: str, tmp_path: Path) -> None:
+    vehicle = Vehicle.model_validate(flight.vehicle("free", 2.0))
+    names = ["time_s", *columns.DELTA_THETA, *columns.DELTA_V, *(columns.jet(jet.name) for jet in vehicle.jets)]
+    rows = [[f"{0.05 * k:.2f}", *["0"] * (len(names) - 1)] for k in range(1, 6)]
+    rows[2][0] = cell
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(",".join(row) for row in [names, *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"log\.csv, line 4, column time_s: .*{said}"):
+        read(read_table(path), vehicle)
 
 
 def test_a_body_with_other_axes_turns_as_the_vectors_in_it_do() -> None:

@@ -116,6 +116,7 @@ BAD = {
     "a digit separator": None,
     "another script's digits": None,
     "no motion of a vehicle": None,
+    "no command": None,
     "a line without an end": "x" * (records.LONGEST + 2),
 }
 CELLS = {
@@ -125,6 +126,7 @@ CELLS = {
     "a digit separator": ("delta_theta_x_rad", "1_0"),
     "another script's digits": ("delta_theta_x_rad", "١"),
     "no motion of a vehicle": ("delta_theta_x_rad", "1e6"),
+    "no command": ("jet_roll_p1_s", ""),
 }
 
 

@@ -53,6 +53,8 @@ _PICTURES: dict[str, tuple[str, Callable[[Recorded], Picture]]] = {
 }
 NAMES: tuple[str, ...] = tuple(_PICTURES)
 """Figures there are."""
+WITHOUT_TIME = ("expectations", "correlation", "ellipsoid")
+"""Those that ask for no history."""
 TITLES = {name: title for name, (title, _) in _PICTURES.items()}
 """What each is called."""
 
@@ -77,4 +79,4 @@ def draw(name: str, recorded: Recorded, kind: Kind, phase: str | None = None) ->
     return canvas.render(found.panels, kind, found.columns, title)
 
 
-__all__ = ["NAMES", "TITLES", "Kind", "Picture", "draw", "picture"]
+__all__ = ["NAMES", "TITLES", "WITHOUT_TIME", "Kind", "Picture", "draw", "picture"]

@@ -29,6 +29,10 @@ def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered
     numbered = [(number, phase, recorded.history.get(phase.name, {})) for number, phase in enumerate(phases, 1)]
     found = [part for part in numbered if len(part[2].get("time_s", ()))]
     if not found:
+        if recorded.joint:
+            raise InputError(
+                f"{recorded.path}: is of several logs together, without a history; draw figures against time from their own results"
+            )
         missing = recorded.path.with_name("history.parquet")
         raise InputError(f"{missing}: missing; figures against time need it. Make the result again with massprop estimate")
     for _, phase, columns in found:
