@@ -44,9 +44,9 @@ WITH_IT = 0.5
 """Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
 a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
 TRIED = (
-    "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, clock drift, units, scales, biases, "
-    "low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, fuel use, "
-    "a change of the mass properties, and pairs of these"
+    "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, droop, clock drift, units, scales, "
+    "biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, "
+    "fuel use, a change of the mass properties, and pairs of these"
 )
 DEAD = "the gyro or the accelerometer gives the very same in every cycle: it is not recorded, or dead"
 ANSWERED = 30.0
@@ -365,12 +365,13 @@ def _unanswered() -> str:
 
 def _in_vain(look: Look) -> str:
     """What was tried, and what came nearest."""
-    nearest = []
-    for _, found in islice(look.ranked, 2):
+    nearest: dict[str, str] = {}
+    for _, found in islice(look.ranked, 4):
         code, _ = words_of(found, look.names, look.case, look.case)
         about = f" of {', '.join(found.supposed.subject)}" if found.supposed.subject else ""
-        nearest.append(f"{code}{about} leaves {100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
-    near = f"; nearest: {', '.join(nearest)} of the misfit" if nearest else ""
+        nearest.setdefault(f"{code}{about}", f"{100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
+    said = ", ".join(f"{what} leaves {left}" for what, left in islice(nearest.items(), 2))
+    near = f"; nearest: {said} of the misfit" if said else ""
     scatter = jitter(look.case.log.interval_s)
     if scatter > JITTER:
         near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State even = true under the clock in a map"

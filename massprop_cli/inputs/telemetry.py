@@ -28,6 +28,8 @@ CommandKind = commands.CommandKind
 GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
+AT_ONCE = 1e-3
+"""Part of the usual interval below which two records are of one moment."""
 COARSE = 1e-3
 """Of a control cycle: so far numbers of time may be apart. At 1.7e9 s, as clocks of computers count, they are 2.4e-7 s apart."""
 OFF_UNIT = 1e-2
@@ -219,6 +221,10 @@ def _check_magnitude(source: LogTable, names: Sequence[str], increments: Array, 
     bad = np.argwhere(_beyond(increments, interval_s, ABSURD))
     if bad.size:
         row, axis = (int(i) for i in bad[0])
+        usual = median(interval_s)
+        if interval_s[row] < AT_ONCE * usual:
+            said = f"comes {interval_s[row]:.3g} s after the record before, where {usual:.6g} s are usual; is a record there twice?"
+            raise source.error(row, "time_s", said)
         value = f"{increments[row, axis] / interval_s[row]:.3g} per second"
         raise source.error(row, names[axis], f"{value} is no motion of a vehicle; is the unit right, is it a spike?")
 

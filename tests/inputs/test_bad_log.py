@@ -71,6 +71,11 @@ BAD_LOGS = {
     "holds infinity in an IMU column": BadLog(
         cell("delta_v_x_m_s", 17, -INF), 17, ("column delta_v_x_m_s", "-inf", "not a finite number", "mend or cut")
     ),
+    "has two records of one moment": BadLog(
+        lambda table: cell("time_s", 42, table.column("time_s")[41].as_py() + 1e-9)(table),
+        42,
+        ("column time_s", "comes 1e-09 s after the record before", "is a record there twice?"),
+    ),
     "holds NaN in its time": BadLog(cell("time_s", 42, NAN), 42, ("column time_s", "nan", "not a finite number", "mend or cut")),
     "counts time from too far away": BadLog(
         times(lambda _, time: time + 1e12), None, ("column time_s", "steps of 0.00012 s", "take the log's beginning off")
