@@ -16,7 +16,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.estimate.initial import beginning
-from massprop_cli.estimate.whitening import Disturbance, Driven, each
+from massprop_cli.estimate.whitening import Disturbance, Driven, each, independent
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import Reference, plant_of
@@ -123,7 +123,8 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     step, _, known = integrals_about(here, reference, vehicle)
     rate = here.rate_rad_s - np.concatenate([np.zeros((1, 3)), np.cumsum(known, 0)])
     noise = vehicle.imu.gyro_noise_rad_s
-    driven = Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True)
+    # of columns that are sums of others rounding leaves some, and of it other CPUs another; those that are left are none
+    driven = independent(Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True))
     return _Piece(driven, _weights(reference, median(here.executed.duration_s), noise), noise)
 
 

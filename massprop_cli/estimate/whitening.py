@@ -99,6 +99,12 @@ def _around(level: float) -> tuple[float, ...]:
     return (level / FINER, level, level * FINER) if level else (0.0, *LEVELS)
 
 
+def independent(rates: Driven) -> Driven:
+    """The rates with columns that are no sums of others and, beside the noise alone, orthogonal; the same coefficients are free."""
+    (alone,) = each(rates, [Disturbance(rates.coupling, 0.0)])
+    return orthogonal(rates, alone.told.triangle, _distinct(alone.told.triangle))
+
+
 def orthogonal(rates: Driven, triangle: Array, distinct: BoolArray) -> Driven:
     """The rates with the ``distinct`` columns as unknowns of which ``triangle`` makes a unit matrix; a steady torque is the last."""
     which = np.flatnonzero(distinct)
