@@ -25,14 +25,14 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
+FAINT = 0.03
+"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second order in m = 1/μ is this part
+of a sigma."""
 HARDLY = 0.4
 """A relative sigma of an axis' response J up to which that of I = 1/J is taken from the interval ± 2 sigma; beyond, I is hardly told."""
 MOMENTS = [0, 3, 5]
 """Where I_xx, I_yy, I_zz stand."""
 _FIRST, _SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
-FAINT = 0.03
-"""... above this, on a bearing, a known mass tells it: the CG is linear in 1/m, not in m. What is of second
-order in m = 1/μ is this part of a sigma."""
 
 
 def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:

@@ -124,5 +124,5 @@ def write(made: Made, folder: Path, pages: dict[str, str]) -> None:
 
 
 def default_folder(vehicle: Path) -> Path:
-    """massprop-out/STEM-plan, of the vehicle file's name."""
+    """massprop-out/FOLDER-STEM-plan, of the vehicle file's folder and name."""
     return Path("massprop-out") / foldername.safe(f"{vehicle.parent.resolve().name}-{vehicle.stem}-plan")
