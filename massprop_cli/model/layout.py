@@ -9,9 +9,6 @@ all thrust and of each wheel.
 
 from __future__ import annotations
 
-import numpy as np
-
-from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.momentum import scale_sigmas
@@ -68,8 +65,3 @@ class Layout:
     def own(block: slice) -> slice:
         """Where a block stands among these."""
         return slice(block.start - RATE.start, block.stop - RATE.start)
-
-    @staticmethod
-    def of_all(own: Array) -> Array:
-        """What is of the rate and the nuisances, with zeros for the parameters, so that the layout's slices are of it."""
-        return np.concatenate([np.zeros(RATE.start), own])

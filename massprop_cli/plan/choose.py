@@ -70,8 +70,7 @@ class Wanted:
 
     def covariance(self, information: Array) -> Array:
         """(…, G, 10, 10) in units, with the common uncertainty of the thrust and what is known."""
-        unknowns = information.shape[-1]
-        prior = np.diag(np.concatenate([np.full(10, PRIOR), np.full(unknowns - 10, PRIOR)]))
+        prior = PRIOR * np.eye(information.shape[-1])
         sizes = np.array([natural_sizes(body) for body in self.bodies])
         sizes = sizes * self.beyond
         bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])

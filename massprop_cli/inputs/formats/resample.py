@@ -65,10 +65,10 @@ def means(values: Array, times_s: Array, holds: Holds, edges_s: Array) -> Array:
     steps = np.diff(times_s)
     last = float(np.median(steps))
     if holds == "until_next":
-        knots, held = np.append(times_s, max(times_s[-1] + last, edges_s[-1])), values
+        knots = np.append(times_s, max(times_s[-1] + last, edges_s[-1]))
     else:
-        knots, held = np.insert(times_s, 0, min(times_s[0] - last, edges_s[0])), values
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(held * np.diff(knots)[:, None], 0)])
+        knots = np.insert(times_s, 0, min(times_s[0] - last, edges_s[0]))
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(knots)[:, None], 0)])
     summed = np.stack([np.diff(np.interp(edges_s, knots, total[:, axis])) for axis in range(values.shape[1])], 1)
     return summed / np.diff(edges_s)[:, None]
 
