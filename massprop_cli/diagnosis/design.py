@@ -92,6 +92,15 @@ class _Window(NamedTuple):
     impulse: Array
 
 
+class _Otherwise(NamedTuple):
+    """What commands do by jets that act otherwise."""
+
+    name: str
+    window: _Window
+    by: float
+    """So many units."""
+
+
 class Designs:
     """Those of cases that differ by what is supposed."""
 
@@ -121,7 +130,7 @@ class Designs:
         # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
         earliest = max(timing.delay - SHIFT, 0.0)
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        thrusts = [(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle)]
+        thrusts = [_Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle)]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
         if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
@@ -228,17 +237,11 @@ def _wide(places: Mapping[str, slice]) -> int:
 
 
 def _columns(
-    samples: Samples,
-    moved: Sequence[_Window],
-    at: float,
-    thrusts: Sequence[tuple[str, _Window, float]],
-    vehicle: Vehicle,
-    cycles: slice,
+    samples: Samples, moved: Sequence[_Window], at: float, thrusts: Sequence[_Otherwise], vehicle: Vehicle, cycles: slice
 ) -> list[_Part]:
     """Each kind: (K − 1, n) growth of the rate, (K, n) means.
 
-    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise, and by how
-    many units.
+    ``moved``: commands at three delays, ``SHIFT`` apart, of which the stated is ``at``; ``thrusts``: by jets that act otherwise.
     """
     executed = samples.executed
     duration = executed.duration_s[cycles, None]
@@ -254,8 +257,11 @@ def _columns(
         found: Array = rising[cycles][:-1] + (whole - rising)[cycles][1:]
         return found
 
-    wrench = windowed(executed.rising, executed.impulse), executed.impulse[cycles] / duration
-    later, smeared = _parabola([(windowed(s.rising, s.impulse), s.impulse[cycles] / duration) for s in moved], at)
+    def by_window(one: _Window) -> tuple[Array, Array]:
+        return windowed(one.rising, one.impulse), one.impulse[cycles] / duration
+
+    wrench = by_window(_Window(executed.rising, executed.impulse))
+    later, smeared = _parabola([by_window(one) for one in moved], at)
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
@@ -278,10 +284,7 @@ def _columns(
         _Part("drifting", *(c * x for c, x in zip(clocks, later, strict=True))),
         _Part("aging", *(c * x for c, x in zip(clocks, wrench, strict=True))),
     ]
-    for name, one, by in thrusts:
-        then = windowed(one.rising, one.impulse), one.impulse[cycles] / duration
-        parts.append(_Part(name, *((b - a) / by for a, b in zip(wrench, then, strict=True))))
-    return parts
+    return parts + [_Part(one.name, *((b - a) / one.by for a, b in zip(wrench, by_window(one.window), strict=True))) for one in thrusts]
 
 
 def _parabola(moved: Sequence[tuple[Array, Array]], at: float) -> tuple[list[Array], list[Array]]:

@@ -122,8 +122,8 @@ def test_products_say_of_levels_what_dense_matrices_do(kind: str) -> None:
     for white, walk in levels:
         root = np.linalg.cholesky(np.eye(count) + white * once @ once.T + walk * twice @ twice.T)
         columns, measured = np.linalg.solve(root, whole), np.linalg.solve(root, made.rate)
-        triangle = np.linalg.qr(columns, mode="r")
-        left = measured - columns @ np.linalg.lstsq(columns, measured, rcond=None)[0]
+        basis, triangle = np.linalg.qr(columns)  # least squares by singular values would drop what is small beside the largest column
+        left = measured - basis @ (basis.T @ measured)
         spare = count - whole.shape[1]
         among = 2 * np.log(np.abs(np.diag(triangle)[1:])).sum() + 2 * np.log(np.diag(root)).sum()
         price = 3 * np.log(count) * ((white > made.driven.coupling) + (walk > 0))

@@ -50,8 +50,9 @@ def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
     event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'
     flown = simulate.fly(scenario.load("testbed", [JOINING, event]), [seed])
+    unaware = flown.vehicle.model_copy(update={"phases": (), "docking": None})
     with np.errstate(all="ignore"):
-        found = flow.examine(flown.log(0), VehicleSource(changed(flown.vehicle, ["phases=[]"]), "t", ""))
+        found = flow.examine(flown.log(0), VehicleSource(unaware, "t", ""))
     (said,) = [notice for notice in found.notices if notice.code != "unphysical-inertia"]
     assert said.code == "mass-change"
     assert float(said.message.split("at once at ")[1].split(" s")[0]) == pytest.approx(280 * 0.05, abs=0.5)
