@@ -28,7 +28,8 @@ REPEATED = 0.35
 CHANCE = 1e-5
 """... and how likely those at the extreme may be as many by such repeating."""
 FAR = 0.5
-"""Times the middle distance of readings from the middle one that an extreme must be from it at least: rest is no extreme."""
+"""Times the middle distance of readings from the middle one that an extreme must be from it at least: rest is no extreme, nor is what is
+the same but for rounding."""
 LISTED = 8
 UNITS = ("rad/s", "m/s^2")
 
@@ -92,7 +93,7 @@ def _side(values: Array) -> BoolArray:
         return none
     middle = median(values)
     spread = median(np.abs(values - middle))
-    if top - middle <= FAR * spread or spread == 0:
+    if top - middle <= max(FAR * spread, SAME * top) or spread == 0:
         return none
     levels, counts = np.unique(np.round(values / (SAME * top)), return_counts=True)
     below = np.sort(counts[levels < 1 / SAME - 2][-NEXT:])

@@ -37,6 +37,9 @@ CLEAN = {
     "pulses without noise": PULSES,
     "a spin": SPIN + NOISE,
     "a spin without noise": SPIN,
+    "gravity that stands still but for rounding": np.column_stack(
+        [WAVES[:, :2] + NOISE[:, :2], 9.80665 * (1 + 2e-16 * RNG.integers(-2, 2, COUNT))]
+    ),
     "steps": STEPS + NOISE,
     "steps without noise": STEPS,
     "nothing": np.zeros((COUNT, 3)),
