@@ -104,7 +104,7 @@ def _name(log: Found, deep: int, twin: bool) -> str:
     """Of so many parts of its path; with its suffix where a ``twin`` in its folder has its stem."""
     *folders, file = log.parts[-deep:]
     stem, above = foldername.stem(file), log.parts[:-1]
+    suffix = [file[len(stem) + 1 :].lower().replace(".", "-")] if twin else []
     if stem.lower() == "log" and above:
         folders, stem = (folders[:-1], folders[-1]) if folders else ([], above[-1])
-    suffix = [file.rpartition(".")[2].lower()] if twin else []
     return foldername.safe("-".join(part for part in (*folders, stem, *suffix) if part.strip("/")))

@@ -26,16 +26,18 @@ class Breach(NamedTuple):
     said: str
     certain: bool
     """Whether its sigmas do not allow that a body has it after all."""
+    of_inertia: bool = True
+    """Whether it is the inertia's, so that there is a nearest one that a body could have."""
 
 
 def breach(conclusion: Conclusion) -> Breach | None:
-    """What no real body could have in this inertia; nothing is said of an inertia that is not wholly informed.
+    """What no real body could have in this mass, or inertia; nothing is said of an inertia that is not wholly informed.
 
     A flat body's principal moments are exactly those that a body could have at most, low + middle = high: noise puts half of its estimates
     beyond.
     """
     if conclusion.rotating_mass <= 0:
-        return Breach(f"the mass is less than its bearing's: {conclusion.rotating_mass:.4g} kg are left to turn on it", True)
+        return Breach(f"the mass is less than its bearing's: {conclusion.rotating_mass:.4g} kg are left to turn on it", True, False)
     moments = conclusion.principal_moments
     low, middle, high = (float(moment) for moment in moments)
     if np.isnan(low):

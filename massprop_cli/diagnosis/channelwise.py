@@ -61,8 +61,8 @@ class Free:
 
     @property
     def dead(self) -> bool:
-        """Whether a sensor gives the very same in every cycle: neither motion nor noise."""
-        return not all(told.left.any() for told in (self.gyro, self.accelerometer))
+        """Whether a sensor reads 0 in every cycle: neither motion nor noise."""
+        return not self.signal.all()
 
     @property
     def answered(self) -> float:

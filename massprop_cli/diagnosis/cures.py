@@ -16,7 +16,7 @@ from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.design import Designs, level_of
 from massprop_cli.inputs.columns import WRENCH
-from massprop_cli.inputs.equipment import Jet
+from massprop_cli.inputs.equipment import MOST_DROOP, Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Column, Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -138,6 +138,8 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     if log.command_kind == "jets":
         vehicle = _with_jets(vehicle, _jets(vehicle, found, list(fired)))
     lost = {key: max(getattr(vehicle.thrust, key) + float(get(key)[0]), 0.0) for key in ("droop", "cycle_droop") if get(key).any()}
+    if any(part > MOST_DROOP for part in lost.values()):
+        return None
     if lost:
         vehicle = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update=lost)})
     imu: dict[str, Any] = {}

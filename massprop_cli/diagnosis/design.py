@@ -136,9 +136,10 @@ class Designs:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
         count, places = len(parts[0].mean), _places(parts)
-        if count < ENOUGH * _wide(places):
-            parts = [part for part in parts if part.name not in (*RAMPS, *SUPPLY)]
-            places = _places(parts)
+        for further in (SUPPLY, RAMPS):
+            if count < ENOUGH * _wide(places):
+                parts = [part for part in parts if part.name not in further]
+                places = _places(parts)
         if count < ENOUGH * _wide(places):
             raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
         fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))

@@ -48,7 +48,7 @@ TRIED = (
     "biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, "
     "fuel use, a change of the mass properties, and pairs of these"
 )
-DEAD = "the gyro or the accelerometer gives the very same in every cycle: it is not recorded, or dead"
+DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 ANSWERED = 30.0
 """Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
 of another recording six, and shifted by some cycles 20."""
@@ -358,7 +358,7 @@ def _two_channels(look: Look) -> Diagnosis | None:
 def _unanswered() -> str:
     """Of commands that nothing follows."""
     return (
-        "log and vehicle file don't fit, cause unknown: the motion is no noise, and follows the commands no more than by chance; are they "
+        "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they "
         f"this recording's, on its clock, and were they executed? {TRIED}"
     )
 

@@ -16,6 +16,7 @@ from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider, with_geometry
+from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -47,6 +48,7 @@ class Ready(NamedTuple):
 
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
+    check_supply(log, source.vehicle, source.source)
     source = replace(source, vehicle=finer(log, source.vehicle))
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at

@@ -24,7 +24,7 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
     integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
     first, stop = piece.start, min(piece.start + longest, piece.stop)
     if stop < piece.stop and not integrated:
-        total = np.concatenate([[0.0], np.cumsum(_effort(log, piece))])
+        total = np.concatenate([[0.0], np.cumsum(_effort(log, piece, _most(log)))])
         first = piece.start + int(np.argmax(total[longest:] - total[:-longest]))
         stop = first + longest
     begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
@@ -36,13 +36,18 @@ def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice],
     """The log with all its pieces, or the busiest stretch of the busiest one, if they hold more than ``longest`` cycles together."""
     if sum(piece.stop - piece.start for piece in pieces) <= longest:
         return log, pieces
-    parts = [busiest(log, vehicle, timing, piece, longest) for piece in pieces]
-    part, piece = max(parts, key=lambda found: float(_effort(found[0], found[1]).sum()))
+    parts, most = [busiest(log, vehicle, timing, piece, longest) for piece in pieces], _most(log)
+    part, piece = max(parts, key=lambda found: float(_effort(found[0], found[1], most).sum()))
     return part, [piece]
 
 
-def _effort(log: Log, piece: slice) -> Array:
-    """(K,) what is commanded in each cycle, each jet over the most that it is in this log."""
-    most = np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
+def _most(log: Log) -> Array:
+    """(C,) the most that each channel is commanded."""
+    found: Array = np.maximum(np.abs(log.command).max(0), np.finfo(float).tiny)
+    return found
+
+
+def _effort(log: Log, piece: slice, most: Array) -> Array:
+    """(K,) what is commanded in each cycle, each channel over its ``most``."""
     found: Array = (np.abs(log.command[piece]) / most).sum(1)
     return found

@@ -32,6 +32,8 @@ NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
 EARLIEST = 0.5
 """Cycles below zero that a small step may lead to where a large one doesn't."""
+GAINED, DROOPS = 0.002, ("droop", "cycle_droop")
+"""Part of its thrust that a jet may gain beside another by chance."""
 ASTRAY = 1e5
 """Times pure error that is more than the motion within the cycles may leave."""
 NO_WAY, STRAIGHT = 100.0, 2
@@ -86,7 +88,7 @@ def beyond(look: Look) -> float:
 
 
 def _before_its_cause(look: Look, found: Fitted) -> bool:
-    """Whether it takes a delay, a lag or a rise below zero, by more than chance."""
+    """Whether it takes a delay, a lag, a rise or a droop below zero, by more than chance."""
     (_, vehicle, timing, _), period = look.case, look.case.vehicle.cycle.period_s
     rise, fall = (max((getattr(jet, ramp) for jet in vehicle.jets), default=0.0) / period / 2 for ramp in ("rise_s", "fall_s"))
     imu = vehicle.imu
@@ -100,7 +102,7 @@ def _before_its_cause(look: Look, found: Fitted) -> bool:
         "gyro_lag": imu.gyro_lag_s / period,
         "accel_lag": imu.accel_lag_s / period,
     }
-    return any(float(found.value(name)[0]) < -since - EARLIEST for name, since in least.items())
+    return any(float(found.value(name)[0]) < -since - (GAINED if name in DROOPS else EARLIEST) for name, since in least.items())
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, FiniteFloat, field_validator, model_validator
@@ -116,6 +116,11 @@ class Environment(Section):
         return np.array([0.0, 0.0, self.gravity_m_s2 if self.kind == "planar" else 0.0])
 
 
+MOST_DROOP = 0.2
+"""Part of its thrust that a jet may lose for each further one."""
+Droop = Annotated[NonNegative, Field(le=MOST_DROOP)]
+
+
 class Thrust(Section):
     """Uncertainty and dynamics of the actuators."""
 
@@ -123,10 +128,8 @@ class Thrust(Section):
     pulse_sigma: NonNegative = Field(0.0, description="relative, independent per cycle's pulse")
     lag_s: NonNegative | Literal["auto"] = Field(0.0, description='first-order lag of thrust or wrench; "auto": estimated from the log')
     lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
-    droop: NonNegative = Field(0.0, le=0.2, description="part of its thrust that a jet loses for each further one while that is open")
-    cycle_droop: NonNegative = Field(
-        0.0, le=0.2, description="the same for each further one that fires in the cycle, however long: of a supply slower than a pulse"
-    )
+    droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each further one while that is open")
+    cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
     lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
 
     @property

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
@@ -115,6 +116,18 @@ def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array,
             lost = pulse_integrals(start_s, beside_s, vehicle.jets, touching_s, edges_s, lag_s)
             integral, moment = integral - droop * lost[0], moment - droop * lost[1]
     return integral, moment
+
+
+def check_supply(log: Log, vehicle: Vehicle, source: str) -> None:
+    """:class:`InputError` where so many jets fire together that each would lose all its thrust, and more."""
+    if log.command_kind != "jets" or vehicle.thrust.droop + vehicle.thrust.cycle_droop == 0:
+        return
+    together = int((log.command > 0).sum(1).max(initial=0))
+    if (vehicle.thrust.droop + vehicle.thrust.cycle_droop) * (together - 1) >= 1:
+        raise InputError(
+            f"{source}: thrust.droop = {vehicle.thrust.droop:g} and thrust.cycle_droop = {vehicle.thrust.cycle_droop:g}: in {log.path} "
+            f"{together} jets fire together, and would give nothing; state what one loses for each further one, as a part of its thrust"
+        )
 
 
 def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:

@@ -151,7 +151,7 @@ def physical(conclusion: Conclusion) -> Physical:
         consistent=not (broken and broken.certain) if told else None,
         principal_moments=[float(moment) for moment in moments] if told else None,
         note=broken.said if broken else "",
-        nearest_consistent=matrix(nearest_consistent(conclusion.inertia)) if broken else None,
+        nearest_consistent=matrix(nearest_consistent(conclusion.inertia)) if broken and broken.of_inertia else None,
     )
 
 

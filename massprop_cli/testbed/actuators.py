@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.testbed.scenario import Scenario
 
 TOUCHING = 1e-3
@@ -87,6 +88,9 @@ class Actuators:
         none = np.zeros_like(self.issued[:, source])
         around = [self.issued[:, k] if 0 <= k < self.issued.shape[1] else none for k in (source - 1, source, source + 1)]
         self._add(around, self.strength[:, source], start_s, thrust)
+        together = int((around[1] > 0).sum(1).max(initial=0))
+        if self.on_jets and (self.droop + self.cycle_droop) * (together - 1) >= 1:
+            raise InputError(f"scenario {self.scenario.name}: {together} jets fire together, and by their droop give nothing; state less")
         for droop, while_open in ((self.droop, True), (self.cycle_droop, False)):
             for other in range(none.shape[1]) if droop and self.on_jets else ():
                 theirs = [command[:, other, None] for command in around]

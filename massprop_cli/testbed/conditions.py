@@ -9,6 +9,7 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.equipment import Droop
 from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
 from massprop_cli.inputs.vehicle import PRODUCTS
 
@@ -86,8 +87,8 @@ class Actuators(Section):
     delay_cycles: NonNegative | None = Field(None, description="true delay, may be fractional")
     lag_s: NonNegative | None = Field(None, description="true first-order lag")
     scale: Positive = Field(1.0, description="true thrust over the vehicle file's")
-    droop: NonNegative | None = Field(None, le=0.2, description="part of its thrust that a jet loses for each further one while open")
-    cycle_droop: NonNegative | None = Field(None, le=0.2, description="the same for each further one that fires in the cycle")
+    droop: Droop | None = Field(None, description="part of its thrust that a jet loses for each further one while that is open")
+    cycle_droop: Droop | None = Field(None, description="the same for each further one that fires in the cycle")
     pulse_sigma: NonNegative | None = Field(None, description="relative error of each pulse")
     max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")

@@ -11,6 +11,7 @@ from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
+from massprop_cli.result.build import physical
 from tests import flight
 
 SIZES = np.array([4.0] * 6 + [0.5] * 3 + [16.0])
@@ -183,6 +184,17 @@ def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> 
     assert none is not None
     assert none.certain
     assert breach(drawn([0.9, 1.6, 2.4])) is None
+
+
+def test_a_mass_below_its_bearings_is_none_and_has_no_nearest_inertia() -> None:
+    """Also of an inertia that is not wholly informed, of which nothing is near."""
+    whole = conclude(history(), vehicle())
+    partly = replace(whole, estimates=whole.estimates | {"izz": Estimate(None, None, "kg m^2", "not_excited", None, "")})
+    for one in (whole, partly):
+        found = physical(replace(one, rotating_mass=-0.5))
+        assert "the mass is less than its bearing's: -0.5 kg" in found.note
+        assert found.nearest_consistent is None
+    assert physical(partly).note == ""
 
 
 def test_the_nearest_consistent_inertia_is_one_that_a_body_could_have() -> None:

@@ -313,7 +313,7 @@ def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: s
             wrong = replace(log, **{column: 0 * getattr(log, column)})
         found = faulty.examined(wrong, used)
         (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
-        assert ("no more than by chance" if kind.startswith("another") else "the very same in every cycle") in said
+        assert ("hardly follows the commands" if kind.startswith("another") else "reads 0 in every cycle") in said
         assert "converged" not in faulty.verdicts(found).values()
 
 

@@ -1,17 +1,20 @@
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.actuators import held, jet_integrals, pulse_integrals, pulses
+from massprop_cli.prepare.actuators import check_supply, held, jet_integrals, pulse_integrals, pulses
 from massprop_cli.prepare.align import align
 from massprop_cli.prepare.signal import Signal, window_integrals
-from tests import flight
+from tests import faulty, flight
 
 EDGES = np.linspace(0.0, 1.0, 21)
 
@@ -187,6 +190,15 @@ def test_a_drifting_clock_moves_commands_by_what_it_is_ahead(ppm: float) -> None
     np.testing.assert_allclose(aligned.duration_s, flight.CYCLE * pace)
     # a part of the log keeps the time at which both clocks agreed
     np.testing.assert_allclose(align(log.part(90, 130), used, 2.0, 0.0).channels.whole[:, 0], overlap[90:130], atol=1e-12)
+
+
+def test_a_droop_that_leaves_no_thrust_is_refused() -> None:
+    log, used = faulty.sample("free-flyer", 30.0)
+    most = int((log.command > 0).sum(1).max())
+    for part, refused in ((1 / most, False), (1 / (most - 1), True)):
+        found = faulty.stated(used, f"thrust.cycle_droop={part}")
+        with pytest.raises(InputError, match=f"{most} jets fire together, and would give nothing") if refused else nullcontext():
+            check_supply(log, found, "v.toml")
 
 
 @pytest.mark.parametrize("key", ["droop", "cycle_droop"])
