@@ -388,7 +388,7 @@ class Cells:
                 )
             if not is_number:
                 mend = "mend the cell"
-                if _INSTANT.match(str(cell)):
+                if self.instants:  # from the first row on
                     mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
                 elif _DATED.search(str(cell)):
                     mend += "; a date and time is ISO 8601's, 2024-05-01T12:00:00.125"
