@@ -11,6 +11,7 @@ from fault_vehicles import Case, Subject
 
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.prepare.actuators import together
 
 FINE = 20
 """Records per cycle that a drifting clock is sampled from."""
@@ -142,7 +143,7 @@ def _rise(s: Subject, _: Random, cycles: float, ramps: tuple[str, ...] = ("rise_
 
 
 def _droop(s: Subject, rng: Random, key: str) -> Drawn | None:
-    if not s.vehicle.jets or not ((s.clean.log.command > 0).sum(1) > 1).any():
+    if together(s.clean.log) < 2:
         return None
     part = float(np.exp(rng.uniform(np.log(0.003), np.log(0.03))))
     what = f"each jet loses {100 * part:.2g} % beside each further one"

@@ -76,8 +76,8 @@ def names(logs: Sequence[Found]) -> list[str]:
     digest of their path. Names differ in more than upper and lower case. What a file system may refuse becomes "_".
     """
     depth = [max(log.below, 1) for log in logs]
-    stems = Counter((log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))) for log in logs)
-    twins = [stems[log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))] > 1 for log in logs]
+    stems = [(*log.parts[:-1], foldername.same(foldername.stem(log.parts[-1]))) for log in logs]
+    twins = [times > 1 for times in map(Counter(stems).__getitem__, stems)]
     found = [_name(*one) for one in zip(logs, depth, twins, strict=True)]
     for _ in range(max((len(log.parts) for log in logs), default=0)):
         same = _shared(found)

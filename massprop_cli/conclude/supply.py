@@ -16,6 +16,7 @@ from massprop_cli.conclude.taken import Taken, having
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.sensitivity import Side, Variant
+from massprop_cli.prepare.actuators import together
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -29,7 +30,7 @@ RESTED_S = 1.0
 
 def droop(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Iterator[Taken]:
     """Thrust that falls with the number of jets that fire, at once or cycle by cycle; each is tested by itself."""
-    if not ((log.command > 0).sum(1) > 1).any():
+    if together(log) < 2:
         return
     thrust = vehicle.thrust
     stated = bool({"droop", "cycle_droop"} & thrust.model_fields_set)

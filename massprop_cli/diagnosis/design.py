@@ -24,7 +24,7 @@ from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import integrals_about
 from massprop_cli.model.plant import plant_of
 from massprop_cli.prepare import lowpass
-from massprop_cli.prepare.actuators import channel_wrench
+from massprop_cli.prepare.actuators import channel_wrench, together
 from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.sums import net
@@ -216,7 +216,7 @@ def _otherwise(log: Log, vehicle: Vehicle) -> Iterator[tuple[str, Vehicle, float
         return
     for name, ramp in zip(RAMPS, ("rise_s", "fall_s"), strict=True):
         yield name, _slower(vehicle, ramp), SLOWER
-    if ((log.command > 0).sum(1) > 1).any():
+    if together(log) > 1:
         for name, key in zip(SUPPLY, ("droop", "cycle_droop"), strict=True):
             thrust = vehicle.thrust.model_copy(update={key: getattr(vehicle.thrust, key) + SAGGED})
             yield name, Vehicle.model_construct(**{**dict(vehicle), "thrust": thrust}), SAGGED

@@ -49,6 +49,10 @@ TRIED = (
     "fuel use, a change of the mass properties, and pairs of these"
 )
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
+UNANSWERED = (
+    "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
+    f"its clock, and were they executed? {TRIED}"
+)
 ANSWERED = 30.0
 """Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
 of another recording six, and shifted by some cycles 20."""
@@ -120,7 +124,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     if found is not None and found.score < least:
         return found
     if not moved and look.loud:
-        return Diagnosis(unknown=_unanswered())
+        return Diagnosis(unknown=UNANSWERED)
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
 
 
@@ -352,14 +356,6 @@ def _two_channels(look: Look) -> Diagnosis | None:
             for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
         ),
         score=trial.score,
-    )
-
-
-def _unanswered() -> str:
-    """Of commands that nothing follows."""
-    return (
-        "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they "
-        f"this recording's, on its clock, and were they executed? {TRIED}"
     )
 
 

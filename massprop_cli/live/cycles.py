@@ -52,9 +52,6 @@ class Gatherer:
             if absurd:
                 raise RecordError(absurd)
         if self.records:
-            missing = self._uncommanded(record) if self.records == 1 else ""
-            if missing:
-                raise RecordError(missing)
             return self._next(record, interval)
         self._begun.append(record)
         self._last_s = record.time_s
@@ -71,9 +68,12 @@ class Gatherer:
         absurd = self._absurd(begun[0], self.usual_s)
         if absurd:
             raise InputError(f"standard input: the first record: {absurd}; begin a new recording")
-        made = self._added(begun[0], self.usual_s)
-        for record, interval in zip(begun[1:], map(float, steps), strict=True):
-            made += self._next(record, interval)
+        try:
+            made = self._added(begun[0], self.usual_s)
+            for record, interval in zip(begun[1:], map(float, steps), strict=True):
+                made += self._next(record, interval)
+        except RecordError as error:  # they have been kept
+            raise InputError(f"standard input: {error}") from None
         return made
 
     def _next(self, record: Record, interval: float) -> list[Cycle]:
@@ -110,11 +110,12 @@ class Gatherer:
 
     def _added(self, record: Record, interval: float) -> list[Cycle]:
         first = self._own[0][0] if self._own else record
-        missing = self._uncommanded(record) if first is record else ""
-        if missing:
-            raise InputError(f"standard input: {missing}")
         for name in self.columns.commands:
             value = record.numbers[name]
+            if first is record and math.isnan(value):
+                missing = f"no {name} in the first record of its control cycle, {record.time_s:.9g} s; write 0 for none"
+                # left out, it takes its cycle with it; of several records the others would be none
+                raise RecordError(missing) if self.records == 1 else InputError(f"standard input: {missing}")
             if not math.isnan(value) and value != first.numbers[name]:
                 raise InputError(
                     f"standard input: {name} changes within a control cycle, at {record.time_s:.9g} s; commands change at cycle starts "
@@ -125,11 +126,6 @@ class Gatherer:
             return []
         own, self._own = self._own, []
         return [self._cycle(own)]
-
-    def _uncommanded(self, record: Record) -> str:
-        """Which command is lacking in the first record of a cycle; empty where none is."""
-        lacking = next((name for name in self.columns.commands if math.isnan(record.numbers[name])), None)
-        return f"no {lacking} in the first record of its control cycle, {record.time_s:.9g} s; write 0 for none" if lacking else ""
 
     def _cycle(self, own: list[tuple[Record, float]]) -> Cycle:
         columns, last = self.columns, own[-1][0]

@@ -120,14 +120,17 @@ def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array,
 
 def check_supply(log: Log, vehicle: Vehicle, source: str) -> None:
     """:class:`InputError` where so many jets fire together that each would lose all its thrust, and more."""
-    if log.command_kind != "jets" or vehicle.thrust.droop + vehicle.thrust.cycle_droop == 0:
-        return
-    together = int((log.command > 0).sum(1).max(initial=0))
-    if (vehicle.thrust.droop + vehicle.thrust.cycle_droop) * (together - 1) >= 1:
+    most, thrust = together(log), vehicle.thrust
+    if (thrust.droop + thrust.cycle_droop) * (most - 1) >= 1:
         raise InputError(
-            f"{source}: thrust.droop = {vehicle.thrust.droop:g} and thrust.cycle_droop = {vehicle.thrust.cycle_droop:g}: in {log.path} "
-            f"{together} jets fire together, and would give nothing; state what one loses for each further one, as a part of its thrust"
+            f"{source}: thrust.droop = {thrust.droop:g} and thrust.cycle_droop = {thrust.cycle_droop:g}: in {log.path} {most} jets fire "
+            "together, and would give nothing; state what one loses for each further one, as a part of its thrust"
         )
+
+
+def together(log: Log) -> int:
+    """How many jets fire in one cycle at most; 0 of a log without jets."""
+    return int((log.command > 0).sum(1).max(initial=0)) if log.command_kind == "jets" else 0
 
 
 def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:

@@ -70,7 +70,7 @@ def test_a_torque_is_no_noise_of_the_gyro(key: str) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rounding_decides_no_level(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of columns that are sums of others it leaves some, which another CPU's kernels leave otherwise: levels had moved by a tenth."""
+    """Of columns that are sums of others it leaves some, which another CPU's kernels leave otherwise: levels had moved with it."""
     flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "disturbance.torque_n_m=0.02", "disturbance.walk_n_m=5e-4"]), [seed])
     log, used = flown.log(0), resolved(flown.vehicle)
     rng, integrals = np.random.default_rng(seed), lifted.integrals_about
