@@ -134,7 +134,7 @@ def validate(model: type[Model], data: Mapping[str, Any], source: str, text: str
         path = [str(part) for part in first["loc"] if not str(part).startswith(_INTERNAL)]
         path += [str(first["ctx"][KEY])] if KEY in first.get("ctx", {}) else []
         blamed = [a for a in assignments if path[: len(_path(a))] == _path(a) or _path(a)[: len(path)] == path]
-        line = _line_of(text, path)
+        line = line_of(text, path)
         where = f"setting {blamed[-1]}" if blamed else f"{source}, line {line}" if line else source
         raise InputError(f"{where}: {_explain(model, first, path)}") from None
 
@@ -215,7 +215,7 @@ def _alternatives(node: dict[str, Any], definitions: dict[str, Any]) -> list[dic
     return [node]
 
 
-def _line_of(text: str, path: list[str]) -> int | None:
+def line_of(text: str, path: list[str]) -> int | None:
     """The line on which ``path`` is set, or its table begins; ``None`` where it can't be found."""
     wanted = [part for part in path if not part.isdigit()]
     indices = [int(part) for part in path if part.isdigit()]

@@ -63,7 +63,7 @@ def test_what_names_units_and_clocks_settle_is_filled_in() -> None:
         'frame = "?"',
     ]
     assert propose.questions(text) == 4
-    with pytest.raises(InputError, match=r"m.toml, line 6: gyro.values = '\?': must be 'sample', 'mean' or 'increment'"):
+    with pytest.raises(InputError, match=r'm.toml, line 6: gyro.values is still "\?"; so are lines 11, 15, 19; answer each'):
         mapfile.parse(text, "m.toml")
     answered = text.replace('values = "?"', 'values = "sample"').replace('frame = "?"', 'frame = "body"')
     assert mapfile.parse(answered, "m.toml").map.records is not None

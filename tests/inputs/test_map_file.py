@@ -132,3 +132,14 @@ def test_the_map_file_of_the_documentation_is_one() -> None:
     assert said.records is not None
     assert said.force is not None
     assert said.force.frame == "world"
+
+
+def test_all_questions_that_are_left_in_a_draft_are_told_at_once_by_their_lines() -> None:
+    asked = IDENTITY.replace('unit = "ms"', 'unit = "?"').replace('["p", "q", "r"]', '["p", "?", "r"]').replace('"increment"', '"?"')
+    with pytest.raises(InputError, match=r'^own\.map\.toml, line 3: clock\.unit is still "\?"; so are lines 5, 7, 11; answer each'):
+        mapfile.parse(asked, "own.map.toml")
+    with pytest.raises(InputError, match=r'^own\.map\.toml, line 3: clock\.path is still "\?"; answer each'):
+        mapfile.parse(IDENTITY.replace('path = "t_ms", unit = "ms"', 'path = "?", unit = "?"'), "own.map.toml")
+    # three columns of one letter are no question
+    torque = '[torque]\npaths = [0, 0, 0]\nunit = "N m"\n[force]\npaths = [0, 0, 0]\nunit = "N"\n'
+    assert mapfile.parse(IDENTITY.replace('["p", "q", "r"]', '"?"') + torque, "own.map.toml").map.gyro.paths == "?"

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, StringConstraints, mode
 
 from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats.recording import maps_beside
 from massprop_cli.inputs.section import Positive, Real, Section
 
@@ -196,8 +197,32 @@ class MapSource:
 
 def parse(text: str, source: str, named: bool = True) -> MapSource:
     """Check a map file's text; :class:`massprop_cli.base.errors.InputError` names file, line and key."""
-    found = configfile.validate(MapFile, configfile.parse_toml(text, source), source, text)
+    stated = configfile.parse_toml(text, source)
+    configfile.bounded(stated, source)
+    _refuse_open(stated, source, text)
+    found = configfile.validate(MapFile, stated, source, text)
     return MapSource(found, source, hashlib.sha256(text.encode()).hexdigest(), named)
+
+
+def _refuse_open(stated: dict[str, Any], source: str, text: str) -> None:
+    """Refuse what a draft asks and nobody answered, all of it at once."""
+    first, *more = _open(stated, []) or [[]]
+    if not first:
+        return
+    at, *others = (configfile.line_of(text, path) for path in (first, *more))
+    lines = sorted({line for line in others if line} - {at})
+    beside = f"; so {'are lines' if len(lines) > 1 else 'is line'} {', '.join(map(str, lines))}" if lines else ""
+    said = "answer each: its comment in the draft says what it may be"
+    raise InputError(f'{source}, line {at}: {".".join(first)} is still "?"{beside}; {said}')
+
+
+def _open(item: object, path: list[str]) -> list[list[str]]:
+    """Where a question is left; ``paths = "?"`` is none, but a pattern that fits columns of one letter."""
+    if isinstance(item, dict):
+        return [found for key, part in item.items() for found in _open(part, [*path, key])]
+    if isinstance(item, list):
+        return [path] if "?" in item else []
+    return [path] if item == "?" and path[-1] != "paths" else []
 
 
 def load(path: Path, named: bool = True) -> MapSource:
