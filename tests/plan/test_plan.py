@@ -224,6 +224,15 @@ def test_a_vehicle_file_without_nominal_values_asks_for_a_guess(folder: Path) ->
     assert "says nothing of ixx, iyy, izz, mass; a plan needs a rough guess" in done.stderr
 
 
+def test_a_guess_that_no_body_is_like_is_told(folder: Path, made: Made) -> None:
+    values = dict(zip(QUANTITIES, BODY.values.tolist(), strict=True)) | {"izz": 2 * float(BODY.ixx + BODY.iyy)}
+    (folder / "flat.toml").write_text("[body]\n" + "\n".join(f"{name} = {value!r}" for name, value in values.items()))
+    asked = Asked(precise("mass 20 %"), max_time_s=1.0)
+    told = flow.make(folder / "vehicle.toml", folder / "flat.toml", asked, lambda *_: None).plan.notes
+    assert [note for note in told if "triangle inequality" in note]
+    assert not [note for note in made.plan.notes if "triangle inequality" in note]
+
+
 def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
     source = parse((folder / "vehicle.toml").read_text(), "vehicle.toml")
     known = guess.load(folder / "guess.toml", source)
