@@ -13,8 +13,9 @@ from massprop_cli.base.arrays import BoolArray
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.result.schema import Item
 
-Subject = Literal["sampling", "imu", "commands", "timing", "attitude", "model", "excitation"]
+Subject = Literal["reading", "sampling", "imu", "commands", "timing", "attitude", "model", "excitation"]
 SUBJECTS: dict[Subject, str] = {
+    "reading": "what the file holds",
     "sampling": "time of the records",
     "imu": "gyro and accelerometer",
     "commands": "commands",

@@ -106,7 +106,7 @@ def _times(table: Table, vehicle: Vehicle) -> Array:
 
 
 def _unusable(message: str) -> Finding:
-    return Finding(subject="sampling", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
+    return Finding(subject="reading", code="unusable", grade="unusable", what=message, where="", sure="certain", remedy="")
 
 
 def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:

@@ -51,6 +51,10 @@ class Gatherer:
             absurd = self._absurd(record, interval)
             if absurd:
                 raise RecordError(absurd)
+        else:
+            uncommanded = next((name for name in self.columns.commands if math.isnan(record.numbers[name])), None)
+            if uncommanded is not None:
+                raise RecordError(f"no {uncommanded}; the recording begins with the first record that has all commands (0 for none)")
         if self.records:
             return self._next(record, interval)
         self._begun.append(record)

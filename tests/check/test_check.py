@@ -116,6 +116,15 @@ def test_all_faults_of_the_clock_are_told_with_their_rows(clean: Path, tmp_path:
     assert len(suite.findall(".//testcase[@name='sampling']/error")) == 3
 
 
+def test_a_cell_that_can_not_be_read_is_no_fault_of_the_clock(clean: Path, tmp_path: Path) -> None:
+    def change(columns: Columns) -> None:
+        columns["delta_v_y_m_s"][30] = np.nan
+
+    (one,) = spoiled(clean, tmp_path, change).findings
+    assert (one.subject, one.code, one.grade) == ("reading", "unusable", "unusable")
+    assert "row 30, column delta_v_y_m_s" in one.what
+
+
 def slow(columns: Columns) -> None:
     columns["time_s"] *= 1.01
 

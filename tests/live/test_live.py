@@ -146,6 +146,19 @@ def test_a_bad_record_is_told_and_left_out(kind: str) -> None:
     assert said == followed("free-flyer", lines)[0]
 
 
+@pytest.mark.parametrize("name", ["free-flyer", "high-rate"])
+def test_a_recording_begins_with_its_first_command(name: str) -> None:
+    """Records that come before, in the middle of a cycle or of a second in which nobody commands, are left out."""
+    lines = recorded(name)[:301]
+    first = next(i for i, column in enumerate(lines[0].replace('"', "").split(",")) if column.startswith("jet_"))
+    cells = [line.rstrip("\n").split(",") for line in lines[1:41]]
+    before = [",".join([*row[:first], *["" for _ in row[first:]]]) + "\n" for row in cells]
+    said, kept, warned = followed(name, [lines[0], *before, *lines[41:]])
+    assert len(warned) == 40
+    assert warned[-1].startswith("standard input, line 41: left out: no jet_")
+    assert (said, kept) == followed(name, [lines[0], *lines[41:]])[:2]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_times_that_scatter_at_the_beginning_do_not_miscount_the_records(seed: int) -> None:
     """By 4 % of an interval; by the first one alone six of eight such recordings had been refused."""
