@@ -15,6 +15,8 @@ from massprop_cli.prepare.actuators import together
 
 FINE = 20
 """Records per cycle that a drifting clock is sampled from."""
+LEAST = 4
+"""Pulses of a jet that fails for a time, before, in and after it."""
 Random = np.random.Generator
 
 
@@ -64,6 +66,26 @@ def _dead(s: Subject, rng: Random, count: int) -> Drawn | None:
     jets = [str(jet) for jet in rng.choice(s.fired, count, replace=False)]
     dues = tuple(Due(("jet-dead",), (jet,), frozenset(jets)) for jet in jets)
     return Drawn(s.flown(failing(jets)), dues, f"{' and '.join(jets)} dead")
+
+
+def _for_a_time(s: Subject, rng: Random, code: str, factors: tuple[float, float], lasting: tuple[float, float] | None) -> Drawn | None:
+    """From one of its pulses on, or for so many parts of them."""
+    names, log = [one.name for one in s.vehicle.jets], s.clean.log
+    often = [jet for jet in s.fired if (log.command[:, names.index(jet)] > 0).sum() >= 4 * LEAST]
+    if not often:
+        return None
+    jet, factor = str(rng.choice(often)), float(rng.uniform(*factors))
+    begun = log.cycle_end_s + (float(s.vehicle.cycle.command_delay_cycles) - 1) * s.period_s
+    pulses = begun[log.command[:, names.index(jet)] > 0]
+    first = int(rng.integers(LEAST, len(pulses) - 2 * LEAST))
+    last = len(pulses) if lasting is None else first + max(int(len(pulses) * rng.uniform(*lasting)), LEAST)
+    start, end = (pulses[i] - s.period_s / 2 if i < len(pulses) else None for i in (first, last))
+    fails = f'jet="{jet}", thrust={factor}, start_s={start}' + ("" if end is None else f", end_s={end}")
+    when = Number(float(pulses[first]), 2 * s.period_s)
+    # where the failure goes on through a phase, it is all along in that
+    words = () if len(s.vehicle.phases) > 1 else (when,)
+    what = f"{jet} gives {factor:.0%} from {when.value:.4g} s on" + ("" if end is None else f" to {end:.4g} s")
+    return Drawn(s.flown(f"actuators.failures=[{{{fails}}}]"), due(code, *words, channels=[jet]), what)
 
 
 def _weak(s: Subject, rng: Random, factor: float) -> Drawn | None:
@@ -189,6 +211,17 @@ THRUST = (
     Fault("jet-reversed", "one jet reversed", _reversed),
     Fault("jet-dead", "one jet dead", partial(_dead, count=1)),
     Fault("jets-dead", "two jets dead", partial(_dead, count=2)),
+    Fault("jet-dies", "one jet dead from some moment on", partial(_for_a_time, code="jet-dead", factors=(0.0, 0.0), lasting=None)),
+    Fault(
+        "jet-fades",
+        "one jet at 50 to 90 % from some moment on",
+        partial(_for_a_time, code="thrust-scale", factors=(0.5, 0.9), lasting=None),
+    ),
+    Fault(
+        "jet-sticks",
+        "one jet shut for 5 to 25 % of the log",
+        partial(_for_a_time, code="jet-dead", factors=(0.0, 0.0), lasting=(0.05, 0.25)),
+    ),
     Fault("jet-weak", "one jet at 80 %", partial(_weak, factor=0.8)),
     Fault("jet-strong", "one jet at 120 %", partial(_weak, factor=1.2)),
     Fault("jet-10mm", "one jet 10 mm out of place", partial(_misplaced, metres=0.01)),

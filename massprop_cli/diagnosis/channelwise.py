@@ -138,13 +138,13 @@ def beside_torques(
 
 def _free(design: Design, turning: Told, beside: tuple[Disturbance, ...]) -> Free:
     count = len(design.mean)
-    slow = _waves(count, SLOW if "east" in design.places else 0)
+    slow = waves(count, SLOW if "east" in design.places else 0)
     felt = reduced(np.hstack([slow, design.mean])[design.used[:, 1]], design.force[design.used[:, 1]], slow.shape[1])
     signal = np.repeat([np.sqrt((part**2).mean()) for part in (design.rate, design.force)], 3)
     return Free(design.places, design.fired, design.level, signal, turning, felt, beside, design.clock_s)
 
 
-def _waves(count: int, most: int) -> Array:
+def waves(count: int, most: int) -> Array:
     """(count, most) cosines of one and more half-waves."""
     found: Array = np.cos(np.pi * np.outer((np.arange(count) + 0.5) / count, np.arange(1, most + 1)))
     return found

@@ -76,6 +76,11 @@ class Design:
     """(K, 2) whether gyro and accelerometer are."""
     clock_s: tuple[float, float]
     """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
+    acted: tuple[Array, Array]
+    """(K, C) s each: what the channels that fired did under the rising half of each cycle's window, and under the falling one."""
+    start_s: Array
+    """(K,) of each cycle."""
+    duration_s: Array
 
     @property
     def driven(self) -> Driven:
@@ -142,7 +147,8 @@ class Designs:
                 places = _places(parts)
         if count < ENOUGH * _wide(places):
             raise InputError(f"{log.path}: {count} cycles are too few for {_wide(places)} free columns")
-        fired = np.flatnonzero((samples.executed.channels.whole[cycles] != 0).any(0))
+        acted = samples.executed.channels
+        fired = np.flatnonzero((acted.whole[cycles] != 0).any(0))
         growth, mean = (np.concatenate([part[i] for part in parts], 1) for i in (1, 2))
         rate = samples.rate_rad_s[cycles]
         if theta is not None:
@@ -160,6 +166,9 @@ class Designs:
             np.eye(3) - up.T @ up / len(up),
             ~samples.executed.ignored[cycles],
             (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
+            (acted.rising[cycles][:, fired], (acted.whole - acted.rising)[cycles][:, fired]),
+            samples.executed.start_s[cycles],
+            samples.executed.duration_s[cycles],
         )
 
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
@@ -178,8 +187,8 @@ class Designs:
     def _impulses(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> Impulses:
         """What the commands do, as before where nothing differs that they go by."""
         times = tuple((jet.rise_s, jet.fall_s) for jet in vehicle.jets)
-        droops = vehicle.thrust.droop, vehicle.thrust.cycle_droop
-        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times, droops)
+        supply = vehicle.thrust.droop, vehicle.thrust.cycle_droop, vehicle.thrust.failures
+        key = (id(log.command), delay, lag_s, vehicle.imu.clock_drift_ppm, times, supply)
         if key not in self._made:
             if len(self._made) == KEPT:
                 del self._made[next(iter(self._made))]

@@ -21,6 +21,7 @@ from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of, skewed
 from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
@@ -46,7 +47,7 @@ a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, droop, clock drift, units, scales, "
     "biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, "
-    "fuel use, a change of the mass properties, and pairs of these"
+    "fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
 )
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 UNANSWERED = (
@@ -112,7 +113,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         return Diagnosis(unknown=DEAD)
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
-    found = _instead(look, alone, wandering) or _chosen(look, alone)
+    found = _for_a_time(look, _instead(look, alone, wandering) or _chosen(look, alone))
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
@@ -136,6 +137,18 @@ def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> l
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, pair]
     return [pair, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, pair]
+
+
+def _for_a_time(look: Look, found: Diagnosis | None) -> Diagnosis | None:
+    """A jet that fails for a time, where that explains more than what was ``found``."""
+    each = episodes(look)
+    if not each or (found is not None and found.score < each[0].score + CLEAR):
+        return found
+    best, vehicle = each[0], look.case.vehicle
+    message = f"the log fits if {', or else '.join(one.words for one in each)}; look at its valve and supply, and state thrust.failures"
+    near = (best.cure(vehicle, 1.0),) if best.sigma else ()
+    said = Explanation(best.code, message, best.cure(vehicle), around=near, rivals=tuple(one.cure(vehicle) for one in each[1:]))
+    return Diagnosis((said,), score=best.score)
 
 
 def _alone(look: Look) -> list[Trial]:

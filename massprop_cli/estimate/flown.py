@@ -46,6 +46,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "thrust.lag_s is not 0, and the kernel knows no lag"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:
         return "thrust.droop or thrust.cycle_droop is not 0, and the kernel takes each jet's thrust as its own"
+    if vehicle.thrust.failures:
+        return "thrust.failures is not empty, and the kernel takes each jet's thrust as the same throughout"
     if len(vehicle.jets) > COMMANDS:
         return f"{len(vehicle.jets)} jets, and the kernel holds {COMMANDS}"
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)

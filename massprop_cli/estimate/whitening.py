@@ -128,7 +128,7 @@ def by_products(rates: Driven, disturbances: Sequence[Disturbance]) -> list[floa
     Infinite where rounding leaves nothing.
     """
     costs = []
-    for beside, white, volume in _white(rates, disturbances):
+    for beside, white, volume in white_rows(rates, disturbances):
         walks = beside.walk > 0 and rates.steady is not None
         if walks:  # it stands last, but for the rates
             white = np.delete(white, -4, 1)
@@ -150,7 +150,7 @@ def _begun(white: Array) -> float:
     return float(np.linalg.norm(torque - rate * (rate @ torque) / (rate @ rate)))
 
 
-def _white(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[tuple[Disturbance, Array, float]]:
+def white_rows(rates: Driven, disturbances: Sequence[Disturbance]) -> Iterator[tuple[Disturbance, Array, float]]:
     """Beside each: white rows (K, began + p + 3) of its unknown beginnings, the columns and the rates, and their volume."""
     rows, spread = _innovations(rates, disturbances)
     volume = 3 * np.log(spread).sum(1)
@@ -192,7 +192,7 @@ def each(rates: Driven, disturbances: Sequence[Disturbance], distinct: BoolArray
     others, the same for all that are compared; by default as the first disturbance has them.
     """
     found = []
-    for beside, white, volume in _white(rates, disturbances):
+    for beside, white, volume in white_rows(rates, disturbances):
         began = white.shape[1] - 3 - rates.growth.shape[1]
         told = reduced(-white[:, :-3], white[:, -3:], began, int(rates.used.sum()))._replace(volume=volume)
         distinct = _distinct(told.triangle) if distinct is None else distinct

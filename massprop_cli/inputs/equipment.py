@@ -7,10 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat, field_validator, model_validator
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.inputs.section import IDENTITY, ZERO, NonNegative, Place, Positive, Real, Section, Vector
 
 FASTEST_PPM = 1e5
+EDGE = 1e-9
+"""s, within which a pulse begins at a time."""
 
 
 EnvironmentKind = Literal["free", "air_bearing", "planar"]
@@ -121,6 +123,30 @@ MOST_DROOP = 0.2
 Droop = Annotated[NonNegative, Field(le=MOST_DROOP)]
 
 
+class Failure(Section):
+    """A jet that for a time does not do what it is stated to."""
+
+    jet: str
+    thrust: FiniteFloat = Field(0.0, description="factor on its thrust: 0 dead, 0.8 weak, -1 mounted the wrong way")
+    start_s: FiniteFloat | None = Field(None, description="of pulses that begin from then on, by the log's clock; absent: from its start")
+    end_s: FiniteFloat | None = Field(None, description="... and before then; absent: to its end")
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> Failure:
+        if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
+            raise ValueError(
+                f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s never happens; mend start_s or end_s"
+            )
+        return self
+
+    def of(self, begin_s: Array) -> BoolArray:
+        """Which of pulses that begin then are of it."""
+        early = -np.inf if self.start_s is None else self.start_s
+        late = np.inf if self.end_s is None else self.end_s
+        found: BoolArray = (begin_s >= early - EDGE) & (begin_s < late - EDGE)
+        return found
+
+
 class Thrust(Section):
     """Uncertainty and dynamics of the actuators."""
 
@@ -130,6 +156,7 @@ class Thrust(Section):
     lag_sigma_s: NonNegative = Field(0.0, description="one sigma of a stated lag; goes into every sigma")
     droop: Droop = Field(0.0, description="part of its thrust that a jet loses for each further one while that is open")
     cycle_droop: Droop = Field(0.0, description="the same for each further one that fires in the cycle: of a supply slower than a pulse")
+    failures: tuple[Failure, ...] = Field((), max_length=64, description="of jets, each for a time")
     lag_delay_correlation: FiniteFloat = Field(0.0, ge=-1, le=1, description="of the errors of lag and command delay")
 
     @property

@@ -141,6 +141,10 @@ class Vehicle(Section):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
+        jets = [jet.name for jet in self.jets]
+        unknown = next((failure.jet for failure in self.thrust.failures if failure.jet not in jets), None)
+        if unknown is not None:
+            raise ValueError(f"thrust.failures names unknown jet {unknown!r}{configfile.nearest(unknown, jets, 'the nearest is')}")
         for first, second in combinations(self.phases, 2):
             if first.overlaps(second):
                 raise ValueError(

@@ -107,15 +107,32 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
 def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
     """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K): each jet's pulses, less what it loses.
 
-    Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse.
+    Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it
+    gives another part of its thrust.
     """
-    touching_s, thrust = TOUCHING * vehicle.cycle.period_s, vehicle.thrust
-    integral, moment = pulse_integrals(start_s, on_s, vehicle.jets, touching_s, edges_s, lag_s)
+    touching_s, thrust, strength = TOUCHING * vehicle.cycle.period_s, vehicle.thrust, strengths(start_s, vehicle)
+    if strength is not None:
+        on_s = np.where(strength == 0, 0.0, on_s)  # what doesn't open takes nothing from others
+    lasting = [(1.0, on_s)]
     for droop, while_open in ((thrust.droop, True), (thrust.cycle_droop, False)):
-        for beside_s in beside_others(on_s, while_open) if droop else ():
-            lost = pulse_integrals(start_s, beside_s, vehicle.jets, touching_s, edges_s, lag_s)
-            integral, moment = integral - droop * lost[0], moment - droop * lost[1]
+        lasting += [(-droop, beside_s) for beside_s in beside_others(on_s, while_open)] if droop else []
+    integral, moment = np.zeros((2, len(edges_s) - 1, len(on_s)))
+    for part, lasts_s in lasting:
+        for level in [1.0] if strength is None else np.unique(strength[strength != 0]).tolist():
+            own_s = lasts_s if strength is None else np.where(strength == level, lasts_s, 0.0)
+            one = pulse_integrals(start_s, own_s, vehicle.jets, touching_s, edges_s, lag_s)
+            integral, moment = integral + part * level * one[0], moment + part * level * one[1]
     return integral, moment
+
+
+def strengths(start_s: Array, vehicle: Vehicle) -> Array | None:
+    """(jets, K) what of its thrust each gives in pulses that begin then; None where all of them give all."""
+    if not vehicle.thrust.failures:
+        return None
+    found = np.ones((len(vehicle.jets), len(start_s)))
+    for failure in vehicle.thrust.failures:
+        found[[jet.name == failure.jet for jet in vehicle.jets]] *= np.where(failure.of(start_s), failure.thrust, 1.0)
+    return found
 
 
 def check_supply(log: Log, vehicle: Vehicle, source: str) -> None:

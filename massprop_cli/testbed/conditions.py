@@ -9,7 +9,7 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
-from massprop_cli.inputs.equipment import Droop
+from massprop_cli.inputs.equipment import Droop, Failure
 from massprop_cli.inputs.section import ZERO, NonNegative, Positive, Section, Vector
 from massprop_cli.inputs.vehicle import PRODUCTS
 
@@ -70,15 +70,6 @@ class Sensors(Section):
     log_attitude: bool = Field(False, description="write quat_w … quat_z")
 
 
-class Failure(Section):
-    """A jet that does not do what the vehicle file says."""
-
-    jet: str
-    thrust: FiniteFloat = Field(0.0, description="factor on its thrust: 0 dead, 0.8 weak, -1 mounted the wrong way")
-    start_s: NonNegative = 0.0
-    end_s: Positive | None = None
-
-
 class Actuators(Section):
     """Jets or wrench as they really are; absent: as the vehicle file states."""
 
@@ -94,7 +85,7 @@ class Actuators(Section):
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
     max_wheel_torque_n_m: Positive | None = Field(None, description="full torque on each of the vehicle's wheels")
     wheel_scale: Positive = Field(1.0, description="true spin inertia of the wheels over the vehicle file's")
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[Failure, ...] | None = Field(None, description="of jets; absent: as the vehicle file states")
 
 
 class Disturbance(Section):

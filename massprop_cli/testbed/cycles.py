@@ -209,9 +209,8 @@ def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Arr
     sigma = vehicle.thrust.pulse_sigma if real.pulse_sigma is None else real.pulse_sigma
     strength = real.scale * np.stack([1 + sigma * rng.standard_normal(shape) if sigma else np.ones(shape) for rng in rngs])
     start = vehicle.cycle.period_s * (np.arange(scenario.cycles) + scenario.delay_cycles)  # of execution
-    for failure in real.failures:
-        failed = (start >= failure.start_s - 1e-9) & (start < (np.inf if failure.end_s is None else failure.end_s) - 1e-9)
-        strength[:, failed, [jet.name for jet in vehicle.jets].index(failure.jet)] *= failure.thrust
+    for failure in scenario.failures:
+        strength[:, failure.of(start), [jet.name for jet in vehicle.jets].index(failure.jet)] *= failure.thrust
     actuators = Actuators(scenario, wrench, strength, edges_s)
     if issued is not None:
         actuators.issued[:] = issued

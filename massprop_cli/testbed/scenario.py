@@ -17,6 +17,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.equipment import Failure
 from massprop_cli.inputs.section import Positive
 from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
 from massprop_cli.testbed.conditions import Actuators, Body, Control, Disturbance, Fuel, Initial, Sensors
@@ -74,7 +75,7 @@ class Scenario(Timed):
     @model_validator(mode="after")
     def _is_coherent(self) -> Scenario:
         jets = [jet.name for jet in self.vehicle.jets]
-        for failure in self.actuators.failures:
+        for failure in self.actuators.failures or ():
             if failure.jet not in jets:
                 raise ValueError(
                     f"actuators.failures names unknown jet {failure.jet!r}{configfile.nearest(failure.jet, jets, 'the nearest is')}"
@@ -99,9 +100,9 @@ class Scenario(Timed):
         for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
             if isinstance(lag, float) and lag > SLOWEST_LAG * period:
                 raise ValueError(f"{name} = {lag:g} s is more than {SLOWEST_LAG:g} cycles; is it in seconds?")
-        for failure in self.actuators.failures:
-            if failure.start_s >= self.cycles * period or (failure.end_s is not None and failure.end_s <= failure.start_s):
-                raise ValueError(f"the failure of jet {failure.jet!r} from {failure.start_s:g} s never happens; mend start_s and end_s")
+        for failure in self.failures:
+            if failure.start_s is not None and failure.start_s >= self.cycles * period:
+                raise ValueError(f"the failure of jet {failure.jet!r} from {failure.start_s:g} s never happens; mend start_s")
         if self.vehicle.jets and (self.actuators.max_torque_n_m or self.actuators.max_force_n):
             raise ValueError("actuators.max_torque_n_m and max_force_n are for vehicles without jets; drop them")
         if not self.vehicle.jets and (self.actuators.pwm_tick_s or self.actuators.minimum_pulse_s):
@@ -264,6 +265,11 @@ class Scenario(Timed):
         """True delay from the start of the cycle that issues a command to the start of its execution."""
         stated = self.vehicle.cycle.command_delay_cycles
         return self.actuators.delay_cycles if self.actuators.delay_cycles is not None else float(stated)
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Of jets, as they really are."""
+        return self.vehicle.thrust.failures if self.actuators.failures is None else self.actuators.failures
 
 
 @dataclass(frozen=True)

@@ -134,6 +134,7 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
         ("drift.mass=0.1", "[drift] is stated"),
         ("thrust.lag_s=0.01", "thrust.lag_s is not 0"),
         ("thrust.droop=0.01", "thrust.droop or thrust.cycle_droop is not 0"),
+        ('thrust.failures=[{jet="roll_p1"}]', "thrust.failures is not empty"),
         ("imu.gyro_lag_s=0.01", "the kernel knows no low-pass"),
         ("imu.clock_drift_ppm=50", "imu.clock_drift_ppm is not 0"),
         ("cycle.command_delay_sigma_cycles=0.1", "set command_delay_sigma_cycles"),

@@ -67,6 +67,15 @@ BAD_VEHICLES = {
     "has an air bearing without gravity": BadVehicle(
         'kind = "free"', 'kind = "air_bearing"\ngravity_m_s2 = 0.0', "[environment]", ("gravity_m_s2 = 0", 'kind = "free"')
     ),
+    "has a failing jet that it doesn't have": BadVehicle(
+        END, END + '[[thrust.failures]]\njet = "roll_p9"\n', None, ("thrust.failures", "'roll_p9'", "the nearest is 'roll_p2'")
+    ),
+    "has a failure that never happens": BadVehicle(
+        END,
+        END + '[[thrust.failures]]\njet = "roll_p1"\nstart_s = 2.0\nend_s = 1.0\n',
+        "[[thrust.failures]]",
+        ("the failure of jet 'roll_p1' from 2 to 1 s never happens", "mend start_s or end_s"),
+    ),
     "is not TOML": BadVehicle("period_s = 0.05", "period_s = = 0.05", "period_s = = 0.05", ("not valid TOML",)),
     "sets a key twice": BadVehicle("period_s = 0.05", "period_s = 0.05\nperiod_s = 0.1", "period_s = 0.1", ("not valid TOML",)),
     "is empty": BadVehicle(vehicle_text(), "", None, ("'schema' is missing", "add it")),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.equipment import Jet
+from massprop_cli.inputs.equipment import Failure, Jet
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.actuators import check_supply, held, jet_integrals, pulse_integrals, pulses
 from massprop_cli.prepare.align import align
@@ -216,5 +216,30 @@ def test_a_jet_loses_what_others_take_from_its_supply(key: str) -> None:
     others = (on > 0).sum(0)[np.clip(((t - 0.1) / 0.2).astype(int), 0, 3)] if key == "cycle_droop" else alone.sum(0)
     expected = (alone * (1 - 0.04 * (others - 1))).reshape(5, 20, -1)
     integral, moment = jet_integrals(start, on, used, EDGES, 0.0)
+    np.testing.assert_allclose(integral.T, expected.mean(2) * 0.05, atol=5e-6)
+    np.testing.assert_allclose(moment.T, (expected * (t.reshape(20, -1) % 0.05)).mean(2) * 0.05, atol=5e-7)
+
+
+@pytest.mark.parametrize("droop", [0.0, 0.04])
+def test_a_jet_gives_another_part_while_it_fails(droop: float) -> None:
+    """Oracle: thrust at each moment; what a shut valve doesn't take from the supply leaves more to the others."""
+    rng = np.random.default_rng(6)
+    start = 0.2 * np.arange(4) + 0.1
+    on = np.where(rng.random((5, 4)) < 0.7, rng.uniform(0.01, 0.15, (5, 4)), 0.0)
+    stated = Vehicle.model_validate(flight.vehicle("free", 2.0))
+    jets = tuple(stated.jets[i].model_copy(update={"rise_s": 0.0, "fall_s": 0.0}) for i in range(5))
+    failures = (
+        Failure(jet=jets[0].name, start_s=0.3, end_s=0.7),
+        Failure(jet=jets[2].name, thrust=0.6, start_s=0.45),
+        Failure(jet=jets[3].name, thrust=-1.0),
+    )
+    thrust = stated.thrust.model_copy(update={"failures": failures, "droop": droop})
+    t = (np.arange(400_000) + 0.5) / 400_000
+    part = np.ones((5, 4))
+    part[0, 1:3], part[2, 2:], part[3] = 0.0, 0.6, -1.0
+    alone = np.array([sampled(start, each, 0.0, 0.0, t) for each in np.where(part == 0, 0.0, on)])
+    given = part[:, np.clip(((t - 0.1) / 0.2).astype(int), 0, 3)]
+    expected = (given * alone * (1 - droop * (alone.sum(0) - 1))).reshape(5, 20, -1)
+    integral, moment = jet_integrals(start, on, stated.model_copy(update={"jets": jets, "thrust": thrust}), EDGES, 0.0)
     np.testing.assert_allclose(integral.T, expected.mean(2) * 0.05, atol=5e-6)
     np.testing.assert_allclose(moment.T, (expected * (t.reshape(20, -1) % 0.05)).mean(2) * 0.05, atol=5e-7)

@@ -1,0 +1,188 @@
+"""A jet that fails for a time: from when on, until when, and what it gives meanwhile.
+
+The likeliest windows (:mod:`massprop_cli.diagnosis.windows`) are put into the vehicle file in turn; then the log has another body, by which
+the window is looked for again, until both stand.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import tensor
+from massprop_cli.diagnosis.cures import NEAR, Cure
+from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, looked
+from massprop_cli.diagnosis.trial import PART
+from massprop_cli.diagnosis.windows import Reduced, Window, edges_of, finer
+from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.equipment import Failure
+from massprop_cli.model.plant.plant import J
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
+
+LIKELY, AS_WELL = 3, 0.3
+"""Jets that are put to the test, and the part of the likeliest one's gain that others must have."""
+ROUNDS, STANDS = 10, 0.3
+"""How often a window is looked for by another body at most, and by how many of its sigmas what the jet gives moves in the end."""
+SLOWLY, FAR = 0.8, 10.0
+"""Parts of a misfit that a round leaves, and times pure error, above which it leads nowhere."""
+MOST = 10.0
+"""Times its stated thrust that no jet gives more."""
+EXACT, SURE = (0.0, -1.0), 4.0
+"""Dead and reversed, and sigmas from it within which a jet is."""
+LITTLE = 0.05
+"""Part of its thrust that a jet gains or loses all the time."""
+
+
+class Episode(NamedTuple):
+    """A jet's failure, and what is left of the log with it in the vehicle file."""
+
+    failure: Failure
+    sigma: float
+    """Of the thrust; 0 where it is taken as dead or reversed."""
+    look: Look
+    score: float
+    """−2 log likelihood of what was measured, with the price of what was looked for."""
+
+    @property
+    def code(self) -> str:
+        """Of the fault."""
+        return {0.0: "jet-dead", -1.0: "jet-sign"}.get(self.failure.thrust, "thrust-scale")
+
+    @property
+    def words(self) -> str:
+        """That go on "the log fits if …"."""
+        jet, start_s, end_s = self.failure.jet, self.failure.start_s, self.failure.end_s
+        if start_s is None:
+            when = "" if end_s is None else f" until {end_s:.6g} s"
+        else:
+            when = f" from {start_s:.6g} s on" if end_s is None else f" from {start_s:.6g} to {end_s:.6g} s"
+        if self.code == "jet-dead":
+            return f"jet {jet} does not push at all{when}"
+        if self.code == "jet-sign":
+            return f"jet {jet} pushes the other way than stated{when}"
+        return f"jet {jet} gives {self.failure.thrust:.4g} of the stated thrust{when}"
+
+    def cure(self, vehicle: Resolved, sigmas: float = 0.0) -> Cure:
+        """The key that mends it, with its thrust so many sigmas further on."""
+        further = self.failure.model_copy(update={"thrust": self.failure.thrust + sigmas * self.sigma})
+        return Cure((f"thrust.failures=[{', '.join(map(_literal, (*vehicle.thrust.failures, further)))}]",))
+
+
+def _literal(failure: Failure) -> str:
+    """As TOML."""
+    name = failure.jet.replace("\\", "\\\\").replace('"', '\\"')
+    span = "".join(f", {key} = {value:.9g}" for key in ("start_s", "end_s") if (value := getattr(failure, key)) is not None)
+    return f'{{ jet = "{name}", thrust = {failure.thrust:.9g}{span} }}'
+
+
+def episodes(look: Look) -> list[Episode]:
+    """The failures of a jet for a time with which the log fits, the likeliest first: those that are about as likely."""
+    if look.case.log.command_kind != "jets" or not len(look.free.fired):
+        return []
+    found: list[Episode] = []
+    for beside in dict.fromkeys([_beside(look), *look.free.beside]):
+        for window in [] if found else _windows(look, beside):
+            made = _tested(look, window, beside)
+            found += [] if made is None else [made]
+    found.sort(key=lambda one: one.score)
+    return [one for one in found if one.score < found[0].score + CLEAR]
+
+
+def _windows(look: Look, beside: Disturbance) -> list[Window]:
+    """The likeliest of a few jets, the likeliest first."""
+    reduced = Reduced(look, look, beside)
+    edges = edges_of(len(reduced.mean))
+    each = (reduced.likeliest(i, edges) for i in range(len(look.free.fired)))
+    windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]
+    most = max((one.gain for one in windows), default=0.0)
+    return sorted((one for one in windows if one.gain > AS_WELL * most), key=lambda one: -one.gain)[:LIKELY]
+
+
+def _beside(look: Look) -> Disturbance:
+    """What the rates are made white beside at first: the noise alone, and the torques that the vehicle file states."""
+    _, vehicle, _, _ = look.case
+    response = np.linalg.norm(tensor(look.stated.value("theta")[J])) / np.sqrt(3)
+    torques = vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m
+    white, walk = ((response * torque * vehicle.cycle.period_s / vehicle.imu.gyro_noise_rad_s) ** 2 for torque in torques)
+    return Disturbance(float(white), float(walk))
+
+
+def _tested(look: Look, window: Window, beside: Disturbance) -> Episode | None:
+    """A jet's failure near a window; None where the log doesn't fit with it."""
+    found = _led(look, window, beside)
+    there = None if found is None else looked(found.look.case, look.piece, theta=found.look.stated.value("theta"))
+    if found is not None and there is not None and there.free.beside:
+        found = _led(look, found.window, there.free.beside[0])
+        there = None if found is None else looked(found.look.case, look.piece, theta=found.look.stated.value("theta"))
+    if found is None or there is None:
+        return None
+    left = about_its_body(min(there, found.look, key=lambda one: one.cost))
+    if not left.close or (left.loud and left.misfit >= PART * look.misfit):
+        return None
+    count, exact = len(_pulses(look, window.channel)), found.failure.thrust in EXACT
+    spans = count if found.failure.start_s is None or found.failure.end_s is None else count * (count - 1) / 2
+    price = 2 * np.log(max(spans, 1) * len(look.free.fired)) + np.log(2 if exact else look.free.gyro.spare)
+    score = left.free_cost + left.likelihood(left.stated.chi_square) + float(price)
+    return Episode(found.failure, 0.0 if exact else found.window.sigma, left, score)
+
+
+class _Mended(NamedTuple):
+    """A jet's failure put into the vehicle file."""
+
+    window: Window
+    failure: Failure
+    look: Look
+
+
+def _led(look: Look, window: Window, beside: Disturbance) -> _Mended | None:
+    """A jet's failure from a window on to where it stands; None where it leads nowhere."""
+    # by the body of a log that a dead or reversed jet has spoilt it may seem to give anything
+    begin = next((value for value in EXACT if abs(window.thrust - value) < 0.5 or window.thrust < value < 0), window.thrust)
+    found = _mended(look, window._replace(thrust=begin), beside, look.stated.value("theta"))
+    for _ in range(ROUNDS):
+        if found is None:
+            break
+        reduced, theta, thrust = Reduced(look, found.look, beside), found.look.stated.value("theta"), found.failure.thrust
+        then = reduced.likeliest(window.channel, finer(len(reduced.mean), found.window))
+        if then is None or not LITTLE < abs(then.thrust - 1) < MOST:
+            return None
+        near = next((value for value in EXACT if abs(then.thrust - value) < max(NEAR, SURE * then.sigma)), then.thrust)
+        same = (then.first, then.stop) == (found.window.first, found.window.stop)
+        if same and (thrust == near or abs(then.thrust - thrust) < STANDS * then.sigma):
+            return found._replace(window=then)
+        left, found = found.look.misfit, _mended(look, then._replace(thrust=near), beside, theta)
+        if found is not None and found.look.misfit > max(SLOWLY * left, FAR):
+            return None
+    return found
+
+
+def _mended(look: Look, window: Window, beside: Disturbance, theta: Array) -> _Mended | None:
+    """With a failure in the pulses of a window; None where these are none or all, or the log can't be reduced."""
+    begin_s, vehicle = _pulses(look, window.channel), look.case.vehicle
+    half = vehicle.cycle.period_s / 2
+    design = (look.case.designs or Designs()).of(*look.case[:3], look.piece)
+    edges = np.append(design.start_s, design.start_s[-1] + design.duration_s[-1])[[window.first, window.stop]]
+    first, stop = (int(n) for n in np.searchsorted(begin_s, edges - half))
+    first, stop = 0 if window.first == 0 else first, len(begin_s) if window.stop == len(design.start_s) else stop
+    if stop <= first or stop - first == len(begin_s):
+        return None
+    start_s, end_s = (None if n in (0, len(begin_s)) else round(float(begin_s[n]) - half, 6) for n in (first, stop))
+    jet = vehicle.jets[look.free.fired[window.channel]]
+    failure = Failure(jet=jet.name, thrust=window.thrust, start_s=start_s, end_s=end_s)
+    failing = vehicle.thrust.model_copy(update={"failures": (*vehicle.thrust.failures, failure)})
+    case = look.case._replace(vehicle=vehicle.model_copy(update={"thrust": failing}))
+    there = looked(case, look.piece, (beside,), theta)
+    return None if there is None or not np.array_equal(there.free.fired, look.free.fired) else _Mended(window, failure, there)
+
+
+def _pulses(look: Look, channel: int) -> Array:
+    """(n,) when each of a channel's pulses begins."""
+    log, vehicle, timing, _ = look.case
+    start_s, _ = cycle_edges(log, slice(0, log.cycles))
+    begin_s = by_commands_clock(log, vehicle, start_s) + timing.delay * vehicle.cycle.period_s
+    found: Array = begin_s[log.command[:, look.free.fired[channel]] > 0]
+    return found

@@ -1,0 +1,135 @@
+"""A jet that fails for a time is named, with the time and what it gives; stated in the vehicle file, its log is right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import flow
+from massprop_cli.diagnosis import design
+from massprop_cli.diagnosis.episode import episodes
+from massprop_cli.diagnosis.look import Look
+from massprop_cli.diagnosis.windows import Reduced, edges_of
+from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+from tests import faulty
+from tests.diagnosis.test_look import PLAN, look_at
+
+NONE = Disturbance(0.0, 0.0)
+
+
+def failing(jet: str, thrust: float, start_s: float | None = None, end_s: float | None = None) -> str:
+    span = "".join(f", {key}={value}" for key, value in (("start_s", start_s), ("end_s", end_s)) if value is not None)
+    return f'actuators.failures=[{{jet="{jet}", thrust={thrust}{span}}}]'
+
+
+def pulses(look: Look, jet: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """When each of a jet's pulses begins."""
+    log, vehicle, timing, _ = look.case
+    column = [one.name for one in vehicle.jets].index(jet)
+    begun = log.cycle_end_s + (timing.delay - 1) * vehicle.cycle.period_s
+    return np.asarray(begun[log.command[:, column] > 0])
+
+
+@pytest.mark.parametrize("channel", [0, 12])
+def test_what_a_window_explains_is_what_regression_says(channel: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: ordinary least squares on all six axes, the window's column beside what another body changes."""
+    monkeypatch.setattr(design, "COUPLING", 0.0)  # no white noise by the rates' products
+    look = look_at("free-flyer", 4, *PLAN, failing("divert_xp", 0.7, 12.0))
+    reduced = Reduced(look, look, NONE)
+    edges = edges_of(len(reduced.mean))
+    found = reduced.likeliest(channel, edges)
+    assert found is not None
+    root = np.sqrt(reduced.weight)
+    within = (np.arange(len(reduced.mean)) >= found.first) & (np.arange(len(reduced.mean)) < found.stop)
+    rising, falling = (part[:, channel] * within for part in reduced.design.acted)
+    own = reduced.by[reduced.design.places["channels"].start + channel] * root
+    # rates without a disturbance are sums of their growth, less their own mean; specific force is as it stands
+    steps = np.concatenate([[0.0], np.cumsum(rising[:-1] + falling[1:])])
+    turning, pushing = steps - steps.mean(), (rising + falling) / reduced.design.duration_s
+    window = np.concatenate([np.outer(turning, own[:3]).ravel(), np.outer(pushing, own[3:]).ravel()])
+    growth = np.vstack([np.zeros((1, reduced.design.growth.shape[1])), np.cumsum(reduced.design.growth, 0)])
+    columns, rate = growth - growth.mean(0), reduced.design.rate - reduced.design.rate.mean(0)
+    slopes = [np.einsum("kp,pan->kan", c, s) for c, s in zip((columns, reduced.design.mean), reduced.slopes, strict=True)]
+    body = np.concatenate([one.reshape(-1, one.shape[-1]) for one in slopes])
+    left = (rate - columns @ reduced.by[:, :3]) * root[:3], (reduced.design.force - reduced.design.mean @ reduced.by[:, 3:]) * root[3:]
+    rest = np.concatenate([part.ravel() for part in left])
+    before = np.linalg.lstsq(body, rest, rcond=None)[1][0]
+    beside = np.column_stack([body, window])
+    solved, after, *_ = np.linalg.lstsq(beside, rest, rcond=None)
+    assert found.thrust - 1 == pytest.approx(solved[-1], rel=1e-4)
+    assert found.gain == pytest.approx(len(rest) * np.log(before / after[0]), rel=0.02)
+
+
+def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said() -> None:
+    z = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        jet, thrust, start = (
+            str(rng.choice(["divert_xp", "divert_yn", "yaw_p1", "pitch_n2", "roll_p2"])),
+            rng.uniform(0.4, 0.9),
+            rng.uniform(6, 12),
+        )
+        look = look_at("free-flyer", seed, *PLAN, failing(jet, thrust, start))
+        first = next(t for t in pulses(look, jet) if t >= start)
+        found = next(one for one in episodes(look) if one.failure.jet == jet)
+        assert found.failure.end_s is None
+        assert first - 0.1 < (found.failure.start_s or 0.0) <= first
+        z.append((found.failure.thrust - thrust) / found.sigma)
+    assert np.abs(z).max() < 4
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_what_is_wrong_all_along_or_not_at_all_is_no_failure_for_a_time() -> None:
+    for key in ((), (failing("yaw_p1", 0.8),), ("actuators.delay_cycles=2.6",)):
+        for one in episodes(look_at("free-flyer", 3, *PLAN, *key)):
+            assert one.failure.jet == "yaw_p1"
+
+
+@pytest.mark.parametrize(
+    ("keys", "code", "words", "setting"),
+    [
+        (
+            (failing("yaw_p1", 0.0, 12.0),),
+            "jet-dead",
+            "jet yaw_p1 does not push at all from 1",
+            '{ jet = "yaw_p1", thrust = 0, start_s = 1',
+        ),
+        (
+            (failing("divert_zn", -1.0, 14.0),),
+            "jet-sign",
+            "jet divert_zn pushes the other way than stated from 1",
+            'jet = "divert_zn", thrust = -1, ',
+        ),
+        ((failing("pitch_p1", 0.7, None, 10.0),), "thrust-scale", "of the stated thrust until ", 'jet = "pitch_p1", thrust = 0.'),
+        (
+            (failing("divert_yp", 0.0, 9.0, 13.0), "disturbance.walk_n_m=1e-4"),
+            "jet-dead",
+            "jet divert_yp does not push at all from ",
+            'jet = "divert_yp", thrust = 0, start_s = ',
+        ),
+    ],
+)
+def test_a_jet_that_fails_for_a_time_is_named_and_mended(keys: tuple[str, ...], code: str, words: str, setting: str) -> None:
+    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, *keys]), [5])
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    (said,) = [notice.message for notice in found.notices if notice.code == code]
+    assert words in said
+    (mended,) = found.mended
+    (stated,) = mended.settings
+    assert stated.startswith("thrust.failures=[")
+    assert setting in stated
+    true = scenario.load("free-flyer").scenario.truth.values
+    for (name, one), value in zip(mended.conclusions[0].estimates.items(), true, strict=True):
+        assert abs((one.value or 0.0) - value) < 4.5 * (one.sigma or 0.0), name
+    # what is said is what the vehicle file takes
+    mended_log = flow.examine(flown.log(0), VehicleSource(faulty.stated(flown.vehicle, stated), "t", ""))
+    assert {notice.code for notice in mended_log.notices} <= {"disturbance-torque"}
+
+
+def test_jets_that_always_fire_together_are_named_side_by_side_where_the_log_cannot_tell() -> None:
+    """On a bearing two jets of a couple differ in what they push alone, which moves the rotor hardly."""
+    found = episodes(look_at("testbed", 3, failing("roll_n1", 0.0, 14.0)))
+    assert {one.failure.jet for one in found} >= {"roll_n1"}
+    assert all(one.code == "jet-dead" for one in found)
