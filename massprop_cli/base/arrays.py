@@ -34,6 +34,19 @@ def triangle_of(rows: Array) -> Array:
     return np.where(_upper(*upper.shape), upper, 0.0)
 
 
+def singular(matrix: Array) -> tuple[Array, Array, Array]:
+    """(N, r), (r,) and (r, n) of the thin singular value decomposition of (N, n).
+
+    LAPACK's fails on some matrices of low rank in one order of their columns, and then in hardly any other.
+    """
+    try:
+        left, values, right = np.linalg.svd(matrix, full_matrices=False)
+    except np.linalg.LinAlgError:
+        left, values, right = np.linalg.svd(matrix[:, ::-1], full_matrices=False)
+        right = right[:, ::-1]
+    return left, values, right
+
+
 @cache
 def _upper(rows: int, columns: int) -> BoolArray:
     return ~np.tri(rows, columns, -1, dtype=bool)

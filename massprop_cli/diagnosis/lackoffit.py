@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_cli.base.arrays import Array, BoolArray, triangle_of
+from massprop_cli.base.arrays import Array, BoolArray, singular, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
@@ -248,9 +248,9 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     if not seen.any():
         return np.zeros(10)
     flat = (regressors[..., seen] / size[seen]).reshape(-1, int(seen.sum()))
-    left, singular, right = np.linalg.svd(flat, full_matrices=False)
-    kept = singular > 1e-6 * singular.max(initial=0.0)
-    left, singular, right = left[:, kept], singular[kept], right[kept]
+    left, values, right = singular(flat)
+    kept = values > 1e-6 * values.max(initial=0.0)
+    left, values, right = left[:, kept], values[kept], right[kept]
     residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
     bases = [_orthonormal(probes) for probes in rows.probes] * (3 // len(rows.probes))
     count = np.array([basis.shape[1] for basis in bases])
@@ -260,7 +260,7 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
     pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), 1e-300)
     excess = np.where(deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
     found = np.zeros(10)
-    gain = ((right / singular[:, None]) ** 2).sum(0) / size[seen] ** 2
+    gain = ((right / values[:, None]) ** 2).sum(0) / size[seen] ** 2
     told = np.maximum(share[seen].sum(1), 1e-300)
     found[seen] = gain * (share[seen] @ excess) / told
     return found
@@ -314,9 +314,8 @@ def _probes(samples: Source, cycles: slice, commands: Callable[[Aligned], Array]
 def _orthonormal(columns: Array) -> Array:
     """(N, r) basis of what the columns span."""
     size = np.sqrt((columns**2).sum(0))
-    left, singular, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    basis: Array = left[:, singular > 1e-6 * singular.max(initial=0.0)]
-    return basis
+    left, values, _ = singular(columns[:, size > 0] / size[size > 0])
+    return left[:, values > 1e-6 * values.max(initial=0.0)]
 
 
 def deviate(mean: Array, count: Array | int) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, singular
 from massprop_cli.base.moments import Moments
 from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
@@ -60,8 +60,8 @@ def _in_row_space(rows: Array) -> BoolArray:
     size = np.sqrt((rows**2).sum(0))
     seen = size > 0
     scaled = rows / np.where(seen, size, 1.0)
-    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
-    null = right[singular < _RANK * max(singular[0], 1e-300)]
+    _, values, right = singular(scaled)
+    null = right[values < _RANK * max(values[0], 1e-300)]
     within: BoolArray = seen & ~(np.abs(null) > 1e-6).any(0)
     return within
 
