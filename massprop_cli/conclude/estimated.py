@@ -89,8 +89,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     say("what the numbers rest on", 1.0)
     more = sized(used, begun.stated)
     examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)
-    # the filter takes each pulse's error as white, which it is but nearly: too sharp a test beside it
-    doubted = _doubted(examination, begun, answer) if used.thrust.pulse_sigma == 0 else []
+    doubted = _doubted(examination, begun, answer)
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)

@@ -87,6 +87,21 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
         assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
+    """With thrust.pulse_sigma stated nothing was tested: pitch jets at 95 % left iyy 28 sigma off and converged."""
+    keys = [*PLAN, "vehicle.thrust.pulse_sigma=0.02"]
+    clean = simulate.fly(scenario.load("free-flyer", keys), [seed])
+    found = examined(clean.log(0), clean.vehicle)
+    assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
+    assert not [one for one in found.doubts if one.sure]
+    weak = [f'{{jet="{jet.name}", thrust=0.9}}' for jet in clean.vehicle.jets if jet.name.startswith("pitch")]
+    flown = simulate.fly(scenario.load("free-flyer", [*keys, f"actuators.failures=[{', '.join(weak)}]"]), [seed])
+    wrong = examined(flown.log(0), flown.vehicle).conclusions[0].estimates["iyy"]
+    assert abs((wrong.value or 0.0) - flown.truth[0, 0, 3]) > 8 * (wrong.sigma or np.inf)
+    assert wrong.verdict != "converged"
+
+
 def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
     found = examined(flown.log(0), flown.vehicle).examination
