@@ -18,7 +18,7 @@ EVEN = ", or else "
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 CAUSES = frozenset(
     {
-        *("jet-sign", "jet-dead", "jet-position", "jet-direction", "thrust-scale", "command-sign"),
+        *("jet-sign", "jet-dead", "jet-position", "jet-direction", "jets-swapped", "thrust-scale", "command-sign"),
         *("thrust-rise", "thrust-droop", "thrust-lag", "delay-mismatch", "clock-drift"),
         *("gyro-units", "gyro-scale", "gyro-sign", "gyro-bias", "gyro-filter", "gyro-saturated"),
         *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers"),

@@ -88,6 +88,19 @@ def _for_a_time(s: Subject, rng: Random, code: str, factors: tuple[float, float]
     return Drawn(s.flown(f"actuators.failures=[{{{fails}}}]"), due(code, *words, channels=[jet]), what)
 
 
+def _swapped(s: Subject, rng: Random) -> Drawn | None:
+    """The vehicle file has the one's name at the other's place."""
+    if not s.fired:
+        return None
+    pair = [str(jet) for jet in rng.choice(s.fired, 2, replace=False)]
+    index = {jet.name: i for i, jet in enumerate(s.vehicle.jets)}
+    keys = []
+    for one, other in (pair, pair[::-1]):
+        jet = s.vehicle.jets[index[other]]
+        keys += [f"jets.{index[one]}.{key}={list(getattr(jet, key))}" for key in ("position_m", "force_n")]
+    return Drawn(s.clean.stating(*keys), due("jets-swapped", channels=pair), f"{' and '.join(pair)} swapped")
+
+
 def _weak(s: Subject, rng: Random, factor: float) -> Drawn | None:
     if not s.fired:
         return None
@@ -211,6 +224,7 @@ THRUST = (
     Fault("jet-reversed", "one jet reversed", _reversed),
     Fault("jet-dead", "one jet dead", partial(_dead, count=1)),
     Fault("jets-dead", "two jets dead", partial(_dead, count=2)),
+    Fault("jets-swapped", "two jets swapped", _swapped),
     Fault("jet-dies", "one jet dead from some moment on", partial(_for_a_time, code="jet-dead", factors=(0.0, 0.0), lasting=None)),
     Fault(
         "jet-fades",

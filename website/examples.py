@@ -137,6 +137,7 @@ WARNINGS: dict[str, Example] = {
         ("jet-dead", "jet-dead", "jets", RATE),
         ("jet-position", "jet-50mm", "jets", RATE),
         ("jet-direction", "jet-20deg", "jets", RATE),
+        ("jets-swapped", "jets-swapped", "jets", RATE),
         ("thrust-scale", "jet-weak", "jets", RATE),
         ("command-sign", "command-sign", "wrench", RATE),
         ("thrust-rise", "rise-long", "jets", RATE),

@@ -98,6 +98,22 @@ def two_channels(model: Model, names: Sequence[str]) -> list[Supposition]:
     return [Supposition("thrust-scale", (names[i], names[j]), np.hstack([units[i], units[j]]), suspects=(i, j)) for i, j in pairs]
 
 
+def swapped(model: Model, names: Sequence[str]) -> list[Supposition]:
+    """Any two jets, each of which does what is stated of the other: nothing is left to be found."""
+    size, place = np.linalg.norm(model.force, axis=1), {name: model.place(name).start for name in ("thrust", "position", "direction")}
+    found, none = [], np.zeros((len(model.stated), 0))
+    for i, j in itertools.combinations(range(len(names)), 2):
+        if not size[i] * size[j]:
+            continue
+        start: dict[int, float] = {}
+        for one, other in ((i, j), (j, i)):
+            start[place["thrust"] + one] = float(size[other] / size[one])
+            for name, stated in (("position", model.position), ("direction", model.force)):
+                start |= {place[name] + 3 * one + k: float(by) for k, by in enumerate(stated[other] - stated[one])}
+        found.append(Supposition("jets-swapped", (names[i], names[j]), none, start=start, suspects=(i, j)))
+    return found
+
+
 def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
     """Channels that push along one line, those that turn about one axis, and those that do both alike."""
     torque, force = model.wrench(model.stated)

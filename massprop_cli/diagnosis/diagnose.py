@@ -45,9 +45,9 @@ WITH_IT = 0.5
 """Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
 a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
 TRIED = (
-    "tried: sign, thrust, place and direction of each channel, groups of channels, delay, rise, lag, droop, clock drift, units, scales, "
-    "biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and rate-proportional torque, "
-    "fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
+    "tried: sign, thrust, place and direction of each channel, groups of channels, jets swapped, delay, rise, lag, droop, clock drift, "
+    "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
+    "rate-proportional torque, fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
 )
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 UNANSWERED = (
@@ -133,10 +133,11 @@ def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> l
     """What else to look for, the likeliest first, that explains more than the ``least`` score: all along in pairs, or in time."""
     pair = partial(_pair, alone=alone, worst=min([least, *(trial.score for trial in alone)]))
     changed = partial(_changed, whole=whole)
+    two: list[Callable[[Look], Diagnosis | None]] = [_swapped, pair]
     best = min(alone, key=lambda trial: trial.score, default=None)
     if best is not None and "fuel-use" in codes(best):
-        return [changed, _much_later, _lowpassed, pair]
-    return [pair, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, pair]
+        return [changed, _much_later, _lowpassed, *two]
+    return [*two, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, *two]
 
 
 def _for_a_time(look: Look, found: Diagnosis | None) -> Diagnosis | None:
@@ -348,6 +349,15 @@ def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: flo
         most = max(most, WITH_IT * first.look.misfit * first.look.freedom)
     left = worst - first.look.free_cost - first.units
     return searched(look, [], (SECOND, FINALISTS[0]), most, first, others, left)
+
+
+def _swapped(look: Look) -> Diagnosis | None:
+    """Two jets, each of which does what is stated of the other."""
+    supposed = causes.swapped(look.model, look.names) if look.case.log.command_kind == "jets" else []
+    found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY) if supposed else []
+    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:CHANNELS]
+    trials = (tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look)))
+    return _chosen(look, [trial for trial in trials if trial is not None])
 
 
 def _two_channels(look: Look) -> Diagnosis | None:

@@ -214,6 +214,9 @@ def _matrix(rows: Array) -> str:
 _WORDS: dict[str, Callable[[Said], str]] = {
     "jet-position": _position,
     "jet-direction": _direction,
+    "jets-swapped": lambda said: (
+        f"jets {said.subject[0]} and {said.subject[1]} are swapped: each does what is stated of the other; swap wires, columns or entries"
+    ),
     "delay-mismatch": _delay,
     "thrust-rise": _rise,
     "thrust-droop": _droop,

@@ -73,6 +73,14 @@ def later_thrust(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
 
 
+def swapped(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    """The file has each of two jets at the other's place."""
+    jets = list(used.jets)
+    for one, other in ((3, 14), (14, 3)):
+        jets[one] = used.jets[other].model_copy(update={"name": used.jets[one].name})
+    return log, Vehicle.model_construct(**{**dict(used), "jets": tuple(jets)})
+
+
 def failure(jets: list[str], thrust: float) -> list[str]:
     return ["actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust={thrust}}}' for jet in jets) + "]"]
 
@@ -98,6 +106,7 @@ def failure(jets: list[str], thrust: float) -> list[str]:
         pytest.param([], one_axis, "gyro-scale", "the gyro's z axis shows 1.03", marks=pytest.mark.numerical),
         ([], biased, "gyro-bias", "the gyro has a bias of ("),
         ([], misplaced, "jet-position", "jet divert_xp sits"),
+        ([], swapped, "jets-swapped", "jets roll_n2 and divert_yp are swapped"),
         (["disturbance.constant_n_m=[0.0, 0.0, 0.02]"], nothing, "steady-torque", "N m acts beside the commands"),
     ],
 )
