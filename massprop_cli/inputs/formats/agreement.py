@@ -1,11 +1,12 @@
 """Whether a mapped log's axes and units agree with each other, where its attitude was logged too: a map may be wrong.
 
-The gyro must turn as the logged attitude does; on an air bearing the accelerometer must feel gravity along the attitude's vertical.
-Another order of the axes, or another unit, that makes them agree is named.
+The gyro must turn as the logged attitude does, and as far; on an air bearing the accelerometer must feel gravity along the attitude's
+vertical. Another order of the axes, or another unit, that makes them agree is named.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import permutations, product
 from pathlib import Path
 
@@ -20,11 +21,14 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 _STRETCHES, _LEAST = 400, 12
 """Turns are compared over so many stretches, ..."""
-_NEAR, _FAR = 0.1, 0.7
+_NEAR, _FAR = 0.1, 0.35
 """... fewer until it turns as far in each as this, rad (rms), since a camera's attitudes are noisy; more where a sum of increments is no
 turn any longer."""
 _APART, _TOGETHER = 0.5, 0.2
 """Parts of the turn by which gyro and attitude may differ, and must agree once they are put right."""
+_OFF, _SURE, _LONGER = 0.03, 5.0, 4
+"""A gyro's scale may be off by so much, or by so many of its sigmas; it must be beyond both over stretches so many times as long, too,
+where there are enough: an attitude that a filter smoothed turns less in what is fast alone."""
 
 
 def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
@@ -37,8 +41,11 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
         edges, wanted = _stretches(attitude, len(edges) // 2)
     while _rms(wanted) > _FAR and 2 * len(edges) < len(attitude):
         edges, wanted = _stretches(attitude, 2 * len(edges))
-    turned = np.diff(np.cumsum(theta_imu @ body.T, 0)[edges], axis=0)
-    _compare(path, made, "gyro", turned, wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    angle = np.cumsum(theta_imu @ body.T, 0)
+    _compare(path, made, "gyro", np.diff(angle[edges], axis=0), wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    if _rms(wanted) >= _NEAR / 2:
+        lengths = [each for each in (edges, edges[::_LONGER]) if len(each) > _LEAST]
+        _check_scale(path, made, [_scale(angle[each], attitude[each]) for each in lengths])
     if vehicle.on_air_bearing:
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
         _compare(path, made, "accelerometer", force_imu @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
@@ -84,6 +91,31 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     raise InputError(
         f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"
     )
+
+
+def _check_scale(path: Path, made: Made, found: Sequence[tuple[float, float]]) -> None:
+    """Refuse a gyro's scale that is wrong by all estimates of it, each with its sigma; the last is told."""
+    if found and all(abs(scale - 1) > max(_OFF, _SURE * sigma) for scale, sigma in found):
+        scale, sigma = found[-1]
+        raise InputError(
+            f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; mend unit or scale under "
+            f"[gyro] (scale = {1 / scale:.4g} beyond what it has makes them agree), or how its values and clock are stated"
+        )
+
+
+def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
+    """How many times as far as the attitude (m, 4) a gyro's integral (m, 3) turns from row to row, with its sigma.
+
+    By least squares, beside a steady drift of either and a turn between their axes. Each stretch's own misfit makes the sigma.
+    """
+    turned, wanted = np.diff(angle, axis=0), _turns(attitude)
+    turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)
+    left, _, right = np.linalg.svd(wanted.T @ turned)
+    turned = turned @ (left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right).T
+    size = float((turned**2).sum())
+    part = float((turned * wanted).sum()) / size
+    misfit = (turned * (wanted - part * turned)).sum(1) * (len(wanted) / (len(wanted) - 4)) ** 0.5
+    return 1 / part, float(np.sqrt((misfit**2).sum())) / size / part**2
 
 
 def _rms(vectors: Array) -> float:
