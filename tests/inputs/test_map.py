@@ -231,6 +231,27 @@ def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
             np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
 
 
+INCREMENTS = WRENCH_MAP.replace('paths = "imu/w?"\nvalues = "sample"', 'paths = "imu/w?"\nvalues = "increment"')
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("", 1e6), ("us", 1e6), ("", 1.0), ("ms", 1e3)])
+def test_increments_must_cover_their_interval_where_the_file_says_what_they_cover(unit: str, factor: float) -> None:
+    streams = motion()
+    streams |= {path: (streams[path][0] * 0.005, "imu/t", "rad") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    scatter = 1 + 0.01 * np.random.default_rng(1).normal(size=4000)
+    whole = made(streams | {"imu/w_dt": (0.005 * factor * scatter, "imu/t", unit)}, INCREMENTS + RECORDS)
+    np.testing.assert_array_equal(
+        whole.columns["delta_theta_x_rad"].numbers(), made(streams, INCREMENTS + RECORDS).columns["delta_theta_x_rad"].numbers()
+    )
+    # every second one was logged
+    half = {"imu/w_dt": (np.full(4000, 0.0025 * factor), "imu/t", unit)}
+    said = rf"'imu/wx': an increment covers {0.0025 * factor:g} by 'imu/w_dt', and they come every 0.005 s.*\[gyro\] of m.toml"
+    with pytest.raises(InputError, match=said):
+        made(streams | half, INCREMENTS + RECORDS)
+    # of another length it is no companion of theirs
+    made(streams | {"imu/w_dt": (np.full(40, 0.0025 * factor), "", unit)}, INCREMENTS + RECORDS)
+
+
 REFUSED = {
     "no such path": (
         WRENCH_MAP.replace('"imu/w?"', '["imu/wx", "imu/wy", "imu/zz"]'),

@@ -13,7 +13,7 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import clocks, resample, units
+from massprop_cli.inputs.formats import clocks, covering, resample, units
 from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
 from massprop_cli.inputs.formats.pathpattern import fitting
@@ -60,7 +60,20 @@ class Signals:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self._vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
+        if said.values == "increment" and found.paths:
+            self._check_covering(found)
         return found
+
+    def _check_covering(self, found: Signal) -> None:
+        """Increments cover the time since the one before, where the file says what they cover."""
+        length = covering.lengths(self.recording.streams, found.paths)
+        if length is not None and not covering.whole(length, [found.times.step_s]):
+            raise self.error(
+                found.key,
+                found.paths[0],
+                f"an increment covers {covering.usual(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
+                'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"); or mend the clock',
+            )
 
     def wrench(self, key: str, said: Wrench, known: Mapping[str, float]) -> Signal:
         """Commanded torque or force in the frame that the map states."""
