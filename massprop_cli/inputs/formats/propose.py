@@ -12,43 +12,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import listing, units
-from massprop_cli.inputs.formats.recording import Recording
+from massprop_cli.inputs.formats import called, covering, listing, units
+from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, Quantity
+from massprop_cli.inputs.formats.recording import Recording, Stream
 from massprop_cli.inputs.formats.vectors import Vector, vectors
 
-_NOT = re.compile(r"bias|offset|varian|covar|std|setpoint|desired|error|temperature|\bmag|filtered_out|limit|noise", re.IGNORECASE)
 _MANY = 8
 _RECORDS = 10
 """Records of a control cycle; more tell hardly more."""
 _LONG_AGO_S = 1e6
 """A clock beyond this counts from no beginning of a recording."""
-
-
-@dataclass(frozen=True)
-class _Quantity:
-    """How a vector is known."""
-
-    key: str
-    called: re.Pattern[str]
-    rates: Mapping[str, float]
-    increments: Mapping[str, float]
-
-
-_SENSORS = (
-    _Quantity(
-        "gyro",
-        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|delta_(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
-        units.RATE,
-        units.ANGLE,
-    ),
-    _Quantity("accelerometer", re.compile(r"acc|specific_?force|delta_?v|^a\*|/a\*", re.IGNORECASE), units.ACCELERATION, units.SPEED),
-)
-_COMMANDS = (
-    _Quantity("torque", re.compile(r"torque|moment|tau|^m\*|^t\*", re.IGNORECASE), units.TORQUE, {}),
-    _Quantity("force", re.compile(r"force(?!.*specific)|thrust|^f\*|/f\*", re.IGNORECASE), units.FORCE, {}),
-)
 _VALUES = {
     "sensor_combined": ("mean", "PX4 averages over the interval before"),
     "vehicle_angular_velocity": ("sample", "PX4's filtered rate at its time"),
@@ -57,6 +31,7 @@ _VALUES = {
     "linear_acceleration": ("sample", "a sensor_msgs/Imu is of its stamp"),
 }
 """What a number is, where a standard says so."""
+_ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
 
@@ -65,14 +40,14 @@ def draft(read: Recording) -> str:
     found, clocks = vectors(read), listing.Clocks(read)
     chosen: dict[str, Vector] = {}
     lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted', ""]
-    for quantity in _SENSORS:
+    for quantity in SENSORS:
         lines += _section(clocks, quantity, found, chosen)
     jets = [path for path in read.streams if re.fullmatch(r"jet_.+_s", listing.leaf(path))]
     if jets:
         for path in jets:
             lines += _jet(clocks, path)
     else:
-        for quantity in _COMMANDS:
+        for quantity in COMMANDS:
             lines += _section(clocks, quantity, found, chosen)
         lines += _valves(read)
     lines += _attitude(clocks, found)
@@ -94,40 +69,47 @@ def questions(text: str) -> int:
     return sum(line.partition("#")[0].count('"?"') > 0 for line in text.splitlines())
 
 
-def _section(clocks: listing.Clocks, quantity: _Quantity, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
-    known = {**quantity.rates, **quantity.increments}
-    candidates = [v for v in found if len(v.streams) == 3 and _may_be(quantity, v, known)]
-    by_unit = [v for v in candidates if units.factor(v.streams[0].unit, known) is not None]
-    candidates = by_unit or candidates
-    lines = [f"[{quantity.key}]"]
-    if len(candidates) != 1:
+def _section(clocks: listing.Clocks, quantity: Quantity, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
+    candidates, settled = called.candidates(quantity, found)
+    partial = {tuple(v.paths): said for v in candidates if (said := _left_out(clocks, quantity, v))}
+    if partial:
+        candidates = [v for v in candidates if tuple(v.paths) not in partial]
+        settled = len(candidates) == 1
+    lines = [f"[{quantity.key}]", *(f"# not {json.dumps(paths, ensure_ascii=False)}: {said}" for paths, said in partial.items())]
+    if not settled:
         some = [f"#   {json.dumps(v.paths, ensure_ascii=False)}{_said(clocks, v)}" for v in candidates[:_MANY]]
-        why = (
-            f"{len(candidates)} could be it; take one of"
-            if candidates
-            else "nothing is called so; three paths of massprop columns, or numbers"
-        )
+        many = "this could be it; take it if it is" if len(candidates) == 1 else f"{len(candidates)} could be it; take one of"
+        none = f"nothing {'else ' * bool(partial)}is called so; three paths of massprop columns, or numbers"
+        why = many if candidates else none
         return [*lines, f"# {why}", *some, 'paths = ["?", "?", "?"]', *_no_vector(quantity), ""]
     vector = candidates[0]
     chosen[quantity.key] = vector
     lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
     lines += _clock(clocks, vector.paths[0])
-    return [*lines, *(_sensor(quantity, vector) if quantity in _SENSORS else _wrench(quantity, vector)), ""]
+    return [*lines, *(_sensor(clocks, quantity, vector) if quantity in SENSORS else _wrench(quantity, vector)), ""]
 
 
-def _may_be(quantity: _Quantity, vector: Vector, known: Mapping[str, float]) -> bool:
-    unit = vector.streams[0].unit
-    if units.is_any(unit):
-        return units.factor(unit, known) is not None and not _NOT.search(vector.stem)
-    others = [other for other in (*_SENSORS, *_COMMANDS) if other is not quantity and other.called.search(vector.stem)]
-    by_axes = quantity.key == "gyro" and vector.axes == "pqr"
-    return (by_axes or (bool(quantity.called.search(vector.stem)) and not others)) and not _NOT.search(vector.stem)
+def _covering(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> tuple[Stream, bool] | None:
+    """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
+    length = covering.lengths(clocks.streams, vector.paths)
+    found = clocks.of(vector.streams[0])
+    if length is None or len(found) != 1 or units.factor(vector.streams[0].unit, quantity.increments) is None:
+        return None
+    step, factor = clocks.step(found[0], vector.streams[0]), units.factor(clocks.unit(found[0])[0], units.TIME)
+    return length, covering.whole(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
 
 
-def _no_vector(quantity: _Quantity) -> list[str]:
-    return (
-        ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in _SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
-    )
+def _left_out(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> str:
+    """Why increments are not all that happened; empty where nothing says so."""
+    found = _covering(clocks, quantity, vector)
+    if found is None or found[1]:
+        return ""
+    step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
+    return f"by {found[0].path!r} each covers {covering.usual(found[0]):.6g}, and they come every {step:.6g} by their clock"
+
+
+def _no_vector(quantity: Quantity) -> list[str]:
+    return ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
 
 
 def _said(clocks: listing.Clocks, vector: Vector) -> str:
@@ -146,7 +128,7 @@ def _values_of(vector: Vector) -> list[Array]:
     return [each[held] for each in values]
 
 
-def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
+def _sensor(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> list[str]:
     lines = []
     unit = vector.streams[0].unit
     known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
@@ -156,13 +138,16 @@ def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
         increments = contract[0].startswith("delta")
         unit = next(iter(quantity.increments if increments else quantity.rates))
         lines.append(f'unit = "{unit}"   # by its name')
-    elif units.factor(unit, {**quantity.rates, **quantity.increments}) is None:
+    elif units.factor(unit, quantity.known) is None:
         lines.append(_unit(quantity, vector))
     named = next((said for name, said in _VALUES.items() if name in vector.stem), None)
-    if increments:
-        lines.append('values = "increment"   # by its unit')
-    elif contract:
-        lines.append('values = "mean"   # by its name')
+    whole = _covering(clocks, quantity, vector)
+    if contract:
+        lines.append(f'values = "{"increment" if increments else "mean"}"   # by its name')
+    elif increments and whole is not None:
+        lines.append(f'values = "increment"   # by its unit; {whole[0].path!r} says that each covers the time since the one before')
+    elif increments:
+        lines.append(f'values = "?"   # {_ASK_INCREMENTS}')
     elif named:
         lines.append(f'values = "{named[0]}"   # {named[1]}')
     else:
@@ -170,7 +155,7 @@ def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
     return lines
 
 
-def _unit(quantity: _Quantity, vector: Vector) -> str:
+def _unit(quantity: Quantity, vector: Vector) -> str:
     """What the numbers themselves settle: only gravity does."""
     values = _values_of(vector)
     size = listing.median_size(values)
@@ -183,7 +168,7 @@ def _unit(quantity: _Quantity, vector: Vector) -> str:
     return f'unit = "?"   # {choices}: not recorded; its median size is {size:.3g}, its largest number {largest:.3g}'
 
 
-def _wrench(quantity: _Quantity, vector: Vector) -> list[str]:
+def _wrench(quantity: Quantity, vector: Vector) -> list[str]:
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name']
     unit = (
@@ -207,8 +192,8 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
 
 def _valves(read: Recording) -> list[str]:
     """Streams that may command jets, for whoever has those instead of a wrench."""
-    called = re.compile(r"jet|valve|thruster|solenoid|actuator|motor|pwm", re.IGNORECASE)
-    some = [path for path in read.streams if called.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")]
+    may = re.compile(r"jet|valve|thruster|solenoid|actuator|motor|pwm", re.IGNORECASE)
+    some = [path for path in read.streams if may.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")]
     if not some:
         return []
     lines = ["# or, instead of [torque] and [force], for each jet of the vehicle file a table such as", "# [jets.NAME]"]
@@ -234,10 +219,8 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
 
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
     """Optional, so a comment."""
-    called = re.compile(r"quat|orient|attitude|\bq\b|q\*|/q\[", re.IGNORECASE)
-    some = [v for v in found if len(v.streams) == 4 and called.search(v.stem) and not _NOT.search(v.stem)]
     lines = []
-    for vector in some[:_MANY]:
+    for vector in called.attitudes(found)[:_MANY]:
         px4 = vector.stem.startswith("vehicle_attitude")
         order = '"wxyz"' if vector.axes == "wxyz" or px4 else '"?"   # "wxyz" or "xyzw"'
         world = '"z_down"   # PX4: NED' if px4 else '"?"   # "z_up" or "z_down"'

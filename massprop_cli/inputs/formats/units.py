@@ -30,11 +30,14 @@ _ALIKE = {
     "nm": "n m", "n.m": "n m", "n·m": "n m", "n*m": "n m", "newton metre": "n m", "newton": "n", "mnm": "mn m", "mn·m": "mn m",
     "µn": "un", "percent": "%", "rev/min": "rpm", "r/min": "rpm", "volt": "v", "volts": "v",
 }  # fmt: skip
+_GAUSS = ("mG", "uG", "µG", "nG")
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 
 
 def plain(text: str) -> str:
-    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``."""
+    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``; ``mG``, of a magnetic field, stays what it is."""
+    if text.strip("[]() ") in _GAUSS:
+        return text.strip("[]() ")
     word = " ".join(text.lower().split()).strip("[]() ")
     power = _POWER.match(word)
     if power:
