@@ -126,6 +126,11 @@ def test_a_valve_in_each_bit_of_a_number(tmp_path: Path) -> None:
         for name, bit in (("left", 3), ("right", 11))
     ]
     np.testing.assert_allclose(on_times(mapped(tmp_path / "log.csv", frame, *changes))[:-1], ON[: CYCLES - 1], atol=1e-9)
+    # a table of two rates, merged: the number of valves stands in rows of its own
+    apart = pd.concat([frame.drop(columns="valves"), frame[["t", "valves"]].assign(t=frame["t"] - 1e-4)]).sort_values("t")
+    merged = mapped(tmp_path / "log.csv", apart, *changes)
+    np.testing.assert_allclose(on_times(merged), ON[1:], atol=1e-9)  # the gyro is there after the first has begun
+    assert "jets.left, jets.right: 1600 of 3200 rows of the file hold none of its samples" in said(merged)
     frame.loc[30, "valves"] = 2.5
     with pytest.raises(InputError, match=r"2\.5 at line 32 is no whole number of bits"):
         mapped(tmp_path / "log.csv", frame, *changes)

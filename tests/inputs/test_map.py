@@ -231,6 +231,20 @@ def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
             np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
 
 
+def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
+    streams = motion()
+    plain = made(streams, WRENCH_MAP + RECORDS)
+    # of all, where the gyro alone has none: the commands' is their own, though it is as long
+    bare = streams | {path: (streams[path][0], "", "rad/s") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    common = WRENCH_MAP.replace("schema = 1", 'schema = 1\nclock = { path = "imu/t", unit = "s" }') + RECORDS
+    late = {"cmd/t": (streams["cmd/t"][0] * 1e3, "", "ms"), "other/t": (streams["cmd/t"][0] + 0.3, "", "s")}
+    for found in (made(bare | late, common), made(streams, common), made(streams, common.replace("imu/t", "cmd/t"))):
+        for name in columns.WRENCH + columns.DELTA_THETA:
+            np.testing.assert_allclose(found.columns[name].numbers(), plain.columns[name].numbers(), atol=1e-12)
+    with pytest.raises(InputError, match=r"its clock 'imu/t'|clock 'other/t' 400|has 4000 samples and its clock 'other/t' 400"):
+        made(bare | late, common.replace("imu/t", "other/t"))
+
+
 INCREMENTS = WRENCH_MAP.replace('paths = "imu/w?"\nvalues = "sample"', 'paths = "imu/w?"\nvalues = "increment"')
 
 

@@ -95,7 +95,7 @@ class Signals:
     def _bit(self, key: str, stream: Stream, bit: int) -> Array:
         """(n,) whether a bit of a whole number is set: 0, 1, and NaN where there is no number."""
         values = self._numbers(key, stream, empty=True)
-        bad = np.flatnonzero((values < 0) | (values % 1 != 0))
+        bad = np.flatnonzero((values < 0) | (~np.isnan(values) & (values % 1 != 0)))
         if bad.size:
             where = stream.place(int(bad[0]))
             raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is no whole number of bits; drop bit, or name another path")
@@ -244,10 +244,13 @@ class Signals:
         return factor, units.plain(text)
 
     def _clock_of(self, key: str, paths: Sequence[str | float], said: Clock | None) -> Clock:
-        """The clock with a path: of the quantity, of the stream as the file says, of the map."""
+        """The clock with a path: of the quantity, of the stream as the file says, of the map for those of which it says none."""
         named = [path for path in paths if isinstance(path, str)]
         own = next((self._stream(key, path).clock for path in named), "")
-        stated = said or (self.map.clock if self.map.clock.path or not own else self.map.clock.model_copy(update={"unit": None}))
+        common = self.map.clock
+        if own and own != common.path:
+            common = Clock() if common.path else common.model_copy(update={"unit": None})
+        stated = said or common
         if stated.path is None and not own:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
         return stated if stated.path is not None else replace_clock(stated, own)
