@@ -170,9 +170,21 @@ def test_a_clock_that_nothing_names_is_asked_for() -> None:
     clockless["imu/t"] = (held["imu/t"].values[::-1].copy(), "", "")
     assert 'clock = { path = "?", unit = "?" }   # one of "imu/n", "imu/m"' in propose.draft(flight(**clockless, **count))
     clockless["imu/t"] = (held["imu/t"].values * 1e6, "", "")
-    assert 'clock = { path = "imu/t", unit = "?" }   # s, ms, us or ns: not recorded; its median step is 5000' in propose.draft(
+    assert 'clock = { path = "imu/t", unit = "?" }   # s, ms, us or ns: not recorded; samples come every 5000' in propose.draft(
         flight(**clockless)
     )
+
+
+@pytest.mark.parametrize(("step", "told"), [(0.01, "0.01"), (0.010002, "0.010002")])
+def test_stamps_that_scatter_give_the_interval_that_samples_have(step: float, told: str) -> None:
+    random, began = np.random.default_rng(0), 1_700_000_000_000_000_000
+    streams = without()
+    for clock, count, every in (("imu/t", 2000, step), ("cmd/t", 500, 5 * step)):
+        stamps = np.arange(count) * every + random.uniform(0, 0.2 * step * ("2" not in told), count)
+        streams[clock] = began + np.round(stamps * 1e9).astype(np.int64), "", "ns"
+    read = recording(**streams)
+    assert f"interval_s = {told}   # commands come at {0.2 / step:.6g} Hz, the slower sensor at {1 / step:.6g} Hz" in propose.draft(read)
+    assert listing.Clocks(read).rate_hz(read.streams["imu/gyro_x"]) == pytest.approx(1 / step, rel=1e-9)
 
 
 def test_streams_are_listed_with_rate_range_and_unit(tmp_path: Path) -> None:

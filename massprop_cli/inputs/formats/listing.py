@@ -7,13 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import units
+from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.recording import Recording, Stream
 
 _CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
+_SURE = 3.0
+"""Times the scatter of stamps over their number, of the mean step's error."""
 
 
 @dataclass(frozen=True)
@@ -98,10 +101,15 @@ class Clocks:
         return (ending, "by its name") if mark and ending in units.TIME else ("", "")
 
     def step(self, path: str, of: Stream | None = None) -> float:
-        """The median step of a clock, in its own unit; between samples ``of`` a stream."""
-        times = np.asarray(self.streams[path].values, np.float64)
-        steps = np.diff(times[self._held(of or self.streams[path]) & np.isfinite(times)])
-        return float(np.median(steps)) if len(steps) else 0.0
+        """The usual step of a clock, in its own unit; between samples ``of`` a stream. The roundest that stamps which scatter allow."""
+        times = self.streams[path].values
+        held = times[self._held(of or self.streams[path]) & self._held(self.streams[path])]
+        steps = np.diff(held).astype(np.float64)  # of whole nanoseconds since 1970, which no float holds
+        regular = steps[steps <= GAP * median(steps)] if len(steps) else steps
+        if not len(regular):
+            return 0.0
+        gaps = len(steps) - len(regular)
+        return _roundest(float(regular.mean()), _SURE * float(regular.std()) * (1 + gaps) ** 0.5 / len(regular))
 
     def rate_hz(self, one: Stream) -> float | None:
         """Samples a second; None where the clock or its unit is not known."""
@@ -111,6 +119,15 @@ class Clocks:
             return None
         step = self.step(found[0], one) * factor
         return 1 / step if step > 0 else None
+
+
+def _roundest(value: float, within: float) -> float:
+    """The number of the fewest digits that is as near to a value as this."""
+    for digits in range(1, 16):
+        rounded = float(f"{value:.{digits}g}")
+        if abs(rounded - value) <= within:
+            return rounded
+    return value
 
 
 def _increases(values: Array) -> bool:

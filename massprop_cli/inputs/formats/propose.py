@@ -213,8 +213,8 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
         return [] if stream.clock == some[0] else [f"clock = {{ path = {json.dumps(some[0])} }}"]
     if unit:
         return [f'clock = {{ path = {json.dumps(some[0])}, unit = "{unit}" }}   # {why}']
-    step = clocks.step(some[0])
-    return [f'clock = {{ path = {json.dumps(some[0])}, unit = "?" }}   # s, ms, us or ns: not recorded; its median step is {step:.6g}']
+    step = clocks.step(some[0], stream)
+    return [f'clock = {{ path = {json.dumps(some[0])}, unit = "?" }}   # s, ms, us or ns: not recorded; samples come every {step:.6g}']
 
 
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
