@@ -103,6 +103,42 @@ def test_streams_merged_on_their_times_are_the_same(plain: dict[str, np.ndarray]
     assert any("torque" in line and "rows of the file hold none of its samples" in line for line in table.made.said)
 
 
+def test_the_draft_of_merged_streams_puts_them_on_records_and_can_be_followed(tmp_path: Path) -> None:
+    imu, commands = frames()
+    commands["tc"] = commands["tc"] - 0.0007  # the stamps of some IMU samples
+    beside, path = tmp_path / "beside.csv", tmp_path / "log.csv"
+    pd.concat((imu, commands), axis=1).to_csv(beside, index=False)
+    plain = numbers(mapped(beside))
+    own = commands.rename(columns={"tc": "t"})
+    outer, rows = imu.merge(own, on="t", how="outer").sort_values("t"), pd.concat([imu, own]).sort_values("t", kind="stable")
+    assert len(outer) < len(rows) == len(imu) + len(own)
+    for merged in (outer, rows):
+        merged.rename(columns={axis: f"gyro_{axis[1]} [rad/s]" for axis in ("wx", "wy", "wz")}).to_csv(path, index=False)
+        draft = propose.draft(reading.load(path))
+        assert "# 4000 samples, rad/s" in draft
+        assert "# 400 samples" in draft
+        interval = 'interval_s = "?"   # in s: 0.005 in the clock\'s own unit; commands come every 0.05, the slower sensor every 0.005'
+        assert (
+            f"[records]   # the streams have clocks of their own, and are put on records of one length and on control cycles\n{interval}"
+            in draft
+        )
+        assert draft.count('clock = { path = "t", unit = "?" }') == 1
+        answered = (
+            draft.replace('values = "?"', 'values = "sample"')
+            .replace('frame = "?"', 'frame = "body"')
+            .replace("per_cycle = 10", "per_cycle = 5")
+        )
+        answered = answered.replace('interval_s = "?"', 'interval_s = 0.01\nzero = "start"').replace(
+            'path = "t", unit = "?"', 'path = "t", unit = "s"'
+        )
+        for unit in ("m/s^2", "N m", "N"):
+            answered = answered.replace('unit = "?"', f'unit = "{unit}"', 1)
+        path.with_name("map.toml").write_text(answered)
+        same(read_table(path), plain)
+    told = {one.path: one for one in listing.listed(reading.load(path))}
+    assert (told["tx"].samples, told["tx"].note) == (400, "4000 rows empty")
+
+
 def test_a_number_that_is_missing_beside_others_is_refused_with_its_line(tmp_path: Path) -> None:
     imu, commands = frames()
     imu.loc[100, "wy"] = np.nan

@@ -45,14 +45,14 @@ def _listed(clocks: Clocks, one: Stream) -> Listed:
     values = numbers(one)
     if values is None:
         return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "no numbers")
-    finite = values[np.isfinite(values)]
+    finite, empty = values[np.isfinite(values)], int(np.isnan(values).sum())
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
-    note = "" if finite.size == one.rows else f"{one.rows - finite.size} not finite"
+    note = f"{empty} rows empty" * (empty > 0) if finite.size + empty == one.rows else f"{one.rows - finite.size} not finite"
     if finite.size and least == most:
         note = note or "constant"
     elif one.path in clocks.increasing:
-        note = "increasing"
-    return Listed(one.path, one.rows, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
+        note = note or "increasing"
+    return Listed(one.path, one.rows - empty, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
 
 
 def numbers(one: Stream) -> Array | None:
@@ -76,16 +76,25 @@ class Clocks:
         held = ((path, numbers(one)) for path, one in self.streams.items() if one.rows > 1)
         return frozenset(path for path, values in held if values is not None and _increases(values[np.isfinite(values)]))
 
+    def _increases_in(self, path: str, held: BoolArray) -> bool:
+        """Whether a stream increases over these rows; a clock of two that were merged may stand still from one's row to the other's."""
+        values = numbers(self.streams[path]) if leaf(path) in _CLOCK_NAMES and not held.all() else None
+        return path in self.increasing or (values is not None and _increases(values[held]))
+
     def of(self, one: Stream) -> list[str]:
         """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
         held = self._held(one)
-        like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
-        like = [path for path in like if self._held(self.streams[path])[held].all()]
+        like = [path for path, other in self.streams.items() if other.rows == one.rows and path != one.path]
+        like = [path for path in like if self._increases_in(path, held) and self._held(self.streams[path])[held].all()]
         # of columns of one table with clocks of their own the one that ends where the stream does
         like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
+
+    def samples(self, one: Stream) -> int:
+        """How many rows have a number of it."""
+        return int(self._held(one).sum())
 
     def _held(self, one: Stream) -> BoolArray:
         """(rows,) where it has a number."""

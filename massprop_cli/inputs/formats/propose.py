@@ -59,9 +59,9 @@ def _one_clock(lines: list[str]) -> list[str]:
     """A clock that every table would repeat stands once, at the top."""
     tables = sum(line.startswith("[") for line in lines)
     said = [line for line in lines if line.startswith("clock = ")]
-    if len(said) < 2 or len(said) < tables or len(set(said)) > 1:
+    if len(said) < 2 or len(said) < tables or len({line.partition("#")[0] for line in said}) > 1:
         return lines
-    return [*lines[:2], said[0], *(line for line in lines[2:] if line != said[0])]
+    return [*lines[:2], said[0], *(line for line in lines[2:] if line not in said)]
 
 
 def questions(text: str) -> int:
@@ -115,7 +115,7 @@ def _no_vector(quantity: Quantity) -> list[str]:
 def _said(clocks: listing.Clocks, vector: Vector) -> str:
     rate = clocks.rate_hz(vector.streams[0])
     parts = [
-        f"{vector.streams[0].rows} samples",
+        f"{clocks.samples(vector.streams[0])} samples",
         *([f"{rate:.6g} Hz"] if rate else []),
         *([vector.streams[0].unit] * bool(vector.streams[0].unit)),
     ]
@@ -236,10 +236,12 @@ def _records(clocks: listing.Clocks, chosen: Mapping[str, Vector], jets: Sequenc
     commands = [chosen[key].streams[0] for key in ("torque", "force") if key in chosen] + [clocks.streams[path] for path in jets[:1]]
     streams = [*sensors, *commands]
     complete = len(sensors) == 2 and bool(commands)
-    if complete and len({tuple(clocks.of(one)) for one in streams}) == 1:
+    one_clock = len({tuple(clocks.of(one)) for one in streams}) == 1
+    # an IMU in every row, and commands in some of them
+    if complete and one_clock and all(clocks.samples(one) == one.rows for one in sensors):
         return ["# all on one clock: the file's rows are the log's, and commands change with the first row of a control cycle only"]
-    rates = [rate for one in streams if (rate := clocks.rate_hz(one)) is not None]
-    if not complete or len(rates) < len(streams):
+    steps = [clocks.step(found[0], one) for one in streams if len(found := clocks.of(one)) == 1]
+    if not complete or len(steps) < len(streams) or not all(steps):
         return [
             "# where the streams have clocks of their own, they are put on records of one length and on control cycles:",
             "# [records]",
@@ -247,10 +249,17 @@ def _records(clocks: listing.Clocks, chosen: Mapping[str, Vector], jets: Sequenc
             '# per_cycle = "?"    # records of a control cycle',
         ]
     lines = ["[records]   # the streams have clocks of their own, and are put on records of one length and on control cycles"]
-    slower, commanded = min(rates[:2]), rates[2]
-    count = max(1, min(_RECORDS, int(slower / commanded * 1.001)))
-    lines.append(f"interval_s = {1 / commanded / count:.9g}   # commands come at {commanded:.6g} Hz, the slower sensor at {slower:.6g} Hz")
-    lines.append(f"per_cycle = {count}")
+    rates = [rate for one in streams if (rate := clocks.rate_hz(one)) is not None]
+    known = len(rates) == len(streams)
+    slower, commanded = (1 / min(rates[:2]), 1 / rates[2]) if known else (max(steps[:2]), steps[2])
+    count = max(1, min(_RECORDS, int(commanded / slower * 1.001)))
+    length = f"{commanded / count:.9g}"
+    if known:
+        lines.append(f"interval_s = {length}   # commands come at {1 / commanded:.6g} Hz, the slower sensor at {1 / slower:.6g} Hz")
+    else:
+        own = f"in s: {length} in the clock's own unit; " if one_clock else "in s; by their own clocks "
+        lines.append(f'interval_s = "?"   # {own}commands come every {commanded:.6g}, the slower sensor every {slower:.6g}')
+    lines.append(f"per_cycle = {count}" if known or one_clock else 'per_cycle = "?"   # records of a control cycle')
     first = clocks.of(streams[0])[0]
     if float(clocks.streams[first].values[0]) * (units.factor(clocks.unit(first)[0], units.TIME) or 1.0) > _LONG_AGO_S:
         lines.append('zero = "start"   # the clock counts from long ago')
