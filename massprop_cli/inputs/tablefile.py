@@ -186,12 +186,13 @@ def _read_csv(path: Path, data: Content) -> _File:
 
 
 def _units(table: Any) -> Mapping[str, str]:
-    """By column, where a table's first row names nothing but units; empty where it doesn't."""
+    """By column, where most cells of a table's first row are units and none is a number; empty where it holds none."""
     first = {
         name: str(column[0].as_py() or "").strip() for name, column in zip(table.column_names, table.columns, strict=True) if len(column)
     }
     named = {name: cell for name, cell in first.items() if cell.strip("[]()-")}
-    return named if named and all(units.is_any(cell) for cell in named.values()) else {}
+    known = sum(map(units.is_any, named.values()))
+    return named if 2 * known > len(named) and not any(map(_NUMBER.match, named.values())) else {}
 
 
 def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:

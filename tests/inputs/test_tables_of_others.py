@@ -209,6 +209,23 @@ def test_comments_units_and_empty_rows_around_a_table_are_none_of_its_rows(plain
         mapped(path, "", *bare)
 
 
+def test_a_row_of_units_may_hold_some_that_are_no_quantitys_here(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    both = pd.concat(frames(), axis=1).assign(temperature=20.0, Bx=30.0, counter=0, state="flying")
+    header, *rows = both.to_csv(index=False).splitlines()
+    units = ["UTC", *["rad/s"] * 3, *["m/s2"] * 3, "s", *["Nm"] * 3, *["N"] * 3, "degC", "uT", "-", ""]
+    path = tmp_path / "log.csv"
+    bare = [(f'unit = "{unit}"\n', "") for unit in ("rad/s", "m/s^2", "N m", "N")]
+    path.write_text("\n".join([header, ",".join(units), *rows]))
+    seconds = ('clock = { path = "t"', 'clock = { path = "t", unit = "s"')
+    same(mapped(path, "", seconds, *bare), plain)
+    assert reading.load(path).streams["temperature"].unit == "degC"
+    # a row with a number is a row of the log, and words are no units
+    for first in (["0.0", *units[1:]], ["UTC", *["?"] * 13, "degC", "uT", "-", ""]):
+        path.write_text("\n".join([header, ",".join(first), *rows]))
+        with pytest.raises(InputError, match=r"log.csv, line 2, column"):
+            mapped(path, ', unit = "s"')
+
+
 def test_a_header_that_is_a_comment_is_the_header(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
     header, *rows = pd.concat(frames(), axis=1).to_csv(index=False).splitlines()
     path = tmp_path / "log.csv"
