@@ -156,6 +156,10 @@ DATES: dict[str, Callable[[pd.Series], pd.Series]] = {
     "ISO 8601": _iso,
     "with an offset and a comma": lambda s: _iso(s).str.replace(".", ",") + "+02:00",
     "with Z": lambda s: _iso(s) + "Z",
+    "with UTC behind a space": lambda s: _iso(s) + " UTC",
+    "with slashes": lambda s: _iso(s).str.replace("-", "/").str.replace("T", " "),
+    "without marks": lambda s: _iso(s).str.replace("-", "").str.replace(":", ""),
+    "of the day of the year": lambda s: (BEGUN + pd.to_timedelta(s, unit="s")).dt.strftime("%Y-%jT%H:%M:%S.%fZ"),
     "of the day alone": lambda s: (pd.Timestamp("2024-05-01 12:00") + pd.to_timedelta(s, unit="s")).dt.strftime("%H:%M:%S.%f"),
 }
 
@@ -188,6 +192,25 @@ def test_a_cell_that_is_no_date_is_named_by_its_line(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     pd.concat((imu, commands), axis=1).to_csv(path, index=False)
     with pytest.raises(InputError, match=r"log.csv, line 9, column t: 'yesterday' is no date and time; mend the cell"):
+        mapped(path, "")
+
+
+@pytest.mark.parametrize("cell", ["05/01/2024 12:00:00.05", "1/0700000000.00655", "24.12.2024 14:23:07", "12:00:00:050"])
+def test_times_that_are_not_read_are_shown_with_the_forms_that_are(cell: str, tmp_path: Path) -> None:
+    imu, commands = frames()
+    path = tmp_path / "log.csv"
+    pd.concat((imu.assign(t=cell), commands), axis=1).to_csv(path, index=False)
+    with pytest.raises(
+        InputError, match=rf"log.csv, line 2, column t: '{re.escape(cell)}' is not a number.*2024-122; with Z, UTC or an offset"
+    ):
+        mapped(path, "")
+
+
+def test_a_day_that_its_year_has_not_is_none(tmp_path: Path) -> None:
+    imu, commands = frames()
+    path = tmp_path / "log.csv"
+    pd.concat((imu.assign(t=DATES["of the day of the year"](imu["t"]).str.replace("2024-122", "2023-366")), commands), axis=1).to_csv(path)
+    with pytest.raises(InputError, match=r"log.csv, column t: dates that differ in form or are none; write all alike"):
         mapped(path, "")
 
 

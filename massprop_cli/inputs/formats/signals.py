@@ -276,7 +276,10 @@ class Signals:
         return Fraction(value.item()) * Fraction(str(factor)) * Fraction(str(clock.scale)) + Fraction(clock.offset_s)
 
     def _time_factor(self, key: str, clock: Clock) -> float:
-        return self._factor(key, self._stream(key, clock.path or ""), clock.unit, units.TIME)[0]
+        stream = self._stream(key, clock.path or "")
+        if not (clock.unit or stream.unit):
+            _ = stream.values  # texts that are no times are told as that: no unit would help
+        return self._factor(key, stream, clock.unit, units.TIME)[0]
 
     def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
         path = clock.path or ""
