@@ -205,6 +205,22 @@ def test_a_valves_openings_become_on_times() -> None:
     assert on.sum() == pytest.approx(0.3 * table.rows * 0.01, rel=5e-3)
 
 
+@pytest.mark.parametrize(("hz", "slow"), [(40.0, False), (20.0, False), (10.0, True), (2.0, True)])
+def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: float, slow: bool) -> None:
+    streams = motion()
+    t = np.arange(round(20 * hz)) / hz
+    streams |= {"rw/t": (t, "", "s"), "rw/n": (100 * np.sin(t), "rw/t", "rad/s"), "bus/v": (12 + 0 * t, "rw/t", "V")}
+    text = WRENCH_MAP.split("[torque]", maxsplit=1)[0] + '[wheels.x]\npath = "rw/n"\n[supply]\npath = "bus/v"\n' + RECORDS
+    table = made(streams, text)
+    ends = table.columns["time_s"].numbers()
+    np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), np.interp(ends, t, 100 * np.sin(t)), atol=1e-9)
+    assert table.made is not None
+    told = [line for line in table.made.said if "made up" in line]
+    wanted = f"wheels.x: every {1 / hz:g} s, interpolated to the records' ends: slower than control cycles of 0.05 s, so that in between"
+    assert len(told) == slow
+    assert not slow or told[0].startswith(wanted)
+
+
 def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
     """A log as three streams: each sensor and the commands with a clock of its own."""
     streams: dict[str, tuple[Numbers, str, str]] = {"g/t": (log.time_s, "", "s"), "a/t": (log.time_s * 1e3 + 250, "", "ms")}

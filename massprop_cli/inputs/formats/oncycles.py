@@ -78,12 +78,24 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
         signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
     for signal, column in instants:
         made[column] = np.interp(edges[1:], signal.times.s, signal.values[:, 0])
-        signals.made.append(f"{signal.key}: every {signal.times.step_s:.6g} s, interpolated to the records' ends")
+        signals.made.append(f"{signal.key}: {_read_off(signal, length * records.per_cycle)}")
     cycles = edges[:: records.per_cycle]
     for command in commands:
         values = _on_cycles(signals, command, cycles)
         made |= dict(zip(command.names, np.repeat(values, records.per_cycle, 0).T, strict=True))
     return made
+
+
+def _read_off(signal: Signal, cycle_s: float) -> str:
+    """How what is read off at the ends of records was come by, and what of it is made up."""
+    step = signal.times.step_s
+    said = f"every {step:.6g} s, interpolated to the records' ends"
+    if signal.key == "supply" or step < 1.01 * cycle_s:
+        return said
+    return (
+        f"{said}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; what "
+        "changes faster is lost and moves the results. Log it once a control cycle"
+    )
 
 
 def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
