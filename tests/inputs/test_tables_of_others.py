@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import listing, propose, reading
+from massprop_cli.inputs.formats import listing, propose, reading, units
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.tablefile import Table
 from tests.inputs.test_map import motion
@@ -313,3 +314,34 @@ def test_an_index_in_a_columns_name_is_no_unit(tmp_path: Path) -> None:
     assert clocks.of(read.streams["gyro[1]"]) == ["t"]
     assert clocks.of(read.streams["fy"]) == ["tc"]
     assert "nan" not in text
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ([f"gyroADC[{n}] (deg/s)" for n in range(3)], "deg/s"),
+        (["p (°/s)", "q (°/s)", "r (°/s)"], "deg/s"),
+        ([f"omega {axis} / (rad/s)" for axis in "xyz"], "rad/s"),
+        ([f"w{axis} / rad/s" for axis in "xyz"], "rad/s"),
+        ([f"Gyr_{axis} [mrad/s]" for axis in "XYZ"], "mrad/s"),
+    ],
+)
+def test_axes_are_found_before_the_unit_behind_them(names: list[str], unit: str, tmp_path: Path) -> None:
+    imu, _ = frames()
+    path = tmp_path / "log.csv"
+    called = dict(zip(("wx", "wy", "wz"), names, strict=True)) | {"t": "t / s"} | {f"a{axis}": f"a{axis} / g" for axis in "xyz"}
+    imu.rename(columns=called).to_csv(path, index=False)
+    read = reading.load(path)
+    assert [units.plain(read.streams[name].unit) for name in names] == [unit] * 3
+    draft = propose.draft(read)
+    for paths in (names, ["ax / g", "ay / g", "az / g"]):
+        assert f"paths = {json.dumps(paths, ensure_ascii=False)}   # 4000 samples, 200 Hz" in draft
+    assert 'clock = { path = "t / s" }' in draft
+
+
+def test_units_of_a_turn_and_names_without_any() -> None:
+    assert [units.factor(text, units.SPIN) for text in ("1/min", "min^-1", "RPM")] == [pytest.approx(np.pi / 30)] * 3
+    assert units.behind("speed / limit") == ("speed / limit", "")
+    assert units.behind("xyz[0]") == ("xyz[0]", "")
+    assert units.factor("mG", units.ACCELERATION) is None
+    assert units.factor("G", units.ACCELERATION) == units.G

@@ -144,8 +144,8 @@ def _increases(values: Array) -> bool:
 
 
 def leaf(path: str) -> str:
-    """The last part of a path, in lower case and without its unit in brackets."""
-    plain = path.partition("[")[0].partition(" (")[0].strip().lower()
+    """The last part of a path, in lower case and without its unit behind it."""
+    plain = units.behind(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
     return plain.replace(".", "/").rpartition("/")[2]
 
 
