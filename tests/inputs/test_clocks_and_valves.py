@@ -110,6 +110,22 @@ def test_states_of_valves_are_summed_over_the_cycles_that_their_pulses_begin(lea
     assert len(found) >= len(whole) - 1
 
 
+@pytest.mark.parametrize("records", [True, False])
+def test_a_jet_that_was_not_logged_since_it_never_fired_is_stated_as_0(records: bool, tmp_path: Path) -> None:
+    never = ('path = "right"\nunit = "s"', "path = 0")
+    changes = (*UNTIL_THEN[:1], never) if records else (never, (MAP[MAP.index("[records]") :], ""))
+    table = mapped(tmp_path / "log.csv", recorded().drop(columns="right"), *changes)
+    fired, still = (table.columns[columns.jet(name)].numbers() for name in ("left", "right"))
+    np.testing.assert_array_equal(still, np.zeros(len(fired)))
+    step = 5 if records else ROWS
+    np.testing.assert_allclose(fired[::step], ON[: len(fired) // step, 0], atol=1e-12)
+    if records:
+        assert "jets.right: taken as 0 throughout, as the map states" in said(table)
+        assert "control cycles begin where commands change" in said(table)
+    with pytest.raises(InputError, match=r"jets.right.path"):
+        mapped(tmp_path / "log.csv", recorded(), (never[0], "path = 1"))
+
+
 def test_on_times_that_differ_within_a_cycle_are_named_with_both(tmp_path: Path) -> None:
     frame = recorded()
     frame.loc[45, "left"] = 0.0421

@@ -110,7 +110,8 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
     jets = [(jet, *signals.jet(name, jet)) for name, jet in signals.map.jets.items()]
     _check_open(signals, [signal for _, signal, share in jets if share])
     for name, (jet, signal, share) in zip(signals.map.jets, jets, strict=True):
-        found.append(_Command(signal, jet.holds, (columns.jet(name),), "share" if share else "on_time"))
+        kind = "share" if share else "on_time" if signal.paths else "mean"
+        found.append(_Command(signal, jet.holds, (columns.jet(name),), kind))
     found += [_Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
 
@@ -162,7 +163,8 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     end = end if records.end_s is None else min(end, records.end_s - zero)
     length = records.interval_s or (records.samples or 1) * gyro.times.step_s
     cycle = length * records.per_cycle
-    driving = next((one.signal.times for one in commands if abs(one.signal.times.step_s / cycle - 1) < _LIKE), None)
+    recorded = [one.signal.times for one in commands if one.signal.paths]
+    driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < _LIKE), None)
     slack = _SAME * gyro.times.step_s
     begun = None if driving is not None else _where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():

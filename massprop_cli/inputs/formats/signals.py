@@ -82,6 +82,8 @@ class Signals:
     def jet(self, name: str, said: Jet) -> tuple[Signal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
         key = f"jets.{name}"
+        if said.path == 0:
+            return self._throughout(key, np.zeros(1)), False
         stream = self._stream(key, said.path)
         clock = self._clock_of(key, [said.path], said.clock)
         if said.bit is not None:
@@ -157,10 +159,14 @@ class Signals:
         values = self._together(key, [str(path) for path in paths], columns)
         turned = np.stack([values[:, "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in said.axes], 1)
         if not named:
-            gyro = self._paths("gyro", self.map.gyro.paths, 3)
-            times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
-            return Signal(key, (), np.broadcast_to(turned, (len(times.s), 3)), times)
+            return self._throughout(key, turned[0])
         return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
+
+    def _throughout(self, key: str, values: Array) -> Signal:
+        """What the map states itself, at the gyro's times."""
+        gyro = self._paths("gyro", self.map.gyro.paths, 3)
+        times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
+        return Signal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
 
     def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> Signal:
         rows = self._stream(f"{key}.clock", clock.path or "").rows
