@@ -52,7 +52,7 @@ def test_a_right_gyro_is_taken_beside_a_poor_attitude(axes: tuple[float, ...]) -
     poor = {
         "as it is": turns,
         "noisy": turns * noise,
-        "a tenth of a second late": turns[np.maximum(np.arange(ROWS) - 10, 0)],
+        "a fifth of a second late": turns[np.maximum(np.arange(ROWS) - 20, 0)],
         "once in a tenth of a second": turns[np.arange(ROWS) // 10 * 10],
         "of axes 8 degrees apart": turns * Rotation.from_euler("x", 8, degrees=True),
     }

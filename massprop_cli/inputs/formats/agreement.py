@@ -6,7 +6,6 @@ vertical. Another order of the axes, or another unit, that makes them agree is n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import permutations, product
 from pathlib import Path
 
@@ -27,8 +26,8 @@ turn any longer."""
 _APART, _TOGETHER = 0.5, 0.2
 """Parts of the turn by which gyro and attitude may differ, and must agree once they are put right."""
 _OFF, _SURE, _LONGER = 0.03, 5.0, 4
-"""A gyro's scale may be off by so much, or by so many of its sigmas; it must be beyond both over stretches so many times as long, too,
-where there are enough: an attitude that a filter smoothed turns less in what is fast alone."""
+"""A gyro's scale may be off by so much, or by so many of its sigmas; over stretches so many times as long, where there are enough, since an
+attitude that was smoothed or came late turns otherwise in what is fast alone."""
 
 
 def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
@@ -44,8 +43,8 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
     angle = np.cumsum(theta_imu @ body.T, 0)
     _compare(path, made, "gyro", np.diff(angle[edges], axis=0), wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
     if _rms(wanted) >= _NEAR / 2:
-        lengths = [each for each in (edges, edges[::_LONGER]) if len(each) > _LEAST]
-        _check_scale(path, made, [_scale(angle[each], attitude[each]) for each in lengths])
+        edges = edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges
+        _check_scale(path, made, angle[edges], attitude[edges])
     if vehicle.on_air_bearing:
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
         _compare(path, made, "accelerometer", force_imu @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
@@ -93,10 +92,10 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     )
 
 
-def _check_scale(path: Path, made: Made, found: Sequence[tuple[float, float]]) -> None:
-    """Refuse a gyro's scale that is wrong by all estimates of it, each with its sigma; the last is told."""
-    if found and all(abs(scale - 1) > max(_OFF, _SURE * sigma) for scale, sigma in found):
-        scale, sigma = found[-1]
+def _check_scale(path: Path, made: Made, angle: Array, attitude: Array) -> None:
+    """Refuse a gyro that turns surely farther than the attitude, or less far."""
+    scale, sigma = _scale(angle, attitude)
+    if abs(scale - 1) > max(_OFF, _SURE * sigma):
         raise InputError(
             f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; mend unit or scale under "
             f"[gyro] (scale = {1 / scale:.4g} beyond what it has makes them agree), or how its values and clock are stated"
@@ -106,16 +105,26 @@ def _check_scale(path: Path, made: Made, found: Sequence[tuple[float, float]]) -
 def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
     """How many times as far as the attitude (m, 4) a gyro's integral (m, 3) turns from row to row, with its sigma.
 
-    By least squares, beside a steady drift of either and a turn between their axes. Each stretch's own misfit makes the sigma.
+    By least squares, beside a steady drift of either and a turn between their axes: of one on the other and the other on the one, between
+    which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
     """
     turned, wanted = np.diff(angle, axis=0), _turns(attitude)
     turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)
     left, _, right = np.linalg.svd(wanted.T @ turned)
     turned = turned @ (left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right).T
-    size = float((turned**2).sum())
-    part = float((turned * wanted).sum()) / size
-    misfit = (turned * (wanted - part * turned)).sum(1) * (len(wanted) / (len(wanted) - 4)) ** 0.5
-    return 1 / part, float(np.sqrt((misfit**2).sum())) / size / part**2
+    least, sigma = _part(turned, wanted)
+    part, of_part = _part(wanted, turned)
+    if least > 1:
+        return least, sigma
+    return (1 / part, of_part / part**2) if part > 1 else (1.0, sigma)
+
+
+def _part(of: Array, by: Array) -> tuple[float, float]:
+    """The factor of one of two (m, 3) that is nearest to the other, and its sigma, which each row's own misfit makes."""
+    size = float((by**2).sum())
+    part = float((of * by).sum()) / size
+    misfit = (by * (of - part * by)).sum(1) * (len(of) / (len(of) - 4)) ** 0.5
+    return part, float(np.sqrt((misfit**2).sum())) / size
 
 
 def _rms(vectors: Array) -> float:
