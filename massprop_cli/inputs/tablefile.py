@@ -20,7 +20,7 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
-from massprop_cli.inputs import parquetheader
+from massprop_cli.inputs import instants, parquetheader
 from massprop_cli.inputs.formats import csvdialect, recording, units
 
 VEHICLE_KEY = b"massprop.vehicle"
@@ -31,10 +31,7 @@ _LINE_END = re.compile(r"\r\n?")
 _BLANK_LINE = re.compile(r"\n[ \t]*\n")
 _BLANK_BEGINNING = re.compile(r"[ \t]*\n")
 _ANYTHING = re.compile(r"\S")
-_INSTANT = re.compile(r"\s*(\d{4}-\d\d-\d\d[ T])?\d\d:\d\d:\d\d([.,]\d{1,9})?\s*(Z|[+-]\d\d:?(\d\d)?)?\s*$")
-"""A date and time of ISO 8601, or the time alone."""
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$")
-_DATED = re.compile(r"\d[:/.-]\w+[:/.-]\d|\d:\d\d|\d\s*(AM|PM|s|sec|days?)\b", re.IGNORECASE)
 _HEADED = 60
 """Lines up to which a file's own preamble may go."""
 _WHOLE = 2**53
@@ -181,17 +178,18 @@ def _read_csv(path: Path, data: Content) -> _File:
     stated = _units(table)
     if stated:
         table, places = table.slice(1), Places(list(places.lines or ())[1:])
-    instants = {name: "ns" for name in names if _INSTANT.match(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
-    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, instants, stated)
+    dated = {name: "ns" for name in names if instants.is_instant(str(table.column(name)[0].as_py() or ""))} if table.num_rows else {}
+    return _File(names, table.num_rows, lambda name: table.column(name).combine_chunks(), places, {}, dated, stated)
 
 
 def _units(table: Any) -> Mapping[str, str]:
-    """By column, where a table's first row names nothing but units; empty where it doesn't."""
+    """By column, where most cells of a table's first row are units and none is a number; empty where it holds none."""
     first = {
         name: str(column[0].as_py() or "").strip() for name, column in zip(table.column_names, table.columns, strict=True) if len(column)
     }
     named = {name: cell for name, cell in first.items() if cell.strip("[]()-")}
-    return named if named and all(units.is_any(cell) for cell in named.values()) else {}
+    known = sum(map(units.is_any, named.values()))
+    return named if 2 * known > len(named) and not any(map(_NUMBER.match, named.values())) else {}
 
 
 def _lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
@@ -292,20 +290,6 @@ def give_back() -> None:
     pa.default_memory_pool().release_unused()
 
 
-def _instants(text: Any) -> Any:
-    """Arrow's array of dates and times in ns; None where a text is none, or they differ in form."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    dated = pc.if_else(pc.match_substring(text, "-"), text, pc.binary_join_element_wise("1970-01-01", text, " "))
-    for kind in (pa.timestamp("ns", "UTC"), pa.timestamp("ns")):
-        try:
-            return dated.cast(kind)
-        except pa.ArrowException:
-            continue
-    return None
-
-
 @dataclass(frozen=True)
 class Cells:
     """One column of a file; :meth:`numbers` converts it or says which cell can't be converted."""
@@ -326,11 +310,10 @@ class Cells:
         :class:`InputError` names the first cell that is none.
         """
         import pyarrow as pa
-        import pyarrow.compute as pc
 
         data = self.read()
         if not pa.types.is_temporal(data.type):
-            data = _instants(pc.replace_substring(pc.utf8_trim_whitespace(data), ",", "."))
+            data = instants.instants(data)
         if data is None:
             raise self._no_instant()
         whole = data.cast(pa.int64())
@@ -341,9 +324,10 @@ class Cells:
 
     def _no_instant(self) -> InputError:
         for row, cell in enumerate(value.as_py() for value in self.read()):
-            if cell is not None and not _INSTANT.match(cell):
-                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is no date and time; mend the cell")
-        return InputError(f"{self.path}, column {self.name}: dates and times that differ in form; write all alike, or as numbers")
+            if cell is not None and not instants.is_instant(cell):
+                said = f"{cell!r} is no date and time; mend the cell; {instants.FORMS}"
+                return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {said}")
+        return InputError(f"{self.path}, column {self.name}: dates that differ in form or are none; write all alike, or as numbers")
 
     def numbers(self) -> Array:
         """(rows,) float64 with NaN for null. :class:`InputError` names the first cell that is no number."""
@@ -390,7 +374,7 @@ class Cells:
                 mend = "mend the cell"
                 if self.instants:  # from the first row on
                     mend = "name the column as a clock in a map file (massprop columns with --as-map drafts it)"
-                elif _DATED.search(str(cell)):
-                    mend += "; a date and time is ISO 8601's, 2024-05-01T12:00:00.125"
+                elif instants.is_like(str(cell)):
+                    mend += f"; {instants.FORMS}"
                 return InputError(f"{self.path}, {self.places.of(row)}, column {self.name}: {cell!r} is not a number; {mend}")
         return InputError(f"{self.path}, column {self.name}: {data.type} is not a number type; write it as float64")

@@ -80,6 +80,87 @@ def test_what_is_ambiguous_is_asked_with_all_that_it_may_be() -> None:
     assert 'paths = ["imu/gyro_x"' in propose.draft(flight(**other))
 
 
+def section(text: str, key: str) -> str:
+    """What a draft says under one key."""
+    return text.split(f"[{key}]\n", maxsplit=1)[1].split("\n\n", maxsplit=1)[0]
+
+
+def three(stem: str, unit: str, clock: str = "imu/t") -> dict[str, tuple[Numbers, str, str]]:
+    """A vector of noise called so, with * for its axis."""
+    rows = 2000 if clock == "imu/t" else 500
+    return {stem.replace("*", axis): (np.random.default_rng(2).normal(size=rows), clock, unit) for axis in "xyz"}
+
+
+def without(*parts: str) -> dict[str, tuple[Numbers, str, str]]:
+    """The flight's streams but those that are called so."""
+    return {path: (one.values, one.clock, one.unit) for path, one in flight().streams.items() if not any(part in path for part in parts)}
+
+
+@pytest.mark.parametrize(
+    ("key", "own", "other", "unit"),
+    [
+        ("gyro", "gyro", "imu/euler_*", "deg"),
+        ("gyro", "gyro", "imu/mocap_*", "deg/s"),
+        ("gyro", "gyro", "imu/rate_ref_*", "rad/s"),
+        ("gyro", "gyro", "imu/rw_speed_*", "rad/s"),
+        ("accelerometer", "acc", "imu/vel_*", "m/s"),
+        ("accelerometer", "acc", "imu/B_*", "mG"),
+        ("accelerometer", "acc", "imu/ang_acc_*", ""),
+        ("accelerometer", "acc", "imu/acc_setpoint_*", "m/s^2"),
+    ],
+)
+def test_a_unit_beats_no_name_and_what_a_name_excludes_is_no_sensor(key: str, own: str, other: str, unit: str) -> None:
+    plain = without()
+    plain |= {path: (values, clock, "") for path, (values, clock, _) in plain.items() if f"/{own}_" in path}
+    beside = section(propose.draft(recording(**plain, **three(other, unit))), key)
+    assert f'paths = ["imu/{own}_x", "imu/{own}_y", "imu/{own}_z"]' in beside
+    alone = section(propose.draft(recording(**without(f"/{own}_"), **three(other, unit))), key)
+    taken = 'paths = ["imu/mocap_x"' if "mocap" in other else 'paths = ["?", "?", "?"]'
+    assert taken in alone
+
+
+@pytest.mark.parametrize(
+    ("others", "taken"),
+    [
+        (["torque_setpoint_*", "torque_measured_*", "disturbance_torque_*"], "own/torque_setpoint_x"),
+        (["torque_*", "unallocated_torque_*", "torque_est_*"], "own/torque_x"),
+        (["allocated_torque_*", "torqueCmd_*"], "own/torqueCmd_x"),
+        (["disturbance_torque_*", "gg_torque_*", "measuredTorque_*"], None),
+        (["torque_ref_*"], None),
+        (["torque_1_*", "torque_2_*"], None),
+    ],
+)
+def test_a_command_is_what_was_told_not_what_was_felt(others: list[str], taken: str | None) -> None:
+    streams = without("torque")
+    for name in others:
+        streams |= three(f"own/{name}", "N m", "cmd/t")
+    told = section(propose.draft(recording(**streams)), "torque")
+    assert (f'paths = ["{taken}"' if taken else 'paths = ["?", "?", "?"]') in told
+    assert ("could be it" in told) == (taken is None and "measuredTorque_*" not in others)
+
+
+def test_a_change_of_attitude_is_none() -> None:
+    turned = {f"est/{name}[{n}]": (np.full(2000, 0.5), "imu/t", "") for name in ("q", "delta_q_reset") for n in range(4)}
+    text = propose.draft(flight(**turned))
+    assert 'paths = ["est/q[0]"' in text
+    assert "delta_q_reset" not in text
+
+
+def test_increments_are_drafted_as_such_where_they_are_known_to_cover_their_time() -> None:
+    streams = without("gyro") | three("imu/delta_angle_*", "rad")
+    text = section(propose.draft(recording(**streams)), "gyro")
+    assert 'values = "?"   # "increment", by its unit, if each covers all the time since the one before' in text
+    whole = {"imu/delta_angle_dt": (np.full(2000, 5000), "imu/t", "")}
+    text = section(propose.draft(recording(**streams, **whole)), "gyro")
+    assert "values = \"increment\"   # by its unit; 'imu/delta_angle_dt' says that each covers the time since the one before" in text
+    half = {"imu/delta_angle_dt": (np.full(2000, 2500), "imu/t", "")}
+    text = section(propose.draft(recording(**streams, **half)), "gyro")
+    assert "by 'imu/delta_angle_dt' each covers 2500, and they come every 0.005 by their clock" in text
+    assert 'paths = ["?", "?", "?"]' in text
+    # a stream of rates is then the only one
+    assert 'paths = ["imu/gyro_x"' in propose.draft(flight(**three("imu/delta_angle_*", "rad"), **half))
+
+
 def test_a_clock_that_nothing_names_is_asked_for() -> None:
     held = flight().streams
     clockless = {path: (one.values, "", one.unit) for path, one in held.items() if path.startswith("imu")}
@@ -89,9 +170,21 @@ def test_a_clock_that_nothing_names_is_asked_for() -> None:
     clockless["imu/t"] = (held["imu/t"].values[::-1].copy(), "", "")
     assert 'clock = { path = "?", unit = "?" }   # one of "imu/n", "imu/m"' in propose.draft(flight(**clockless, **count))
     clockless["imu/t"] = (held["imu/t"].values * 1e6, "", "")
-    assert 'clock = { path = "imu/t", unit = "?" }   # s, ms, us or ns: not recorded; its median step is 5000' in propose.draft(
+    assert 'clock = { path = "imu/t", unit = "?" }   # s, ms, us or ns: not recorded; samples come every 5000' in propose.draft(
         flight(**clockless)
     )
+
+
+@pytest.mark.parametrize(("step", "told"), [(0.01, "0.01"), (0.010002, "0.010002")])
+def test_stamps_that_scatter_give_the_interval_that_samples_have(step: float, told: str) -> None:
+    random, began = np.random.default_rng(0), 1_700_000_000_000_000_000
+    streams = without()
+    for clock, count, every in (("imu/t", 2000, step), ("cmd/t", 500, 5 * step)):
+        stamps = np.arange(count) * every + random.uniform(0, 0.2 * step * ("2" not in told), count)
+        streams[clock] = began + np.round(stamps * 1e9).astype(np.int64), "", "ns"
+    read = recording(**streams)
+    assert f"interval_s = {told}   # commands come at {0.2 / step:.6g} Hz, the slower sensor at {1 / step:.6g} Hz" in propose.draft(read)
+    assert listing.Clocks(read).rate_hz(read.streams["imu/gyro_x"]) == pytest.approx(1 / step, rel=1e-9)
 
 
 def test_streams_are_listed_with_rate_range_and_unit(tmp_path: Path) -> None:

@@ -81,7 +81,12 @@ def test_gravity_is_told_from_none_and_from_neither(tmp_path: Path) -> None:
         text = draft.draft("own", traits.traits(read_table(log(tmp_path, gravity, quiet))), {})
         return next(line for line in text.splitlines() if "kind = " in line)
 
-    assert kind(9.79).startswith('kind = "air_bearing"   # in 496 quiet cycles the accelerometer feels 9.79')
+    # a bearing and a table hold a vehicle alike
+    assert kind(9.79).startswith('# kind = "air_bearing"   # it turns about a fixed point')
+    text = draft.draft("own", traits.traits(read_table(log(tmp_path, 9.79))), {})
+    assert '# kind = "planar"        # it slides and yaws on a table' in text
+    assert "# in 496 quiet cycles the accelerometer feels 9.79" in text
+    assert tomllib.loads(text)["environment"] == {}
     assert kind(0.0).startswith('kind = "free"')
     assert kind(3.0).startswith('# kind = "free"   # or "air_bearing": in 496 quiet cycles the accelerometer feels 3')
     # a vehicle that never stops pushing may hover
@@ -110,6 +115,30 @@ def test_wheels_are_listed_as_comments_since_each_needs_what_no_log_tells(tmp_pa
     assert '# name = "x"\n# column = "speed"' in text
     assert '# name = "y"\n# column = "torque"' in text
     assert "wheels" not in tomllib.loads(text)
+
+
+def test_rotors_are_listed_and_want_their_geometry_and_thrust(tmp_path: Path) -> None:
+    path = log(tmp_path)
+    table = pq.read_table(path)
+    command = np.abs(table.column(columns.WRENCH[0]).to_numpy())
+    table = table.drop_columns(list(columns.WRENCH))
+    for column in ("rotor_m1_command", "rotor_m2_command", "rotor_m2_rad_s", "rotor_m3_rad_s"):
+        table = table.append_column(column, pa.array(command))
+    pq.write_table(table, path)
+    found = traits.traits(read_table(path))
+    assert (found.records, found.quiet) == (RECORDS, 500 - traits.SETTLE)
+    text = draft.draft("own", found, {})
+    assert [(rotor["name"], rotor.get("column")) for rotor in tomllib.loads(text)["rotors"]] == [
+        ("m1", None),
+        ("m2", None),
+        ("m3", "speed"),
+    ]
+    assert f'name = "m1"   # column rotor_m1_command: 0 to {command.max():.4g}, 301 different values in 800 cycles' in text
+    for part in ("# position_m = [x, y, z]    #", "# axis", "# spin", "# thrust_n", "# torque_ratio_m"):
+        assert text.count(part) == 3
+    assert "no column of commands" not in text
+    with pytest.raises(InputError, match=r"rotors.0.position_m.* is missing"):
+        vehiclefile.parse(text, "own")
 
 
 def test_few_quiet_cycles_leave_noise_to_the_estimate(tmp_path: Path) -> None:

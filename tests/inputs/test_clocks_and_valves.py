@@ -110,6 +110,22 @@ def test_states_of_valves_are_summed_over_the_cycles_that_their_pulses_begin(lea
     assert len(found) >= len(whole) - 1
 
 
+@pytest.mark.parametrize("records", [True, False])
+def test_a_jet_that_was_not_logged_since_it_never_fired_is_stated_as_0(records: bool, tmp_path: Path) -> None:
+    never = ('path = "right"\nunit = "s"', "path = 0")
+    changes = (*UNTIL_THEN[:1], never) if records else (never, (MAP[MAP.index("[records]") :], ""))
+    table = mapped(tmp_path / "log.csv", recorded().drop(columns="right"), *changes)
+    fired, still = (table.columns[columns.jet(name)].numbers() for name in ("left", "right"))
+    np.testing.assert_array_equal(still, np.zeros(len(fired)))
+    step = 5 if records else ROWS
+    np.testing.assert_allclose(fired[::step], ON[: len(fired) // step, 0], atol=1e-12)
+    if records:
+        assert "jets.right: taken as 0 throughout, as the map states" in said(table)
+        assert "control cycles begin where commands change" in said(table)
+    with pytest.raises(InputError, match=r"jets.right.path"):
+        mapped(tmp_path / "log.csv", recorded(), (never[0], "path = 1"))
+
+
 def test_on_times_that_differ_within_a_cycle_are_named_with_both(tmp_path: Path) -> None:
     frame = recorded()
     frame.loc[45, "left"] = 0.0421
@@ -126,6 +142,11 @@ def test_a_valve_in_each_bit_of_a_number(tmp_path: Path) -> None:
         for name, bit in (("left", 3), ("right", 11))
     ]
     np.testing.assert_allclose(on_times(mapped(tmp_path / "log.csv", frame, *changes))[:-1], ON[: CYCLES - 1], atol=1e-9)
+    # a table of two rates, merged: the number of valves stands in rows of its own
+    apart = pd.concat([frame.drop(columns="valves"), frame[["t", "valves"]].assign(t=frame["t"] - 1e-4)]).sort_values("t")
+    merged = mapped(tmp_path / "log.csv", apart, *changes)
+    np.testing.assert_allclose(on_times(merged), ON[1:], atol=1e-9)  # the gyro is there after the first has begun
+    assert "jets.left, jets.right: 1600 of 3200 rows of the file hold none of its samples" in said(merged)
     frame.loc[30, "valves"] = 2.5
     with pytest.raises(InputError, match=r"2\.5 at line 32 is no whole number of bits"):
         mapped(tmp_path / "log.csv", frame, *changes)

@@ -205,6 +205,22 @@ def test_a_valves_openings_become_on_times() -> None:
     assert on.sum() == pytest.approx(0.3 * table.rows * 0.01, rel=5e-3)
 
 
+@pytest.mark.parametrize(("hz", "slow"), [(40.0, False), (20.0, False), (10.0, True), (2.0, True)])
+def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: float, slow: bool) -> None:
+    streams = motion()
+    t = np.arange(round(20 * hz)) / hz
+    streams |= {"rw/t": (t, "", "s"), "rw/n": (100 * np.sin(t), "rw/t", "rad/s"), "bus/v": (12 + 0 * t, "rw/t", "V")}
+    text = WRENCH_MAP.split("[torque]", maxsplit=1)[0] + '[wheels.x]\npath = "rw/n"\n[supply]\npath = "bus/v"\n' + RECORDS
+    table = made(streams, text)
+    ends = table.columns["time_s"].numbers()
+    np.testing.assert_allclose(table.columns["wheel_x_rad_s"].numbers(), np.interp(ends, t, 100 * np.sin(t)), atol=1e-9)
+    assert table.made is not None
+    told = [line for line in table.made.said if "made up" in line]
+    wanted = f"wheels.x: every {1 / hz:g} s, interpolated to the records' ends: slower than control cycles of 0.05 s, so that in between"
+    assert len(told) == slow
+    assert not slow or told[0].startswith(wanted)
+
+
 def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
     """A log as three streams: each sensor and the commands with a clock of its own."""
     streams: dict[str, tuple[Numbers, str, str]] = {"g/t": (log.time_s, "", "s"), "a/t": (log.time_s * 1e3 + 250, "", "ms")}
@@ -229,6 +245,41 @@ def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
         stated, found = getattr(log, one.name), getattr(again, one.name)
         if isinstance(stated, np.ndarray):
             np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
+
+
+def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
+    streams = motion()
+    plain = made(streams, WRENCH_MAP + RECORDS)
+    # of all, where the gyro alone has none: the commands' is their own, though it is as long
+    bare = streams | {path: (streams[path][0], "", "rad/s") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    common = WRENCH_MAP.replace("schema = 1", 'schema = 1\nclock = { path = "imu/t", unit = "s" }') + RECORDS
+    late = {"cmd/t": (streams["cmd/t"][0] * 1e3, "", "ms"), "other/t": (streams["cmd/t"][0] + 0.3, "", "s")}
+    for found in (made(bare | late, common), made(streams, common), made(streams, common.replace("imu/t", "cmd/t"))):
+        for name in columns.WRENCH + columns.DELTA_THETA:
+            np.testing.assert_allclose(found.columns[name].numbers(), plain.columns[name].numbers(), atol=1e-12)
+    with pytest.raises(InputError, match=r"its clock 'imu/t'|clock 'other/t' 400|has 4000 samples and its clock 'other/t' 400"):
+        made(bare | late, common.replace("imu/t", "other/t"))
+
+
+INCREMENTS = WRENCH_MAP.replace('paths = "imu/w?"\nvalues = "sample"', 'paths = "imu/w?"\nvalues = "increment"')
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("", 1e6), ("us", 1e6), ("", 1.0), ("ms", 1e3)])
+def test_increments_must_cover_their_interval_where_the_file_says_what_they_cover(unit: str, factor: float) -> None:
+    streams = motion()
+    streams |= {path: (streams[path][0] * 0.005, "imu/t", "rad") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    scatter = 1 + 0.01 * np.random.default_rng(1).normal(size=4000)
+    whole = made(streams | {"imu/w_dt": (0.005 * factor * scatter, "imu/t", unit)}, INCREMENTS + RECORDS)
+    np.testing.assert_array_equal(
+        whole.columns["delta_theta_x_rad"].numbers(), made(streams, INCREMENTS + RECORDS).columns["delta_theta_x_rad"].numbers()
+    )
+    # every second one was logged
+    half = {"imu/w_dt": (np.full(4000, 0.0025 * factor), "imu/t", unit)}
+    said = rf"'imu/wx': an increment covers {0.0025 * factor:g} by 'imu/w_dt', and they come every 0.005 s.*\[gyro\] of m.toml"
+    with pytest.raises(InputError, match=said):
+        made(streams | half, INCREMENTS + RECORDS)
+    # of another length it is no companion of theirs
+    made(streams | {"imu/w_dt": (np.full(40, 0.0025 * factor), "", unit)}, INCREMENTS + RECORDS)
 
 
 REFUSED = {

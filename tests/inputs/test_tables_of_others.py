@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import listing, propose, reading
+from massprop_cli.inputs.formats import listing, propose, reading, units
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.tablefile import Table
 from tests.inputs.test_map import motion
@@ -103,6 +104,42 @@ def test_streams_merged_on_their_times_are_the_same(plain: dict[str, np.ndarray]
     assert any("torque" in line and "rows of the file hold none of its samples" in line for line in table.made.said)
 
 
+def test_the_draft_of_merged_streams_puts_them_on_records_and_can_be_followed(tmp_path: Path) -> None:
+    imu, commands = frames()
+    commands["tc"] = commands["tc"] - 0.0007  # the stamps of some IMU samples
+    beside, path = tmp_path / "beside.csv", tmp_path / "log.csv"
+    pd.concat((imu, commands), axis=1).to_csv(beside, index=False)
+    plain = numbers(mapped(beside))
+    own = commands.rename(columns={"tc": "t"})
+    outer, rows = imu.merge(own, on="t", how="outer").sort_values("t"), pd.concat([imu, own]).sort_values("t", kind="stable")
+    assert len(outer) < len(rows) == len(imu) + len(own)
+    for merged in (outer, rows):
+        merged.rename(columns={axis: f"gyro_{axis[1]} [rad/s]" for axis in ("wx", "wy", "wz")}).to_csv(path, index=False)
+        draft = propose.draft(reading.load(path))
+        assert "# 4000 samples, rad/s" in draft
+        assert "# 400 samples" in draft
+        interval = 'interval_s = "?"   # in s: 0.005 in the clock\'s own unit; commands come every 0.05, the slower sensor every 0.005'
+        assert (
+            f"[records]   # the streams have clocks of their own, and are put on records of one length and on control cycles\n{interval}"
+            in draft
+        )
+        assert draft.count('clock = { path = "t", unit = "?" }') == 1
+        answered = (
+            draft.replace('values = "?"', 'values = "sample"')
+            .replace('frame = "?"', 'frame = "body"')
+            .replace("per_cycle = 10", "per_cycle = 5")
+        )
+        answered = answered.replace('interval_s = "?"', 'interval_s = 0.01\nzero = "start"').replace(
+            'path = "t", unit = "?"', 'path = "t", unit = "s"'
+        )
+        for unit in ("m/s^2", "N m", "N"):
+            answered = answered.replace('unit = "?"', f'unit = "{unit}"', 1)
+        path.with_name("map.toml").write_text(answered)
+        same(read_table(path), plain)
+    told = {one.path: one for one in listing.listed(reading.load(path))}
+    assert (told["tx"].samples, told["tx"].note) == (400, "4000 rows empty")
+
+
 def test_a_number_that_is_missing_beside_others_is_refused_with_its_line(tmp_path: Path) -> None:
     imu, commands = frames()
     imu.loc[100, "wy"] = np.nan
@@ -120,6 +157,10 @@ DATES: dict[str, Callable[[pd.Series], pd.Series]] = {
     "ISO 8601": _iso,
     "with an offset and a comma": lambda s: _iso(s).str.replace(".", ",") + "+02:00",
     "with Z": lambda s: _iso(s) + "Z",
+    "with UTC behind a space": lambda s: _iso(s) + " UTC",
+    "with slashes": lambda s: _iso(s).str.replace("-", "/").str.replace("T", " "),
+    "without marks": lambda s: _iso(s).str.replace("-", "").str.replace(":", ""),
+    "of the day of the year": lambda s: (BEGUN + pd.to_timedelta(s, unit="s")).dt.strftime("%Y-%jT%H:%M:%S.%fZ"),
     "of the day alone": lambda s: (pd.Timestamp("2024-05-01 12:00") + pd.to_timedelta(s, unit="s")).dt.strftime("%H:%M:%S.%f"),
 }
 
@@ -155,6 +196,25 @@ def test_a_cell_that_is_no_date_is_named_by_its_line(tmp_path: Path) -> None:
         mapped(path, "")
 
 
+@pytest.mark.parametrize("cell", ["05/01/2024 12:00:00.05", "1/0700000000.00655", "24.12.2024 14:23:07", "12:00:00:050"])
+def test_times_that_are_not_read_are_shown_with_the_forms_that_are(cell: str, tmp_path: Path) -> None:
+    imu, commands = frames()
+    path = tmp_path / "log.csv"
+    pd.concat((imu.assign(t=cell), commands), axis=1).to_csv(path, index=False)
+    with pytest.raises(
+        InputError, match=rf"log.csv, line 2, column t: '{re.escape(cell)}' is not a number.*2024-122; with Z, UTC or an offset"
+    ):
+        mapped(path, "")
+
+
+def test_a_day_that_its_year_has_not_is_none(tmp_path: Path) -> None:
+    imu, commands = frames()
+    path = tmp_path / "log.csv"
+    pd.concat((imu.assign(t=DATES["of the day of the year"](imu["t"]).str.replace("2024-122", "2023-366")), commands), axis=1).to_csv(path)
+    with pytest.raises(InputError, match=r"log.csv, column t: dates that differ in form or are none; write all alike"):
+        mapped(path, "")
+
+
 def test_comments_units_and_empty_rows_around_a_table_are_none_of_its_rows(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
     both = pd.concat(frames(), axis=1)
     header, *rows = both.to_csv(index=False).splitlines()
@@ -171,6 +231,23 @@ def test_comments_units_and_empty_rows_around_a_table_are_none_of_its_rows(plain
     line = next(n for n, text in enumerate(cut.splitlines(), 1) if text.startswith("ten,"))
     with pytest.raises(InputError, match=f"log.csv, line {line}, column t: 'ten' is not a number"):
         mapped(path, "", *bare)
+
+
+def test_a_row_of_units_may_hold_some_that_are_no_quantitys_here(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
+    both = pd.concat(frames(), axis=1).assign(temperature=20.0, Bx=30.0, counter=0, state="flying")
+    header, *rows = both.to_csv(index=False).splitlines()
+    units = ["UTC", *["rad/s"] * 3, *["m/s2"] * 3, "s", *["Nm"] * 3, *["N"] * 3, "degC", "uT", "-", ""]
+    path = tmp_path / "log.csv"
+    bare = [(f'unit = "{unit}"\n', "") for unit in ("rad/s", "m/s^2", "N m", "N")]
+    path.write_text("\n".join([header, ",".join(units), *rows]))
+    seconds = ('clock = { path = "t"', 'clock = { path = "t", unit = "s"')
+    same(mapped(path, "", seconds, *bare), plain)
+    assert reading.load(path).streams["temperature"].unit == "degC"
+    # a row with a number is a row of the log, and words are no units
+    for first in (["0.0", *units[1:]], ["UTC", *["?"] * 13, "degC", "uT", "-", ""]):
+        path.write_text("\n".join([header, ",".join(first), *rows]))
+        with pytest.raises(InputError, match=r"log.csv, line 2, column"):
+            mapped(path, ', unit = "s"')
 
 
 def test_a_header_that_is_a_comment_is_the_header(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
@@ -237,3 +314,34 @@ def test_an_index_in_a_columns_name_is_no_unit(tmp_path: Path) -> None:
     assert clocks.of(read.streams["gyro[1]"]) == ["t"]
     assert clocks.of(read.streams["fy"]) == ["tc"]
     assert "nan" not in text
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ([f"gyroADC[{n}] (deg/s)" for n in range(3)], "deg/s"),
+        (["p (°/s)", "q (°/s)", "r (°/s)"], "deg/s"),
+        ([f"omega {axis} / (rad/s)" for axis in "xyz"], "rad/s"),
+        ([f"w{axis} / rad/s" for axis in "xyz"], "rad/s"),
+        ([f"Gyr_{axis} [mrad/s]" for axis in "XYZ"], "mrad/s"),
+    ],
+)
+def test_axes_are_found_before_the_unit_behind_them(names: list[str], unit: str, tmp_path: Path) -> None:
+    imu, _ = frames()
+    path = tmp_path / "log.csv"
+    called = dict(zip(("wx", "wy", "wz"), names, strict=True)) | {"t": "t / s"} | {f"a{axis}": f"a{axis} / g" for axis in "xyz"}
+    imu.rename(columns=called).to_csv(path, index=False)
+    read = reading.load(path)
+    assert [units.plain(read.streams[name].unit) for name in names] == [unit] * 3
+    draft = propose.draft(read)
+    for paths in (names, ["ax / g", "ay / g", "az / g"]):
+        assert f"paths = {json.dumps(paths, ensure_ascii=False)}   # 4000 samples, 200 Hz" in draft
+    assert 'clock = { path = "t / s" }' in draft
+
+
+def test_units_of_a_turn_and_names_without_any() -> None:
+    assert [units.factor(text, units.SPIN) for text in ("1/min", "min^-1", "RPM")] == [pytest.approx(np.pi / 30)] * 3
+    assert units.behind("speed / limit") == ("speed / limit", "")
+    assert units.behind("xyz[0]") == ("xyz[0]", "")
+    assert units.factor("mG", units.ACCELERATION) is None
+    assert units.factor("G", units.ACCELERATION) == units.G

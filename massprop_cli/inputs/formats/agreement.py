@@ -1,7 +1,7 @@
 """Whether a mapped log's axes and units agree with each other, where its attitude was logged too: a map may be wrong.
 
-The gyro must turn as the logged attitude does; on an air bearing the accelerometer must feel gravity along the attitude's vertical.
-Another order of the axes, or another unit, that makes them agree is named.
+The gyro must turn as the logged attitude does, and as far; on an air bearing the accelerometer must feel gravity along the attitude's
+vertical. Another order of the axes, or another unit, that makes them agree is named.
 """
 
 from __future__ import annotations
@@ -20,11 +20,14 @@ from massprop_cli.inputs.vehicle import Vehicle
 
 _STRETCHES, _LEAST = 400, 12
 """Turns are compared over so many stretches, ..."""
-_NEAR, _FAR = 0.1, 0.7
+_NEAR, _FAR = 0.1, 0.35
 """... fewer until it turns as far in each as this, rad (rms), since a camera's attitudes are noisy; more where a sum of increments is no
 turn any longer."""
 _APART, _TOGETHER = 0.5, 0.2
 """Parts of the turn by which gyro and attitude may differ, and must agree once they are put right."""
+_OFF, _SURE, _LONGER = 0.03, 5.0, 4
+"""A gyro's scale may be off by so much, or by so many of its sigmas; over stretches so many times as long, where there are enough, since an
+attitude that was smoothed or came late turns otherwise in what is fast alone."""
 
 
 def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:
@@ -37,8 +40,11 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
         edges, wanted = _stretches(attitude, len(edges) // 2)
     while _rms(wanted) > _FAR and 2 * len(edges) < len(attitude):
         edges, wanted = _stretches(attitude, 2 * len(edges))
-    turned = np.diff(np.cumsum(theta_imu @ body.T, 0)[edges], axis=0)
-    _compare(path, made, "gyro", turned, wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    angle = np.cumsum(theta_imu @ body.T, 0)
+    _compare(path, made, "gyro", np.diff(angle[edges], axis=0), wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
+    if _rms(wanted) >= _NEAR / 2:
+        edges = edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges
+        _check_scale(path, made, angle[edges], attitude[edges])
     if vehicle.on_air_bearing:
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
         _compare(path, made, "accelerometer", force_imu @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
@@ -84,6 +90,41 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     raise InputError(
         f"{path}: [{key}] of {made.map} and the logged attitude contradict each other by {now:.2g} of what the attitude says; {problem}"
     )
+
+
+def _check_scale(path: Path, made: Made, angle: Array, attitude: Array) -> None:
+    """Refuse a gyro that turns surely farther than the attitude, or less far."""
+    scale, sigma = _scale(angle, attitude)
+    if abs(scale - 1) > max(_OFF, _SURE * sigma):
+        raise InputError(
+            f"{path}: [gyro] of {made.map} turns {scale:.4g} ± {sigma:.1g} times as far as the logged attitude; mend unit or scale under "
+            f"[gyro] (scale = {1 / scale:.4g} beyond what it has makes them agree), or how its values and clock are stated"
+        )
+
+
+def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
+    """How many times as far as the attitude (m, 4) a gyro's integral (m, 3) turns from row to row, with its sigma.
+
+    By least squares, beside a steady drift of either and a turn between their axes: of one on the other and the other on the one, between
+    which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
+    """
+    turned, wanted = np.diff(angle, axis=0), _turns(attitude)
+    turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)
+    left, _, right = np.linalg.svd(wanted.T @ turned)
+    turned = turned @ (left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right).T
+    least, sigma = _part(turned, wanted)
+    part, of_part = _part(wanted, turned)
+    if least > 1:
+        return least, sigma
+    return (1 / part, of_part / part**2) if part > 1 else (1.0, sigma)
+
+
+def _part(of: Array, by: Array) -> tuple[float, float]:
+    """The factor of one of two (m, 3) that is nearest to the other, and its sigma, which each row's own misfit makes."""
+    size = float((by**2).sum())
+    part = float((of * by).sum()) / size
+    misfit = (by * (of - part * by)).sum(1) * (len(of) / (len(of) - 4)) ** 0.5
+    return part, float(np.sqrt((misfit**2).sum())) / size
 
 
 def _rms(vectors: Array) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats.traits import SETTLE, TOLD, Traits, tick_s
 from massprop_cli.inputs.formats.units import G
@@ -77,8 +78,9 @@ def _environment(found: Traits) -> list[str]:
         why = f"it feels {found.felt_always:.4g} m/s^2 under commands, which gravity and thrust do alike"
     elif abs(found.felt / G - 1) < _GRAVITY:
         return [
-            f'kind = "air_bearing"   # in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it',
-            '# kind = "planar"       # instead, if it slides and yaws on a table: the accelerometer feels the same there',
+            f"# in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it. State what:",
+            '# kind = "air_bearing"   # it turns about a fixed point',
+            '# kind = "planar"        # it slides and yaws on a table: the accelerometer feels the same there',
             "# (if it only stands on the ground there, cut that off with [[phases]], and state the kind of the rest)",
             "# bearing_position_m = [x, y, z]   # the centre of rotation from O: the bearing's drawing",
             "# bearing_mass_kg = ...            # what slides with the vehicle and does not turn: weigh it",
@@ -91,13 +93,38 @@ def _environment(found: Traits) -> list[str]:
     return [f'# kind = "free"   # or "air_bearing": {why}; left out, it is free']
 
 
+def _rotor(name: str, has: str, commands: Mapping[str, Array]) -> list[str]:
+    """One rotor, what has to be measured of it as comments."""
+    column = columns.rotor_command(name) if has == "command" else columns.rotor_speed(name)
+    span = f": {_span(commands[column])}" if column in commands else ""
+    return [
+        "[[rotors]]",
+        f"name = {json.dumps(name, ensure_ascii=False)}   # column {column}{span}",
+        *['column = "speed"   # as measured; its command is not logged'] * (has == "speed"),
+        "# position_m = [x, y, z]    # of its hub from O, body axes, m: drawing or ruler",
+        "# axis = [x, y, z]          # of its thrust on the vehicle, body axes",
+        "# spin = 1                  # if it turns right-handed about that axis; else -1: look at it turn",
+        "# thrust_n = [c0, c1, c2]   # c0 + c1 x + c2 x^2 of the number x in its column, N: press on a scale at several x, or data sheet",
+        "# torque_ratio_m = ...      # drag torque over thrust, m: a test stand; left out, none",
+        "",
+    ]
+
+
+def _span(values: Array) -> str:
+    """Of the commands of all cycles."""
+    known = values[np.isfinite(values)]
+    span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "nothing"
+    return f"{span}, {len(np.unique(known))} different values in {len(known)} cycles"
+
+
 def _commands(found: Traits) -> list[str]:
     lines = []
     for column, values in found.commands.items():
+        if columns.rotor_of(column) is not None:
+            continue
         known = values[np.isfinite(values)]
         if column in columns.WRENCH:
-            span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "nothing"
-            lines.append(f"# {column}: {span}, {len(np.unique(known))} different values in {len(known)} cycles")
+            lines.append(f"# {column}: {_span(values)}")
             continue
         on = known[known > 0]
         span = f"on in {len(on)} of {len(known)} cycles, {on.min():.4g} to {on.max():.4g} s" if len(on) else "never on in this log"
@@ -109,6 +136,8 @@ def _commands(found: Traits) -> list[str]:
             "# rise_s = ...             # and fall_s: a force or pressure sensor; left out, at once",
             "",
         ]
+    for name, has in found.rotors.items():
+        lines += _rotor(name, has, found.commands)
     for name, has in found.wheels.items():
         lines += [
             "# [[wheels]]            # each of these is needed; data sheet or drawing",
@@ -124,8 +153,8 @@ def _commands(found: Traits) -> list[str]:
         "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
         '# lag_s = "auto"       # if thrust follows commands through a first-order lag, as a rotor does',
     ]
-    if not found.commands:
-        return lines or ["# no column of commands: jet_NAME_s, cmd_torque_x_n_m or wheel_NAME_rad_s"]
+    if not found.commands and not found.rotors:
+        return lines or ["# no column of commands: jet_NAME_s, rotor_NAME_command, cmd_torque_x_n_m or wheel_NAME_rad_s"]
     return [*lines, *([""] * (lines[-1:] != [""])), *thrust]
 
 

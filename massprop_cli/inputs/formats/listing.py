@@ -7,13 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import units
+from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.recording import Recording, Stream
 
 _CLOCK_NAMES = ("time", "timestamp", "stamp", "t", "clock", "time_s", "t_s", "t_ms", "t_us", "t_ns", "time_ms", "time_us", "time_ns")
+_SURE = 3.0
+"""Times the scatter of stamps over their number, of the mean step's error."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +45,14 @@ def _listed(clocks: Clocks, one: Stream) -> Listed:
     values = numbers(one)
     if values is None:
         return Listed(one.path, one.rows, None, None, None, one.unit, one.clock, "no numbers")
-    finite = values[np.isfinite(values)]
+    finite, empty = values[np.isfinite(values)], int(np.isnan(values).sum())
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
-    note = "" if finite.size == one.rows else f"{one.rows - finite.size} not finite"
+    note = f"{empty} rows empty" * (empty > 0) if finite.size + empty == one.rows else f"{one.rows - finite.size} not finite"
     if finite.size and least == most:
         note = note or "constant"
     elif one.path in clocks.increasing:
-        note = "increasing"
-    return Listed(one.path, one.rows, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
+        note = note or "increasing"
+    return Listed(one.path, one.rows - empty, clocks.rate_hz(one), least, most, one.unit, one.clock, note)
 
 
 def numbers(one: Stream) -> Array | None:
@@ -73,16 +76,25 @@ class Clocks:
         held = ((path, numbers(one)) for path, one in self.streams.items() if one.rows > 1)
         return frozenset(path for path, values in held if values is not None and _increases(values[np.isfinite(values)]))
 
+    def _increases_in(self, path: str, held: BoolArray) -> bool:
+        """Whether a stream increases over these rows; a clock of two that were merged may stand still from one's row to the other's."""
+        values = numbers(self.streams[path]) if leaf(path) in _CLOCK_NAMES and not held.all() else None
+        return path in self.increasing or (values is not None and _increases(values[held]))
+
     def of(self, one: Stream) -> list[str]:
         """The one that the file names, where it holds it; else increasing ones as long, those called so before others."""
         if one.clock and one.clock in self.streams:
             return [one.clock]
         held = self._held(one)
-        like = [path for path, other in self.streams.items() if path in self.increasing and other.rows == one.rows and path != one.path]
-        like = [path for path in like if self._held(self.streams[path])[held].all()]
+        like = [path for path, other in self.streams.items() if other.rows == one.rows and path != one.path]
+        like = [path for path in like if self._increases_in(path, held) and self._held(self.streams[path])[held].all()]
         # of columns of one table with clocks of their own the one that ends where the stream does
         like = [path for path in like if (self._held(self.streams[path]) == held).all()] or like
         return [path for path in like if leaf(path) in _CLOCK_NAMES] or like
+
+    def samples(self, one: Stream) -> int:
+        """How many rows have a number of it."""
+        return int(self._held(one).sum())
 
     def _held(self, one: Stream) -> BoolArray:
         """(rows,) where it has a number."""
@@ -98,10 +110,15 @@ class Clocks:
         return (ending, "by its name") if mark and ending in units.TIME else ("", "")
 
     def step(self, path: str, of: Stream | None = None) -> float:
-        """The median step of a clock, in its own unit; between samples ``of`` a stream."""
-        times = np.asarray(self.streams[path].values, np.float64)
-        steps = np.diff(times[self._held(of or self.streams[path]) & np.isfinite(times)])
-        return float(np.median(steps)) if len(steps) else 0.0
+        """The usual step of a clock, in its own unit; between samples ``of`` a stream. The roundest that stamps which scatter allow."""
+        times = self.streams[path].values
+        held = times[self._held(of or self.streams[path]) & self._held(self.streams[path])]
+        steps = np.diff(held).astype(np.float64)  # of whole nanoseconds since 1970, which no float holds
+        regular = steps[steps <= GAP * median(steps)] if len(steps) else steps
+        if not len(regular):
+            return 0.0
+        gaps = len(steps) - len(regular)
+        return _roundest(float(regular.mean()), _SURE * float(regular.std()) * (1 + gaps) ** 0.5 / len(regular))
 
     def rate_hz(self, one: Stream) -> float | None:
         """Samples a second; None where the clock or its unit is not known."""
@@ -113,13 +130,22 @@ class Clocks:
         return 1 / step if step > 0 else None
 
 
+def _roundest(value: float, within: float) -> float:
+    """The number of the fewest digits that is as near to a value as this."""
+    for digits in range(1, 16):
+        rounded = float(f"{value:.{digits}g}")
+        if abs(rounded - value) <= within:
+            return rounded
+    return value
+
+
 def _increases(values: Array) -> bool:
     return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def leaf(path: str) -> str:
-    """The last part of a path, in lower case and without its unit in brackets."""
-    plain = path.partition("[")[0].partition(" (")[0].strip().lower()
+    """The last part of a path, in lower case and without its unit behind it."""
+    plain = units.behind(path)[0].partition("[")[0].partition(" (")[0].strip().lower()
     return plain.replace(".", "/").rpartition("/")[2]
 
 

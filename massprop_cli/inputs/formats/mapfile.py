@@ -84,7 +84,7 @@ class Wrench(MappedVector):
 class Jet(Mapped):
     """One jet's on-time."""
 
-    path: Path_
+    path: Path_ | Literal[0] = Field(description="0: it never fired in this log, which has no stream of it")
     unit: Path_ | None = Field(
         None, description="s, ms, us: on-time of this control cycle; open, %: the valve's state, summed over each control cycle"
     )

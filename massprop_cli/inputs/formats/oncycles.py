@@ -78,12 +78,24 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
         signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
     for signal, column in instants:
         made[column] = np.interp(edges[1:], signal.times.s, signal.values[:, 0])
-        signals.made.append(f"{signal.key}: every {signal.times.step_s:.6g} s, interpolated to the records' ends")
+        signals.made.append(f"{signal.key}: {_read_off(signal, length * records.per_cycle)}")
     cycles = edges[:: records.per_cycle]
     for command in commands:
         values = _on_cycles(signals, command, cycles)
         made |= dict(zip(command.names, np.repeat(values, records.per_cycle, 0).T, strict=True))
     return made
+
+
+def _read_off(signal: Signal, cycle_s: float) -> str:
+    """How what is read off at the ends of records was come by, and what of it is made up."""
+    step = signal.times.step_s
+    said = f"every {step:.6g} s, interpolated to the records' ends"
+    if signal.key == "supply" or step < 1.01 * cycle_s:
+        return said
+    return (
+        f"{said}: slower than control cycles of {cycle_s:.6g} s, so that in between its speed is made up, as if it changed evenly; what "
+        "changes faster is lost and moves the results. Log it once a control cycle"
+    )
 
 
 def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
@@ -98,7 +110,8 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
     jets = [(jet, *signals.jet(name, jet)) for name, jet in signals.map.jets.items()]
     _check_open(signals, [signal for _, signal, share in jets if share])
     for name, (jet, signal, share) in zip(signals.map.jets, jets, strict=True):
-        found.append(_Command(signal, jet.holds, (columns.jet(name),), "share" if share else "on_time"))
+        kind = "share" if share else "on_time" if signal.paths else "mean"
+        found.append(_Command(signal, jet.holds, (columns.jet(name),), kind))
     found += [_Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
 
@@ -150,7 +163,8 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     end = end if records.end_s is None else min(end, records.end_s - zero)
     length = records.interval_s or (records.samples or 1) * gyro.times.step_s
     cycle = length * records.per_cycle
-    driving = next((one.signal.times for one in commands if abs(one.signal.times.step_s / cycle - 1) < _LIKE), None)
+    recorded = [one.signal.times for one in commands if one.signal.paths]
+    driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < _LIKE), None)
     slack = _SAME * gyro.times.step_s
     begun = None if driving is not None else _where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():

@@ -12,43 +12,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import listing, units
-from massprop_cli.inputs.formats.recording import Recording
+from massprop_cli.inputs.formats import called, covering, listing, units
+from massprop_cli.inputs.formats.called import COMMANDS, SENSORS, Quantity
+from massprop_cli.inputs.formats.recording import Recording, Stream
 from massprop_cli.inputs.formats.vectors import Vector, vectors
 
-_NOT = re.compile(r"bias|offset|varian|covar|std|setpoint|desired|error|temperature|\bmag|filtered_out|limit|noise", re.IGNORECASE)
 _MANY = 8
 _RECORDS = 10
 """Records of a control cycle; more tell hardly more."""
 _LONG_AGO_S = 1e6
 """A clock beyond this counts from no beginning of a recording."""
-
-
-@dataclass(frozen=True)
-class _Quantity:
-    """How a vector is known."""
-
-    key: str
-    called: re.Pattern[str]
-    rates: Mapping[str, float]
-    increments: Mapping[str, float]
-
-
-_SENSORS = (
-    _Quantity(
-        "gyro",
-        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|delta_(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
-        units.RATE,
-        units.ANGLE,
-    ),
-    _Quantity("accelerometer", re.compile(r"acc|specific_?force|delta_?v|^a\*|/a\*", re.IGNORECASE), units.ACCELERATION, units.SPEED),
-)
-_COMMANDS = (
-    _Quantity("torque", re.compile(r"torque|moment|tau|^m\*|^t\*", re.IGNORECASE), units.TORQUE, {}),
-    _Quantity("force", re.compile(r"force(?!.*specific)|thrust|^f\*|/f\*", re.IGNORECASE), units.FORCE, {}),
-)
 _VALUES = {
     "sensor_combined": ("mean", "PX4 averages over the interval before"),
     "vehicle_angular_velocity": ("sample", "PX4's filtered rate at its time"),
@@ -57,6 +31,7 @@ _VALUES = {
     "linear_acceleration": ("sample", "a sensor_msgs/Imu is of its stamp"),
 }
 """What a number is, where a standard says so."""
+_ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
 
@@ -65,14 +40,14 @@ def draft(read: Recording) -> str:
     found, clocks = vectors(read), listing.Clocks(read)
     chosen: dict[str, Vector] = {}
     lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted', ""]
-    for quantity in _SENSORS:
+    for quantity in SENSORS:
         lines += _section(clocks, quantity, found, chosen)
     jets = [path for path in read.streams if re.fullmatch(r"jet_.+_s", listing.leaf(path))]
     if jets:
         for path in jets:
             lines += _jet(clocks, path)
     else:
-        for quantity in _COMMANDS:
+        for quantity in COMMANDS:
             lines += _section(clocks, quantity, found, chosen)
         lines += _valves(read)
     lines += _attitude(clocks, found)
@@ -84,9 +59,9 @@ def _one_clock(lines: list[str]) -> list[str]:
     """A clock that every table would repeat stands once, at the top."""
     tables = sum(line.startswith("[") for line in lines)
     said = [line for line in lines if line.startswith("clock = ")]
-    if len(said) < 2 or len(said) < tables or len(set(said)) > 1:
+    if len(said) < 2 or len(said) < tables or len({line.partition("#")[0] for line in said}) > 1:
         return lines
-    return [*lines[:2], said[0], *(line for line in lines[2:] if line != said[0])]
+    return [*lines[:2], said[0], *(line for line in lines[2:] if line not in said)]
 
 
 def questions(text: str) -> int:
@@ -94,46 +69,53 @@ def questions(text: str) -> int:
     return sum(line.partition("#")[0].count('"?"') > 0 for line in text.splitlines())
 
 
-def _section(clocks: listing.Clocks, quantity: _Quantity, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
-    known = {**quantity.rates, **quantity.increments}
-    candidates = [v for v in found if len(v.streams) == 3 and _may_be(quantity, v, known)]
-    by_unit = [v for v in candidates if units.factor(v.streams[0].unit, known) is not None]
-    candidates = by_unit or candidates
-    lines = [f"[{quantity.key}]"]
-    if len(candidates) != 1:
+def _section(clocks: listing.Clocks, quantity: Quantity, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
+    candidates, settled = called.candidates(quantity, found)
+    partial = {tuple(v.paths): said for v in candidates if (said := _left_out(clocks, quantity, v))}
+    if partial:
+        candidates = [v for v in candidates if tuple(v.paths) not in partial]
+        settled = len(candidates) == 1
+    lines = [f"[{quantity.key}]", *(f"# not {json.dumps(paths, ensure_ascii=False)}: {said}" for paths, said in partial.items())]
+    if not settled:
         some = [f"#   {json.dumps(v.paths, ensure_ascii=False)}{_said(clocks, v)}" for v in candidates[:_MANY]]
-        why = (
-            f"{len(candidates)} could be it; take one of"
-            if candidates
-            else "nothing is called so; three paths of massprop columns, or numbers"
-        )
+        many = "this could be it; take it if it is" if len(candidates) == 1 else f"{len(candidates)} could be it; take one of"
+        none = f"nothing {'else ' * bool(partial)}is called so; three paths of massprop columns, or numbers"
+        why = many if candidates else none
         return [*lines, f"# {why}", *some, 'paths = ["?", "?", "?"]', *_no_vector(quantity), ""]
     vector = candidates[0]
     chosen[quantity.key] = vector
     lines.append(f"paths = {json.dumps(vector.paths, ensure_ascii=False)}{_said(clocks, vector)}")
     lines += _clock(clocks, vector.paths[0])
-    return [*lines, *(_sensor(quantity, vector) if quantity in _SENSORS else _wrench(quantity, vector)), ""]
+    return [*lines, *(_sensor(clocks, quantity, vector) if quantity in SENSORS else _wrench(quantity, vector)), ""]
 
 
-def _may_be(quantity: _Quantity, vector: Vector, known: Mapping[str, float]) -> bool:
-    unit = vector.streams[0].unit
-    if units.is_any(unit):
-        return units.factor(unit, known) is not None and not _NOT.search(vector.stem)
-    others = [other for other in (*_SENSORS, *_COMMANDS) if other is not quantity and other.called.search(vector.stem)]
-    by_axes = quantity.key == "gyro" and vector.axes == "pqr"
-    return (by_axes or (bool(quantity.called.search(vector.stem)) and not others)) and not _NOT.search(vector.stem)
+def _covering(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> tuple[Stream, bool] | None:
+    """Of increments the stream that says how long each covers, and whether that is all the time; None where there is none."""
+    length = covering.lengths(clocks.streams, vector.paths)
+    found = clocks.of(vector.streams[0])
+    if length is None or len(found) != 1 or units.factor(vector.streams[0].unit, quantity.increments) is None:
+        return None
+    step, factor = clocks.step(found[0], vector.streams[0]), units.factor(clocks.unit(found[0])[0], units.TIME)
+    return length, covering.whole(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
 
 
-def _no_vector(quantity: _Quantity) -> list[str]:
-    return (
-        ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in _SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
-    )
+def _left_out(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> str:
+    """Why increments are not all that happened; empty where nothing says so."""
+    found = _covering(clocks, quantity, vector)
+    if found is None or found[1]:
+        return ""
+    step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
+    return f"by {found[0].path!r} each covers {covering.usual(found[0]):.6g}, and they come every {step:.6g} by their clock"
+
+
+def _no_vector(quantity: Quantity) -> list[str]:
+    return ['unit = "?"', f'values = "?"   # {_ASK_VALUES}'] if quantity in SENSORS else ['unit = "?"', 'frame = "?"   # "body" or "world"']
 
 
 def _said(clocks: listing.Clocks, vector: Vector) -> str:
     rate = clocks.rate_hz(vector.streams[0])
     parts = [
-        f"{vector.streams[0].rows} samples",
+        f"{clocks.samples(vector.streams[0])} samples",
         *([f"{rate:.6g} Hz"] if rate else []),
         *([vector.streams[0].unit] * bool(vector.streams[0].unit)),
     ]
@@ -146,7 +128,7 @@ def _values_of(vector: Vector) -> list[Array]:
     return [each[held] for each in values]
 
 
-def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
+def _sensor(clocks: listing.Clocks, quantity: Quantity, vector: Vector) -> list[str]:
     lines = []
     unit = vector.streams[0].unit
     known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
@@ -156,13 +138,16 @@ def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
         increments = contract[0].startswith("delta")
         unit = next(iter(quantity.increments if increments else quantity.rates))
         lines.append(f'unit = "{unit}"   # by its name')
-    elif units.factor(unit, {**quantity.rates, **quantity.increments}) is None:
+    elif units.factor(unit, quantity.known) is None:
         lines.append(_unit(quantity, vector))
     named = next((said for name, said in _VALUES.items() if name in vector.stem), None)
-    if increments:
-        lines.append('values = "increment"   # by its unit')
-    elif contract:
-        lines.append('values = "mean"   # by its name')
+    whole = _covering(clocks, quantity, vector)
+    if contract:
+        lines.append(f'values = "{"increment" if increments else "mean"}"   # by its name')
+    elif increments and whole is not None:
+        lines.append(f'values = "increment"   # by its unit; {whole[0].path!r} says that each covers the time since the one before')
+    elif increments:
+        lines.append(f'values = "?"   # {_ASK_INCREMENTS}')
     elif named:
         lines.append(f'values = "{named[0]}"   # {named[1]}')
     else:
@@ -170,7 +155,7 @@ def _sensor(quantity: _Quantity, vector: Vector) -> list[str]:
     return lines
 
 
-def _unit(quantity: _Quantity, vector: Vector) -> str:
+def _unit(quantity: Quantity, vector: Vector) -> str:
     """What the numbers themselves settle: only gravity does."""
     values = _values_of(vector)
     size = listing.median_size(values)
@@ -183,7 +168,7 @@ def _unit(quantity: _Quantity, vector: Vector) -> str:
     return f'unit = "?"   # {choices}: not recorded; its median size is {size:.3g}, its largest number {largest:.3g}'
 
 
-def _wrench(quantity: _Quantity, vector: Vector) -> list[str]:
+def _wrench(quantity: Quantity, vector: Vector) -> list[str]:
     if listing.leaf(vector.paths[0]) in columns.WRENCH:
         return [f'unit = "{next(iter(quantity.rates))}"   # by its name', 'frame = "body"   # by its name']
     unit = (
@@ -207,8 +192,8 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
 
 def _valves(read: Recording) -> list[str]:
     """Streams that may command jets, for whoever has those instead of a wrench."""
-    called = re.compile(r"jet|valve|thruster|solenoid|actuator|motor|pwm", re.IGNORECASE)
-    some = [path for path in read.streams if called.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")]
+    may = re.compile(r"jet|valve|thruster|solenoid|actuator|motor|pwm", re.IGNORECASE)
+    some = [path for path in read.streams if may.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")]
     if not some:
         return []
     lines = ["# or, instead of [torque] and [force], for each jet of the vehicle file a table such as", "# [jets.NAME]"]
@@ -228,16 +213,14 @@ def _clock(clocks: listing.Clocks, path: str) -> list[str]:
         return [] if stream.clock == some[0] else [f"clock = {{ path = {json.dumps(some[0])} }}"]
     if unit:
         return [f'clock = {{ path = {json.dumps(some[0])}, unit = "{unit}" }}   # {why}']
-    step = clocks.step(some[0])
-    return [f'clock = {{ path = {json.dumps(some[0])}, unit = "?" }}   # s, ms, us or ns: not recorded; its median step is {step:.6g}']
+    step = clocks.step(some[0], stream)
+    return [f'clock = {{ path = {json.dumps(some[0])}, unit = "?" }}   # s, ms, us or ns: not recorded; samples come every {step:.6g}']
 
 
 def _attitude(clocks: listing.Clocks, found: Sequence[Vector]) -> list[str]:
     """Optional, so a comment."""
-    called = re.compile(r"quat|orient|attitude|\bq\b|q\*|/q\[", re.IGNORECASE)
-    some = [v for v in found if len(v.streams) == 4 and called.search(v.stem) and not _NOT.search(v.stem)]
     lines = []
-    for vector in some[:_MANY]:
+    for vector in called.attitudes(found)[:_MANY]:
         px4 = vector.stem.startswith("vehicle_attitude")
         order = '"wxyz"' if vector.axes == "wxyz" or px4 else '"?"   # "wxyz" or "xyzw"'
         world = '"z_down"   # PX4: NED' if px4 else '"?"   # "z_up" or "z_down"'
@@ -253,10 +236,12 @@ def _records(clocks: listing.Clocks, chosen: Mapping[str, Vector], jets: Sequenc
     commands = [chosen[key].streams[0] for key in ("torque", "force") if key in chosen] + [clocks.streams[path] for path in jets[:1]]
     streams = [*sensors, *commands]
     complete = len(sensors) == 2 and bool(commands)
-    if complete and len({tuple(clocks.of(one)) for one in streams}) == 1:
+    one_clock = len({tuple(clocks.of(one)) for one in streams}) == 1
+    # an IMU in every row, and commands in some of them
+    if complete and one_clock and all(clocks.samples(one) == one.rows for one in sensors):
         return ["# all on one clock: the file's rows are the log's, and commands change with the first row of a control cycle only"]
-    rates = [rate for one in streams if (rate := clocks.rate_hz(one)) is not None]
-    if not complete or len(rates) < len(streams):
+    steps = [clocks.step(found[0], one) for one in streams if len(found := clocks.of(one)) == 1]
+    if not complete or len(steps) < len(streams) or not all(steps):
         return [
             "# where the streams have clocks of their own, they are put on records of one length and on control cycles:",
             "# [records]",
@@ -264,10 +249,17 @@ def _records(clocks: listing.Clocks, chosen: Mapping[str, Vector], jets: Sequenc
             '# per_cycle = "?"    # records of a control cycle',
         ]
     lines = ["[records]   # the streams have clocks of their own, and are put on records of one length and on control cycles"]
-    slower, commanded = min(rates[:2]), rates[2]
-    count = max(1, min(_RECORDS, int(slower / commanded * 1.001)))
-    lines.append(f"interval_s = {1 / commanded / count:.9g}   # commands come at {commanded:.6g} Hz, the slower sensor at {slower:.6g} Hz")
-    lines.append(f"per_cycle = {count}")
+    rates = [rate for one in streams if (rate := clocks.rate_hz(one)) is not None]
+    known = len(rates) == len(streams)
+    slower, commanded = (1 / min(rates[:2]), 1 / rates[2]) if known else (max(steps[:2]), steps[2])
+    count = max(1, min(_RECORDS, int(commanded / slower * 1.001)))
+    length = f"{commanded / count:.9g}"
+    if known:
+        lines.append(f"interval_s = {length}   # commands come at {1 / commanded:.6g} Hz, the slower sensor at {1 / slower:.6g} Hz")
+    else:
+        own = f"in s: {length} in the clock's own unit; " if one_clock else "in s; by their own clocks "
+        lines.append(f'interval_s = "?"   # {own}commands come every {commanded:.6g}, the slower sensor every {slower:.6g}')
+    lines.append(f"per_cycle = {count}" if known or one_clock else 'per_cycle = "?"   # records of a control cycle')
     first = clocks.of(streams[0])[0]
     if float(clocks.streams[first].values[0]) * (units.factor(clocks.unit(first)[0], units.TIME) or 1.0) > _LONG_AGO_S:
         lines.append('zero = "start"   # the clock counts from long ago')

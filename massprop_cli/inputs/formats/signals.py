@@ -13,7 +13,7 @@ from massprop_cli.base.configfile import nearest
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import clocks, resample, units
+from massprop_cli.inputs.formats import clocks, covering, resample, units
 from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
 from massprop_cli.inputs.formats.pathpattern import fitting
@@ -60,7 +60,20 @@ class Signals:
         """Gyro or accelerometer, the sensor's axes turned as the map says."""
         found = self._vector(key, said, increments if said.values == "increment" else rates)
         self._gyro = found.times if key == "gyro" else self._gyro
+        if said.values == "increment" and found.paths:
+            self._check_covering(found)
         return found
+
+    def _check_covering(self, found: Signal) -> None:
+        """Increments cover the time since the one before, where the file says what they cover."""
+        length = covering.lengths(self.recording.streams, found.paths)
+        if length is not None and not covering.whole(length, [found.times.step_s]):
+            raise self.error(
+                found.key,
+                found.paths[0],
+                f"an increment covers {covering.usual(length):.6g} by {length.path!r}, and they come every {found.times.step_s:.6g} s: "
+                'what happened in between is lost. Log all of them, or map rates instead (values = "sample" or "mean"); or mend the clock',
+            )
 
     def wrench(self, key: str, said: Wrench, known: Mapping[str, float]) -> Signal:
         """Commanded torque or force in the frame that the map states."""
@@ -69,6 +82,8 @@ class Signals:
     def jet(self, name: str, said: Jet) -> tuple[Signal, bool]:
         """On-times in s, or openings from 0 to 1; and whether it is these."""
         key = f"jets.{name}"
+        if said.path == 0:
+            return self._throughout(key, np.zeros(1)), False
         stream = self._stream(key, said.path)
         clock = self._clock_of(key, [said.path], said.clock)
         if said.bit is not None:
@@ -82,7 +97,7 @@ class Signals:
     def _bit(self, key: str, stream: Stream, bit: int) -> Array:
         """(n,) whether a bit of a whole number is set: 0, 1, and NaN where there is no number."""
         values = self._numbers(key, stream, empty=True)
-        bad = np.flatnonzero((values < 0) | (values % 1 != 0))
+        bad = np.flatnonzero((values < 0) | (~np.isnan(values) & (values % 1 != 0)))
         if bad.size:
             where = stream.place(int(bad[0]))
             raise self.error(key, stream.path, f"{values[bad[0]]:g} at {where} is no whole number of bits; drop bit, or name another path")
@@ -144,10 +159,14 @@ class Signals:
         values = self._together(key, [str(path) for path in paths], columns)
         turned = np.stack([values[:, "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1) for axis in said.axes], 1)
         if not named:
-            gyro = self._paths("gyro", self.map.gyro.paths, 3)
-            times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
-            return Signal(key, (), np.broadcast_to(turned, (len(times.s), 3)), times)
+            return self._throughout(key, turned[0])
         return self._signal(key, named, turned, self._clock_of(key, named, said.clock))
+
+    def _throughout(self, key: str, values: Array) -> Signal:
+        """What the map states itself, at the gyro's times."""
+        gyro = self._paths("gyro", self.map.gyro.paths, 3)
+        times = self._gyro or self._times("gyro", self._clock_of("gyro", gyro, self.map.gyro.clock))
+        return Signal(key, (), np.broadcast_to(values, (len(times.s), len(values))), times)
 
     def _signal(self, key: str, paths: Sequence[str], values: Array, clock: Clock) -> Signal:
         rows = self._stream(f"{key}.clock", clock.path or "").rows
@@ -231,10 +250,13 @@ class Signals:
         return factor, units.plain(text)
 
     def _clock_of(self, key: str, paths: Sequence[str | float], said: Clock | None) -> Clock:
-        """The clock with a path: of the quantity, of the stream as the file says, of the map."""
+        """The clock with a path: of the quantity, of the stream as the file says, of the map for those of which it says none."""
         named = [path for path in paths if isinstance(path, str)]
         own = next((self._stream(key, path).clock for path in named), "")
-        stated = said or (self.map.clock if self.map.clock.path or not own else self.map.clock.model_copy(update={"unit": None}))
+        common = self.map.clock
+        if own and own != common.path:
+            common = Clock() if common.path else common.model_copy(update={"unit": None})
+        stated = said or common
         if stated.path is None and not own:
             raise self.error(key, named[0] if named else "", "the file doesn't say which stream has its times; state clock.path")
         return stated if stated.path is not None else replace_clock(stated, own)
@@ -260,7 +282,10 @@ class Signals:
         return Fraction(value.item()) * Fraction(str(factor)) * Fraction(str(clock.scale)) + Fraction(clock.offset_s)
 
     def _time_factor(self, key: str, clock: Clock) -> float:
-        return self._factor(key, self._stream(key, clock.path or ""), clock.unit, units.TIME)[0]
+        stream = self._stream(key, clock.path or "")
+        if not (clock.unit or stream.unit):
+            _ = stream.values  # texts that are no times are told as that: no unit would help
+        return self._factor(key, stream, clock.unit, units.TIME)[0]
 
     def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
         path = clock.path or ""

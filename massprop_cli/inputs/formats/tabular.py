@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import tablefile
+from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import Numbers, Read, Stream
 from massprop_cli.inputs.tablefile import Cells, Table
-
-_UNIT = re.compile(r"[\[(]\s*([^\])]{1,20})\s*[\])]\s*$")
-_INDEX = re.compile(r"[\d\s,:]+")
 
 
 def read(path: Path, data: Content) -> Read:
@@ -23,10 +20,4 @@ def read(path: Path, data: Content) -> Read:
 
 def _stream(table: Table, name: str, cells: Cells) -> Stream:
     load: Callable[[], Numbers] = cells.counts if cells.instants else cells.numbers
-    return Stream(name, table.rows, load, unit=cells.instants or cells.unit or _unit(name), place=cells.places.of)
-
-
-def _unit(name: str) -> str:
-    """As headers have it, in brackets: ``gyro_x [deg/s]``; an index is none, as in ``xyz[0]``."""
-    found = _UNIT.search(name)
-    return "" if found is None or _INDEX.fullmatch(found[1]) else found[1]
+    return Stream(name, table.rows, load, unit=cells.instants or cells.unit or units.behind(name)[1], place=cells.places.of)

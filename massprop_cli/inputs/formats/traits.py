@@ -38,6 +38,8 @@ class Traits:
     """By column: the command of each cycle, or of each record where cycles aren't known."""
     wheels: Mapping[str, str]
     """Of each reaction wheel what its column has: "speed" or "torque"."""
+    rotors: Mapping[str, str]
+    """Of each rotor what its column has: "command" or "speed"; of one that has both, "command"."""
     quiet: int
     """Cycles without command, and settled."""
     gyro_noise: Array | None
@@ -69,7 +71,10 @@ def traits(table: Table) -> Traits:
     interval = np.concatenate([[median(steps)], steps])[:, None]
     rate = _rates(table, columns.DELTA_THETA, columns.GYRO, interval)
     force = _rates(table, columns.DELTA_V, columns.ACCEL, interval)
-    names = [name for name in table.columns if name in columns.WRENCH or (name.startswith("jet_") and name.endswith("_s"))]
+    rotors = _rotors(table)
+    told = {columns.rotor_command(name) for name, has in rotors.items() if has == "command"}
+    jets = {name for name in table.columns if name.startswith("jet_") and name.endswith("_s")}
+    names = [name for name in table.columns if name in columns.WRENCH or name in told | jets]
     raw = {name: table.columns[name].numbers() for name in names}
     records = _records(raw)
     count = records or 1
@@ -83,6 +88,7 @@ def traits(table: Table) -> Traits:
         records=records,
         commands=commands,
         wheels=_wheels(table),
+        rotors=rotors,
         quiet=int(quiet.sum()),
         gyro_noise=_noise(mean_rate, quiet),
         accel_noise=_noise(mean_force, quiet),
@@ -102,6 +108,12 @@ def _wheels(table: Table) -> dict[str, str]:
         if name is not None and found.get(name) != "speed":
             found[name] = "speed" if column == columns.wheel_speed(name) else "torque"
     return found
+
+
+def _rotors(table: Table) -> dict[str, str]:
+    """In the file's order."""
+    names = [name for column in table.columns if (name := columns.rotor_of(column)) is not None]
+    return {name: "command" if columns.rotor_command(name) in table.columns else "speed" for name in names}
 
 
 def tick_s(on_s: Array) -> float | None:

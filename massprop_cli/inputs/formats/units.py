@@ -28,13 +28,19 @@ _ALIKE = {
     "dps": "deg/s", "°/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "rad/sec": "rad/s", "deg/sec": "deg/s", "radians/s": "rad/s",
     "radps": "rad/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "mps2": "m/s^2", "g0": "g", "gee": "g",
     "nm": "n m", "n.m": "n m", "n·m": "n m", "n*m": "n m", "newton metre": "n m", "newton": "n", "mnm": "mn m", "mn·m": "mn m",
-    "µn": "un", "percent": "%", "rev/min": "rpm", "r/min": "rpm", "volt": "v", "volts": "v",
+    "µn": "un", "percent": "%", "rev/min": "rpm", "r/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min-1": "rpm",
+    "volt": "v", "volts": "v",
 }  # fmt: skip
+_BEHIND = re.compile(r"(?:/\s*)?[\[(]\s*([^\])]{1,20})\s*[\])]\s*$|\s/\s*(\S{1,20})\s*$")
+_INDEX = re.compile(r"[\d\s,:]+")
+_GAUSS = ("mG", "uG", "µG", "nG")
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 
 
 def plain(text: str) -> str:
-    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``."""
+    """A unit in one spelling: ``M/S2`` and ``m s-2`` are ``m/s^2``; ``mG``, of a magnetic field, stays what it is."""
+    if text.strip("[]() ") in _GAUSS:
+        return text.strip("[]() ")
     word = " ".join(text.lower().split()).strip("[]() ")
     power = _POWER.match(word)
     if power:
@@ -50,3 +56,12 @@ def factor(text: str, known: Mapping[str, float]) -> float | None:
 def is_any(text: str) -> bool:
     """Whether it is a unit of any quantity here."""
     return any(factor(text, table) is not None for table in TABLES)
+
+
+def behind(name: str) -> tuple[str, str]:
+    """A header without the unit behind it, and that: of ``gyro_x [deg/s]`` or ``ax / g``; an index is none, as in ``xyz[0]``."""
+    found = _BEHIND.search(name)
+    unit = "" if found is None else found[1] or found[2]
+    if found is None or _INDEX.fullmatch(unit) or (found[1] is None and not is_any(unit)):
+        return name, ""
+    return name[: found.start()].rstrip(), unit

@@ -6,17 +6,18 @@ import re
 from collections.abc import Iterator, Sequence
 
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import Recording, Stream
 
 _MARKS = (
     (re.compile(r"\[(?::,)?(\d)(?:,:)?\]$"), 0),
     (re.compile(r"\((?::,)?(\d)(?:,:)?\)$"), 1),
     (re.compile(r"(?<![a-zA-Z])([wxyzWXYZ])(?![a-zA-Z])(?!.*(?<![a-zA-Z])[wxyzWXYZ](?![a-zA-Z]))"), 0),
-    (re.compile(r"([wxyzWXYZ])(?:\s*[\[(][^\])]*[\])])?$"), 0),
-    (re.compile(r"(?<=\D)(\d)(?:\s*[\[(][^\])]*[\])])?$"), 0),
+    (re.compile(r"([wxyzWXYZ])$"), 0),
+    (re.compile(r"(?<=\D)(\d)$"), 0),
     (re.compile(r"(?<![a-zA-Z])([pqr])(?![a-zA-Z])(?!.*/)"), 0),
 )
-"""How names mark an axis, and from what number they count."""
+"""How names mark an axis, less the unit behind them, and from what number they count."""
 _LONGEST = 1000
 """Characters of a name in which an axis is looked for, as that takes a time that grows as its square."""
 
@@ -60,8 +61,9 @@ def _alike(streams: Sequence[Stream]) -> bool:
 
 def _ways(path: str) -> Iterator[tuple[str, str, int]]:
     """The name without its axis, the axis, and which of the ways it was read in."""
+    name = units.behind(path)[0] if len(path) <= _LONGEST else ""
     for way, (mark, first) in enumerate(_MARKS):
-        match = mark.search(path) if len(path) <= _LONGEST else None
+        match = mark.search(name)
         if match:
             axis = match[1].lower()
             axis = str(int(axis) - first) if axis.isdigit() else axis

@@ -1,0 +1,67 @@
+"""A mapped gyro beside the logged attitude: its scale is told to a part of a percent, and refused from three on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.formats import agreement
+from massprop_cli.inputs.tablefile import Made
+from massprop_cli.inputs.vehiclefile import parse
+
+STEP_S, ROWS = 0.01, 4000
+VEHICLE = parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle
+AXES = {"of a free flyer": (1.0, 1.0, 1.0), "of a table": (0.0, 0.0, 1.0)}
+
+
+def turning(axes: tuple[float, ...]) -> tuple[Array, Rotation]:
+    """(n, 3) rates that wander by 0.3 rad/s, slower than 1 Hz, and the attitude at the end of each row."""
+    rate = gaussian_filter1d(np.random.default_rng(5).normal(size=(ROWS, 3)), 60, axis=0)
+    rate *= 0.3 / rate.std(0) * np.array(axes)
+    turns = [Rotation.identity()]
+    for each in Rotation.from_rotvec(rate * STEP_S):
+        turns.append(turns[-1] * each)
+    return rate, Rotation.concatenate(turns[1:])
+
+
+def check(rate: Array, turns: Rotation) -> None:
+    quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
+    agreement.check(Path("x.csv"), Made("m.toml", "0", ()), VEHICLE, rate * STEP_S, np.zeros((ROWS, 3)), quaternions)
+
+
+@pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
+@pytest.mark.parametrize("scale", [0.87, 0.95, 1.05, 1.14])
+def test_a_gyro_that_turns_otherwise_than_the_attitude_is_refused_with_the_figure(axes: tuple[float, ...], scale: float) -> None:
+    rate, turns = turning(axes)
+    with pytest.raises(InputError, match=r"x.csv: \[gyro\] of m.toml turns .* as the logged attitude; mend unit or scale") as told:
+        check(rate * scale, turns)
+    figure = float(str(told.value).partition("turns ")[2].split()[0])
+    assert figure == pytest.approx(scale, abs=4e-3)
+
+
+@pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
+def test_a_right_gyro_is_taken_beside_a_poor_attitude(axes: tuple[float, ...]) -> None:
+    rate, turns = turning(axes)
+    noise = Rotation.from_rotvec(np.random.default_rng(6).normal(0, 0.02, (ROWS, 3)))
+    poor = {
+        "as it is": turns,
+        "noisy": turns * noise,
+        "a fifth of a second late": turns[np.maximum(np.arange(ROWS) - 20, 0)],
+        "once in a tenth of a second": turns[np.arange(ROWS) // 10 * 10],
+        "of axes 8 degrees apart": turns * Rotation.from_euler("x", 8, degrees=True),
+    }
+    for attitude in poor.values():
+        check(rate, attitude)
+    check(rate + 0.05, turns)  # a bias is no scale
+    check(rate * 1.02, turns)
+
+
+def test_a_scale_that_a_noisy_attitude_does_not_tell_is_left_to_the_estimate() -> None:
+    rate, turns = turning(AXES["of a table"])
+    check(rate * 1.05, turns * Rotation.from_rotvec(np.random.default_rng(6).normal(0, 0.015, (ROWS, 3))))
