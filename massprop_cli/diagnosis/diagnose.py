@@ -26,7 +26,7 @@ from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_to
 from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
-from massprop_cli.diagnosis.wording import alone, words_of
+from massprop_cli.diagnosis.wording import DEAD, TRIED, UNANSWERED, alone, words_of
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
 from massprop_cli.model.resolved import Resolved
@@ -44,16 +44,8 @@ LEFT = 0.5
 WITH_IT = 0.5
 """Part of what a cause leaves that was fitted alone, more than which one that goes with it doesn't leave: beside a tilted IMU
 a weak jet left up to 0.26 (docs/faults.md, weak-tilted)."""
-TRIED = (
-    "tried: sign, thrust, place and direction of each channel, groups of channels, jets swapped, delay, rise, lag, droop, clock drift, "
-    "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
-    "rate-proportional torque, fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
-)
-DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
-UNANSWERED = (
-    "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
-    f"its clock, and were they executed? {TRIED}"
-)
+NOTHING = 0.5
+"""Sigmas of chance within which what is left is nothing more."""
 ANSWERED = 30.0
 """Sigmas of chance by which a motion follows commands, at least: those that moved a vehicle, however wrongly stated, make hundreds, those
 of another recording six, and shifted by some cycles 20."""
@@ -113,7 +105,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         return Diagnosis(unknown=DEAD)
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
-    found = _for_a_time(look, _instead(look, alone, wandering) or _chosen(look, alone))
+    found = _instead(look, alone, wandering) or _chosen(look, alone)
+    found = found if any(map(_whole, alone)) else _for_a_time(look, found)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
@@ -138,6 +131,12 @@ def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> l
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, *two]
     return [*two, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, *two]
+
+
+def _whole(trial: Trial) -> bool:
+    """Whether it leaves hardly more than the stated noise does in the mean: then nothing else explains more."""
+    left = trial.look
+    return trial.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
 def _for_a_time(look: Look, found: Diagnosis | None) -> Diagnosis | None:

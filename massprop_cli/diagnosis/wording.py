@@ -15,6 +15,16 @@ from massprop_cli.diagnosis.cures import NEAR, Case
 SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
 GROWN = 1.0
 """Percent by which mass or inertia may seem to grow by chance."""
+TRIED = (
+    "tried: sign, thrust, place and direction of each channel, groups of channels, jets swapped, delay, rise, lag, droop, clock drift, "
+    "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
+    "rate-proportional torque, fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
+)
+DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
+UNANSWERED = (
+    "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "
+    f"its clock, and were they executed? {TRIED}"
+)
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where the columns of a plain log are mended, and those of a recording."""
 
