@@ -15,13 +15,15 @@ is the one that answers to the wheels' columns; the reported one has the wheels 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate.rows import Parameters
-from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehicle import Known, Quantity, Vehicle
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
@@ -110,6 +112,22 @@ def by_scale_beside(values: Array, bearing_mass_kg: float, bearing_position_m: A
         away = values[..., 6:9] - bearing_position_m
         found[..., 6:9] = np.where(turning > 0, -away * bearing_mass_kg / turning, 0.0)
     return found
+
+
+def left_by_known(slope: Array, covariance: Array, known: Mapping[Quantity, Known]) -> Array:
+    """(10,) what is left in the reported values of ``slope`` (10,), what something does to those of the log alone.
+
+    Where z = H θ + ε, ε ~ N(0, R), is known, the gain of its conditioning is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺ (10, 10)
+    (Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15), and slope − K H slope is left.
+    """
+    index, gain = _gain(covariance, known)
+    return slope - gain @ slope[index]
+
+
+def _gain(covariance: Array, known: Mapping[Quantity, Known]) -> tuple[list[int], Array]:
+    """Which quantities are known, and (10, n) what an error of each does to all."""
+    index = [QUANTITIES.index(name) for name in known]
+    return index, covariance[:, index] / np.array([one.sigma**2 for one in known.values()])
 
 
 def alone(vehicle: Vehicle) -> Vehicle:
