@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
-from massprop_cli.estimate.quantities import by_scale
+from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 
 def vehicle(found: Result) -> outcome.Vehicle:
@@ -78,24 +77,9 @@ def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, V
 
 
 def shared(phase: PhaseItem, used: Vehicle) -> Array:
-    """(10,) sigma of the error that every log of this vehicle file has alike; NaN where there is no value.
-
-    The reported θ is the log's own estimate times 1 + κ, κ ~ N(0, scale_sigma²), conditioned on the known quantities z = H θ + ε,
-    ε ~ N(0, R) (:mod:`massprop_cli.estimate.quantities`). The gain of that conditioning is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺
-    (Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15), so κ leaves (θ̃ − K H θ̃) κ and ε leaves K ε, where θ̃
-    is the derivative of θ by κ.
-    """
-    values = np.array([np.nan if item.value is None else item.value for item in phase.estimates.values()])
-    scaled = by_scale(values, used)
-    variance = (used.thrust.scale_sigma * scaled) ** 2
-    known = [(QUANTITIES.index(name), sigma) for name, (_, sigma) in phase.known.items()]
-    if known:
-        index, sigma = np.array([i for i, _ in known]), np.array([s for _, s in known])
-        covariance = np.array([[np.nan if cell is None else cell for cell in row] for row in phase.covariance], dtype=float)
-        gain = covariance[:, index] / sigma**2
-        variance = (used.thrust.scale_sigma * (scaled - gain @ scaled[index])) ** 2 + ((gain * sigma) ** 2).sum(1)
-    found: Array = np.sqrt(variance)
-    return found
+    """(10,) sigma of the error that every log of this vehicle file has alike; NaN where there is no value."""
+    known = {name: sigma for name, (_, sigma) in phase.known.items()}
+    return in_common(by_scale(_numbers(phase), used), _covariance(phase), known, used)
 
 
 def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array | None:
@@ -103,10 +87,12 @@ def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array 
     if docked.known or any(phase.known for phase in found.phases):
         return None
     # no part of it stays behind with a bearing, so the scale has no say in its CG
-    proportional = np.array([0.0 if name in CG else _number(item) for name, item in docked.estimates.items()])
-    share: Array = used.thrust.scale_sigma * np.abs(proportional)
-    return share
+    return in_common(by_scale_beside(_numbers(docked), 0.0, np.zeros(3)), _covariance(docked), {}, used)
 
 
-def _number(item: EstimateItem) -> float:
-    return np.nan if item.value is None else item.value
+def _numbers(body: PhaseItem | DockedObject) -> Array:
+    return np.array([np.nan if item.value is None else item.value for item in body.estimates.values()])
+
+
+def _covariance(body: PhaseItem | DockedObject) -> Array:
+    return np.array([[np.nan if cell is None else cell for cell in row] for row in body.covariance], dtype=float)

@@ -188,7 +188,7 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
     effects = []
     sigma = vehicle.thrust.scale_sigma
     for conclusion in conclusions:
-        known = vehicle.in_phase(conclusion.phase).known
+        known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
         if sigma > 0 and any(name not in CG for name in known):
             continue  # which calibrates it
         moved = 0.01 * left_by_known(by_scale(conclusion.values, vehicle), conclusion.covariance, known)

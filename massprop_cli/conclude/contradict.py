@@ -22,7 +22,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.quantities import by_scale
+from massprop_cli.estimate.quantities import by_scale, in_common
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -167,10 +167,11 @@ def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
 
 
 def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
-    """(10,) variance of each value without the thrust's stated scale."""
-    scaled = vehicle.thrust.scale_sigma * by_scale(conclusion.values, vehicle)
+    """(10,) variance of each value that the log's noise makes: without the thrust's stated scale, and what is known."""
+    known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
+    common = in_common(by_scale(conclusion.values, vehicle), conclusion.covariance, known, vehicle)
     sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    variance: Array = np.maximum(sigma**2 - scaled**2, 0.0)
+    variance: Array = np.maximum(sigma**2 - common**2, 0.0)
     return variance
 
 
