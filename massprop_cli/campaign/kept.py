@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
+from massprop_cli.conclude.granted import DELAY_STEP
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -42,16 +44,20 @@ def expected(found: Sequence[Expected]) -> list[Body]:
     return [Body(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
 
 
-def bodies(found: Result, used: Vehicle) -> list[Body]:
-    """Phases and docked object."""
+def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[Body]:
+    """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
-    kept = [
-        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used))) for phase in found.phases
-    ]
+    alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
+    kept = []
+    for phase in found.phases:
+        common = None if thesis else np.fmin(np.hypot(shared(phase, used), alike[phase.name]), _sigmas(phase))
+        kept.append(Body(part="phase", name=phase.name, estimates=_values(phase, common)))
     docked = found.docked_object
     if docked is not None:
+        # of what is known, or uncertain, of both phases the share in their difference isn't told
+        told = not (thesis or docked.known or any(phase.known or alike[phase.name].any() for phase in found.phases))
         name = f"{docked.after} less {docked.before}"
-        kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(found, docked, used))))
+        kept.append(Body(part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None)))
     return kept
 
 
@@ -77,17 +83,35 @@ def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, V
 
 
 def shared(phase: PhaseItem, used: Vehicle) -> Array:
-    """(10,) sigma of the error that every log of this vehicle file has alike; NaN where there is no value."""
+    """(10,) sigma of what the scale and what is known make of every log's error alike; NaN where there is no value."""
     known = {name: sigma for name, (_, sigma) in phase.known.items()}
     return in_common(by_scale(_numbers(phase), used), _covariance(phase), known, used)
 
 
-def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array | None:
-    """(10,) of the docked object; None with known quantities, whose share in both phases isn't told."""
-    if docked.known or any(phase.known for phase in found.phases):
-        return None
-    # no part of it stays behind with a bearing, so the scale has no say in its CG
+def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
+    """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: the same error in every log, as far as none told it better.
+
+    A log that narrows a stated delay from s to V leaves V/s of it; of one that it found by itself nothing is stated.
+    """
+    given, left = stated.cycle.command_delay_sigma_cycles, used.cycle.command_delay_sigma_cycles
+    delay = left**2 / given if given > 0 and stated.cycle.command_delay_cycles != "auto" else 0.0
+    steps = {code: 1.0 for code in (one.code for one in found.assumptions) if code.startswith(("uncertain-jet-", "uncertain-imu-"))}
+    steps["command-delay"] = delay / DELAY_STEP
+    variance = np.zeros(10)
+    for one in found.assumptions:
+        for effect in one.effects:
+            if effect.phase == phase.name and one.code in steps:
+                variance += (steps[one.code] * np.array([effect.change.get(name, 0.0) for name in QUANTITIES])) ** 2
+    return np.asarray(np.sqrt(variance))
+
+
+def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:
+    """(10,) of the docked object; no part of it stays behind with a bearing, so the scale has no say in its CG."""
     return in_common(by_scale_beside(_numbers(docked), 0.0, np.zeros(3)), _covariance(docked), {}, used)
+
+
+def _sigmas(body: PhaseItem) -> Array:
+    return np.array([np.nan if item.sigma is None else item.sigma for item in body.estimates.values()])
 
 
 def _numbers(body: PhaseItem | DockedObject) -> Array:

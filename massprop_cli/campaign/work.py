@@ -288,6 +288,6 @@ def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
         missed=[*judged.unconverged, *judged.imprecise, *judged.missed],
-        bodies=kept.bodies(found, judged.analysis.vehicle),
+        bodies=kept.bodies(found, judged.analysis.vehicle, judged.analysis.source.vehicle),
         files=files,
     )

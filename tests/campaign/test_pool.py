@@ -17,7 +17,8 @@ from massprop_cli.campaign.summary import summary
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.tolerancefile import Gate
-from tests import flight, recorded
+from massprop_cli.result.schema import Result
+from tests import faulty, flight, recorded
 
 SEEDS = 400
 
@@ -153,6 +154,50 @@ def test_without_known_quantities_all_that_is_shared_is_the_thrust_scale() -> No
     shared = kept.shared(recorded.result().phases[0], used)
     assert shared[[0, 9]] == pytest.approx([0.02 * 0.62, 0.02 * 22.0])
     assert shared[6:9] == pytest.approx([0, 0, 0])
+
+
+def uncertain(*assumptions: tuple[str, dict[str, float]]) -> Result:
+    base = {"message": "", "step": "", "stated": True}
+    listed = [base | {"code": code, "effects": [{"phase": "all", "change": change}]} for code, change in assumptions]
+    return recorded.result(assumptions=listed)
+
+
+def test_an_uncertain_geometry_and_delay_are_the_same_in_every_log_and_do_not_average_out() -> None:
+    """A hundred logs of an IMU that sits 0.9 mm off would have claimed its CG to 0.1 mm."""
+    found = uncertain(
+        ("uncertain-imu-position", {"cg_x": 0.0009}), ("command-delay", {"ixx": 0.002, "mass": -99.0}), ("gravity", {"izz": 1.0})
+    )
+    used = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.2")
+    (body,) = kept.bodies(found, used, used)
+    share = {name: item.shared for name, item in body.estimates.items()}
+    assert share["cg_x"] == pytest.approx(0.0009)
+    assert share["ixx"] == pytest.approx(2 * 0.002)
+    assert share["mass"] == recorded.SIGMAS["mass"]  # never more than all
+    assert share["izz"] == share["cg_y"] == 0.0
+    moved = {n: Value(**(body.estimates["cg_x"].model_dump() | {"value": -0.018 + 1e-5 * n})) for n in range(1, 101)}
+    rows = [row(n, 22.0, bodies=[body.model_copy(update={"estimates": body.estimates | {"cg_x": moved[n]}})]) for n in range(1, 101)]
+    assert pooled(rows)[0].estimates["cg_x"].sigma == pytest.approx(0.0009, rel=0.02)
+
+
+def test_of_a_delay_that_each_log_tells_for_itself_it_has_its_own_error() -> None:
+    """Where it narrows a stated one from 0.2 to 0.02 cycles, a tenth of what is left; where it finds it, all."""
+    found = uncertain(("command-delay", {"ixx": 0.002}))
+    used = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.02")
+    stated = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.2")
+    auto = faulty.stated(flight.vehicle(), 'cycle.command_delay_cycles="auto"')
+    assert kept.bodies(found, used, stated)[0].estimates["ixx"].shared == pytest.approx(0.1 * 0.2 * 0.002)
+    assert kept.bodies(found, used, auto)[0].estimates["ixx"].shared == 0.0
+
+
+def test_a_docked_object_of_an_uncertain_geometry_is_not_pooled() -> None:
+    """How the error of both phases goes into their difference isn't told."""
+    found = recorded.result(
+        [recorded.phase("all"), recorded.phase("both")], docked_object=recorded.docked() | {"before": "all", "after": "both"}
+    )
+    used = flight.vehicle()
+    assert kept.bodies(found, used, used)[-1].estimates["mass"].shared == 0.0
+    beside = found.model_copy(update={"assumptions": uncertain(("uncertain-jet-position", {"izz": 0.01})).assumptions})
+    assert {item.shared for item in kept.bodies(beside, used, used)[-1].estimates.values()} == {None}
 
 
 def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row:
