@@ -48,32 +48,33 @@ def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[Body]:
     """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
     alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
-    kept = []
-    for phase in found.phases:
-        common = None if thesis else np.fmin(np.hypot(shared(phase, used), alike[phase.name]), _sigmas(phase))
-        kept.append(Body(part="phase", name=phase.name, estimates=_values(phase, common)))
+    kept = [
+        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used), alike[phase.name]))
+        for phase in found.phases
+    ]
     docked = found.docked_object
     if docked is not None:
         # of what is known, or uncertain, of both phases the share in their difference isn't told
         told = not (thesis or docked.known or any(phase.known or alike[phase.name].any() for phase in found.phases))
         name = f"{docked.after} less {docked.before}"
-        kept.append(Body(part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None)))
+        kept.append(Body(part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None, np.zeros(10))))
     return kept
 
 
 def joint_bodies(found: Result) -> list[Body]:
     """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
-    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None)) for phase in found.phases]
+    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None, np.zeros(10))) for phase in found.phases]
     docked = found.docked_object
-    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None))])
+    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None, np.zeros(10)))])
 
 
-def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, Value]:
+def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) -> dict[str, Value]:
     return {
         name: Value(
             value=item.value,
             sigma=item.sigma,
             shared=None if common is None or not np.isfinite(common[i]) else float(common[i]),
+            alike=min(float(alike[i]), item.sigma or 0.0),
             verdict=item.verdict,
             met=None if item.expected is None else item.expected.met,
             expected=None if item.expected is None else item.expected.value,
@@ -89,7 +90,7 @@ def shared(phase: PhaseItem, used: Vehicle) -> Array:
 
 
 def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
-    """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: the same error in every log, as far as none told it better.
+    """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: one error in all logs, as far as they move alike.
 
     A log that narrows a stated delay from s to V leaves V/s of it; of one that it found by itself nothing is stated.
     """
@@ -108,10 +109,6 @@ def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> 
 def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:
     """(10,) of the docked object; no part of it stays behind with a bearing, so the scale has no say in its CG."""
     return in_common(by_scale_beside(_numbers(docked), 0.0, np.zeros(3)), _covariance(docked), {}, used)
-
-
-def _sigmas(body: PhaseItem) -> Array:
-    return np.array([np.nan if item.sigma is None else item.sigma for item in body.estimates.values()])
 
 
 def _numbers(body: PhaseItem | DockedObject) -> Array:
