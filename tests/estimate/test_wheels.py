@@ -12,6 +12,7 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import kept
 from massprop_cli.conclude import docking
+from massprop_cli.diagnosis import resolve
 from massprop_cli.estimate.quantities import in_common
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
@@ -164,6 +165,15 @@ def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_a
     values, sigmas = found(analysis)
     assert np.abs((values - TRUTH) / sigmas)[:9].max() < 4.0
     assert not analysis.notices
+
+
+def test_a_delay_is_found_in_a_long_log_of_wheels_whose_torque_was_logged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their speed follows from the whole log, of which no stretch can be looked at alone: it had ended in an internal error."""
+    monkeypatch.setattr(resolve, "LONGEST", 200)
+    by_torque = [f'vehicle.wheels.{i}.column="torque"' for i in range(3)]
+    _, flight = flown("wheels", *by_torque)
+    analysis = estimated(flight, 'cycle.command_delay_cycles="auto"')
+    assert analysis.timing.delay == pytest.approx(float(flight.vehicle.cycle.command_delay_cycles), abs=0.01)
 
 
 TABLE = (
