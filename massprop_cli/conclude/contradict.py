@@ -19,6 +19,7 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
@@ -190,14 +191,10 @@ def by_lost(causal: History, settled: History) -> Contradiction | None:
 
 def by_no_body(conclusion: Conclusion) -> Contradiction | None:
     """An inertia that no body has: not positive definite by more than its sigmas allow."""
-    moments = conclusion.principal_moments
-    if np.isnan(moments).any() or moments[0] > 0:
+    found = breach(conclusion)
+    if found is None or not (found.certain and found.of_inertia) or conclusion.principal_moments[0] > 0:
         return None
-    variance = [conclusion.estimates[name].sigma or 0.0 for name in INERTIA]
-    if -moments[0] < 4 * float(np.linalg.norm(variance)):
-        return None
-    cause = f"the inertia is not positive definite (least principal moment {moments[0]:.4g} kg m^2): no body has it"
-    return Contradiction(cause, np.array([name in INERTIA for name in QUANTITIES]))
+    return Contradiction(f"{found.said}: no body has it", np.array([name in INERTIA for name in QUANTITIES]))
 
 
 def together(found: Sequence[Contradiction | None]) -> Contradiction | None:
