@@ -46,7 +46,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     apart = _without_part(vehicle)
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
-    contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
+    contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.contradiction]
     verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
     reason = "both phases converged" if settled else "not every quantity of both phases converged"
     if contradictions:
@@ -55,6 +55,11 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
+
+
+def of_phase(name: str, cause: str) -> str:
+    """What contradicts in a phase, with the phase's name said once."""
+    return cause if cause.startswith(f"phase {name}: ") else f"phase {name}: {cause}"
 
 
 def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: str) -> dict[str, Estimate]:

@@ -151,6 +151,15 @@ def test_a_known_value_that_the_log_denies_contradicts_what_is_proportional_to_i
     assert "known.mass = 44" in found.conclusions[0].contradiction
 
 
+def test_a_contradicted_docked_object_names_its_phase_once() -> None:
+    log, used = faulty.sample("docking")
+    single = used.phases[0].model_copy(update={"known": {"mass": Known(value=44.0, sigma=0.1)}})
+    found = faulty.examined(log, used.model_copy(update={"phases": (single, *used.phases[1:])}))
+    assert found.docked is not None
+    assert found.docked.contradiction.startswith(f"phase {single.name}: known.mass = 44 ")
+    assert found.docked.contradiction.count(f"phase {single.name}") == 1
+
+
 def test_a_weighed_mass_leaves_the_log_its_own_part_of_each_sigma() -> None:
     """What the scale leaves open was taken off in full, though the mass had calibrated it: nothing was left that a misfit could touch."""
     log, used = faulty.sample("free-flyer")
