@@ -87,9 +87,8 @@ def by_faults(
     for found in mended:
         if found is not None and all(fault.cure is not None for fault in faults):
             touched &= ~_agree(conclusion, found)
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     for values in rivals:
-        touched |= ~(np.abs(values - conclusion.values) <= AGREES * sigma)
+        touched |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
     return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
 
 
@@ -128,7 +127,7 @@ def by_misfit(
     sizes = settled.natural_sizes.copy()
     values = conclusion.values
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(values[POSITIVE]))
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    sigma = conclusion.sigmas
     error = np.maximum(hidden / HIDDEN, loose / TOO_SMALL)  # as many sigmas as it may be
     told = np.array([e.verdict in TOLD for e in conclusion.estimates.values()])
     with np.errstate(invalid="ignore"):
@@ -162,8 +161,7 @@ def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
         "log and vehicle file don't fit, cause unknown, and its sigma is none of what that may hide; look at what came nearest in the "
         "warning cause-unknown"
     )
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    by_noise = _own_variance(conclusion, vehicle) > sigma**2 / 2
+    by_noise = _own_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2
     return {name: reason for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
 
 
@@ -171,8 +169,7 @@ def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
     """(10,) variance of each value that the log's noise makes: without the thrust's stated scale, and what is known."""
     known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
     common = in_common(by_scale(conclusion.values, vehicle), conclusion.covariance, known, vehicle)
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    variance: Array = np.maximum(sigma**2 - common**2, 0.0)
+    variance: Array = np.maximum(conclusion.sigmas**2 - common**2, 0.0)
     return variance
 
 
