@@ -15,7 +15,6 @@ Units are SI, inertia is about the CG in body axes, products are tensor elements
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -23,7 +22,9 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from massprop_cli.base import configfile
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import baseline as baselines
 from massprop_cli.campaign import discover, joining, location, run, urlplace
 from massprop_cli.campaign.cluster import ClusterExecutor
@@ -184,4 +185,14 @@ def _assignments(method: str | None, delay: Delay | None, settings: Mapping[str,
     given: dict[str, Any] = dict(settings or {})
     given |= {"estimator.method": method} if method is not None else {}
     given |= {"cycle.command_delay_cycles": delay} if delay is not None else {}
-    return [f"{key}={json.dumps(value)}" for key, value in given.items()]
+    return [assignment for key, value in given.items() for assignment in _flat(key, value)]
+
+
+def _flat(key: str, value: object) -> list[str]:
+    """One assignment for each key of a mapping, so that those beside them stay as the vehicle file has them."""
+    if isinstance(value, Mapping) and value:
+        return [assignment for below, child in value.items() for assignment in _flat(f"{key}.{below}", child)]
+    try:
+        return [f"{key}={configfile.written(value)}"]
+    except InputError as error:
+        raise InputError(f"setting {key}: {error}", option="settings") from None

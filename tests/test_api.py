@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import massprop_cli
@@ -33,6 +34,27 @@ def test_an_estimate_is_the_result_that_the_command_writes(logs: Path, tmp_path:
     assert found.table.loc[("all", "mass"), "value"] == stored["phases"][0]["estimates"]["mass"]["value"]
     assert len(found.history) == found.result.log.cycles - 2
     assert found.history["mass"].iloc[-1] == found.table.loc[("all", "mass"), "value"]
+
+
+def test_settings_are_values_of_python(logs: Path) -> None:
+    """They had gone through JSON to where TOML is read: a mapping, a number of NumPy and a name beyond the first plane were refused."""
+    log = logs / "seed-0001" / "log.parquet"
+    written = estimate_log(log, settings={"known.mass.value": 22.0, "known.mass.sigma": 0.02, "imu.gyro_noise_rad_s": 1e-4})
+    for settings in (
+        {"known.mass": {"value": 22.0, "sigma": 0.02}, "imu.gyro_noise_rad_s": np.float64(1e-4)},
+        {"known": {"mass": {"value": np.float64(22.0), "sigma": 0.02}}, "imu": {"gyro_noise_rad_s": 1e-4}},
+    ):
+        found = estimate_log(log, settings=settings)
+        assert found.result.phases[0].known == {"mass": (22.0, 0.02)}
+        assert found.result.phases == written.result.phases
+    place = np.array([0.1, -0.06, 0.12])
+    named = {"name": "a\u2028b\x7f\U0001f680", "imu.position_m": place, "phases": [{"name": "\U0001f600", "start_s": 0, "end_s": 20}]}
+    found = estimate_log(log, settings=named)
+    assert found.result.vehicle.name == named["name"]
+    assert found.result.phases[0].name == "\U0001f600"
+    assert found.result.provenance.settings["imu.position_m"] == place.tolist()
+    with pytest.raises(InputError, match=r"setting imu\.gyro_noise_rad_s: None: no number, text, list or mapping"):
+        estimate_log(log, settings={"imu.gyro_noise_rad_s": None})
 
 
 def test_an_estimate_can_be_held_against_expectations(tmp_path: Path) -> None:

@@ -100,6 +100,22 @@ def literal(text: str) -> object:
     return found["value"] if len(found) == 1 else text
 
 
+def written(value: object) -> str:
+    """A value as :func:`literal` reads it, on one line; :class:`InputError` of what TOML doesn't know."""
+    value = value.tolist() if hasattr(value, "tolist") else value  # NumPy's
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, (str, Path)):
+        return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{written(str(key))} = {written(child)}" for key, child in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(written, value)) + "]"
+    raise InputError(f"{value!r}: no number, text, list or mapping; give one, or leave the key out")
+
+
 def _assign(data: dict[str, Any], path: list[str], value: object, source: str) -> None:
     node: Any = data
     for part in path[:-1]:

@@ -125,14 +125,18 @@ def _combined(one: Joining, place: Place) -> Result:
 
 
 def _recorded(job: Job, place: Place) -> Recorded:
-    from massprop_cli.result.read import Recorded
-    from massprop_cli.result.schema import Result
+    from massprop_cli.result.read import Recorded, result_of
 
+    where = f"{RESULTS}/{job.name}/result.json"
     try:
-        content = place.read(f"{RESULTS}/{job.name}/result.json")
+        content = place.read(where)
     except FileNotFoundError:
         raise InputError(f"{job.shown}: has no result to combine; see its own row") from None
-    return Recorded(Path(RESULTS) / job.name / "result.json", Result.model_validate_json(content), {}, hashlib.sha256(content).hexdigest())
+    try:
+        result = result_of(content.decode("utf-8", "replace"), where)
+    except InputError as error:
+        raise InputError(f"{error} (massprop batch --force)") from None
+    return Recorded(Path(where), result, {}, hashlib.sha256(content).hexdigest())
 
 
 def _ready(job: Job, result: Result) -> Ready:

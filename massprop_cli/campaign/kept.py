@@ -6,15 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli import CG, QUANTITIES
+from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
-from massprop_cli.estimate.quantities import by_scale
+from massprop_cli.conclude.granted import DELAY_STEP
+from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, Result
+from massprop_cli.result.schema import DockedObject, PhaseItem, Result
 
 
 def vehicle(found: Result) -> outcome.Vehicle:
@@ -43,32 +44,37 @@ def expected(found: Sequence[Expected]) -> list[Body]:
     return [Body(part="phase", name=name, estimates=estimates) for name, estimates in phases.items()]
 
 
-def bodies(found: Result, used: Vehicle) -> list[Body]:
-    """Phases and docked object."""
+def bodies(found: Result, used: Vehicle, stated: Vehicle) -> list[Body]:
+    """Phases and docked object; of the vehicle as it was ``used``, and as its file states it."""
     thesis = used.estimator.method == "thesis"
+    alike = {phase.name: _stated(found, phase, used, stated) for phase in found.phases}
     kept = [
-        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used))) for phase in found.phases
+        Body(part="phase", name=phase.name, estimates=_values(phase, None if thesis else shared(phase, used), alike[phase.name]))
+        for phase in found.phases
     ]
     docked = found.docked_object
     if docked is not None:
+        # of what is known, or uncertain, of both phases the share in their difference isn't told
+        told = not (thesis or docked.known or any(phase.known or alike[phase.name].any() for phase in found.phases))
         name = f"{docked.after} less {docked.before}"
-        kept.append(Body(part="docked", name=name, estimates=_values(docked, None if thesis else _docked_shared(found, docked, used))))
+        kept.append(Body(part="docked", name=name, estimates=_values(docked, _docked_shared(docked, used) if told else None, np.zeros(10))))
     return kept
 
 
 def joint_bodies(found: Result) -> list[Body]:
     """Of a result of several logs; how much of it they share is in its sigmas, and isn't told apart."""
-    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None)) for phase in found.phases]
+    kept = [Body(part="phase", name=phase.name, estimates=_values(phase, None, np.zeros(10))) for phase in found.phases]
     docked = found.docked_object
-    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None))])
+    return kept + ([] if docked is None else [Body(part="docked", name="object", estimates=_values(docked, None, np.zeros(10)))])
 
 
-def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, Value]:
+def _values(body: PhaseItem | DockedObject, common: Array | None, alike: Array) -> dict[str, Value]:
     return {
         name: Value(
             value=item.value,
             sigma=item.sigma,
             shared=None if common is None or not np.isfinite(common[i]) else float(common[i]),
+            alike=min(float(alike[i]), item.sigma or 0.0),
             verdict=item.verdict,
             met=None if item.expected is None else item.expected.met,
             expected=None if item.expected is None else item.expected.value,
@@ -78,35 +84,36 @@ def _values(body: PhaseItem | DockedObject, common: Array | None) -> dict[str, V
 
 
 def shared(phase: PhaseItem, used: Vehicle) -> Array:
-    """(10,) sigma of the error that every log of this vehicle file has alike; NaN where there is no value.
+    """(10,) sigma of what the scale and what is known make of every log's error alike; NaN where there is no value."""
+    known = {name: sigma for name, (_, sigma) in phase.known.items()}
+    return in_common(by_scale(_numbers(phase), used), _covariance(phase), known, used)
 
-    The reported θ is the log's own estimate times 1 + κ, κ ~ N(0, scale_sigma²), conditioned on the known quantities z = H θ + ε,
-    ε ~ N(0, R) (:mod:`massprop_cli.estimate.quantities`). The gain of that conditioning is K = P⁺ Hᵀ R⁻¹ with the reported covariance P⁺
-    (Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15), so κ leaves (θ̃ − K H θ̃) κ and ε leaves K ε, where θ̃
-    is the derivative of θ by κ.
+
+def _stated(found: Result, phase: PhaseItem, used: Vehicle, stated: Vehicle) -> Array:
+    """(10,) sigma of what the stated uncertainty of jets, IMU and delay makes: one error in all logs, as far as they move alike.
+
+    A log that narrows a stated delay from s to V leaves V/s of it; of one that it found by itself nothing is stated.
     """
-    values = np.array([np.nan if item.value is None else item.value for item in phase.estimates.values()])
-    scaled = by_scale(values, used)
-    variance = (used.thrust.scale_sigma * scaled) ** 2
-    known = [(QUANTITIES.index(name), sigma) for name, (_, sigma) in phase.known.items()]
-    if known:
-        index, sigma = np.array([i for i, _ in known]), np.array([s for _, s in known])
-        covariance = np.array([[np.nan if cell is None else cell for cell in row] for row in phase.covariance], dtype=float)
-        gain = covariance[:, index] / sigma**2
-        variance = (used.thrust.scale_sigma * (scaled - gain @ scaled[index])) ** 2 + ((gain * sigma) ** 2).sum(1)
-    found: Array = np.sqrt(variance)
-    return found
+    given, left = stated.cycle.command_delay_sigma_cycles, used.cycle.command_delay_sigma_cycles
+    delay = left**2 / given if given > 0 and stated.cycle.command_delay_cycles != "auto" else 0.0
+    steps = {code: 1.0 for code in (one.code for one in found.assumptions) if code.startswith(("uncertain-jet-", "uncertain-imu-"))}
+    steps["command-delay"] = delay / DELAY_STEP
+    variance = np.zeros(10)
+    for one in found.assumptions:
+        for effect in one.effects:
+            if effect.phase == phase.name and one.code in steps:
+                variance += (steps[one.code] * np.array([effect.change.get(name, 0.0) for name in QUANTITIES])) ** 2
+    return np.asarray(np.sqrt(variance))
 
 
-def _docked_shared(found: Result, docked: DockedObject, used: Vehicle) -> Array | None:
-    """(10,) of the docked object; None with known quantities, whose share in both phases isn't told."""
-    if docked.known or any(phase.known for phase in found.phases):
-        return None
-    # no part of it stays behind with a bearing, so the scale has no say in its CG
-    proportional = np.array([0.0 if name in CG else _number(item) for name, item in docked.estimates.items()])
-    share: Array = used.thrust.scale_sigma * np.abs(proportional)
-    return share
+def _docked_shared(docked: DockedObject, used: Vehicle) -> Array:
+    """(10,) of the docked object; no part of it stays behind with a bearing, so the scale has no say in its CG."""
+    return in_common(by_scale_beside(_numbers(docked), 0.0, np.zeros(3)), _covariance(docked), {}, used)
 
 
-def _number(item: EstimateItem) -> float:
-    return np.nan if item.value is None else item.value
+def _numbers(body: PhaseItem | DockedObject) -> Array:
+    return np.array([np.nan if item.value is None else item.value for item in body.estimates.values()])
+
+
+def _covariance(body: PhaseItem | DockedObject) -> Array:
+    return np.array([[np.nan if cell is None else cell for cell in row] for row in body.covariance], dtype=float)

@@ -36,6 +36,9 @@ class Value(Item):
     shared: float | None = Field(
         None, description="of sigma, what all logs of this vehicle file have in common (thrust scale, known quantities); null: not known"
     )
+    alike: float = Field(
+        0.0, description="of the rest of sigma, what a stated uncertainty of jets, IMU or delay makes: all logs may have it in common"
+    )
     verdict: Verdict
     met: bool | None = Field(None, description="its expectation; null without one")
     expected: float | None = Field(None, description="what was expected of it; null without an expectation")

@@ -2,10 +2,13 @@
 
 Every log i gives a value x_i with sigma s_i. Of it, c_i is an error that all logs of the vehicle share (the thrust scale, a weighed
 mass): it moves all x_i alike, so that averaging doesn't make it smaller, and scatter doesn't show it. The rest,
-u_i² = s_i² − c_i², is the log's own. With weights w_i = 1/u_i² and W = Σ w_i:
+u_i² = s_i² − c_i², is the log's own. A part g_i of that may be the same in other logs, too, as far as these move alike (where jets and IMU
+sit): the mean's sigma takes it for shared, scatter for the log's own, and so neither promises too much.
+With weights w_i = 1/u_i² and W = Σ w_i:
 
-* mean x̄ = Σ w_i x_i / W, with sigma² = 1/W + (Σ w_i c_i / W)²: own errors independent, shared ones fully correlated
-  (P. R. Bevington and D. K. Robinson, Data Reduction and Error Analysis, 3rd ed., eq. 4.17 and 4.19; JCGM 100:2008, F.1.2.3, note 3);
+* mean x̄ = Σ w_i x_i / W, with sigma² = Σ w_i² (u_i² − g_i²) / W² + (Σ w_i c_i / W)² + (Σ w_i g_i / W)²: own errors independent, shared
+  ones fully correlated (P. R. Bevington and D. K. Robinson, Data Reduction and Error Analysis, 3rd ed., eq. 4.17 and 4.19;
+  JCGM 100:2008, F.1.2.3, note 3);
 * scatter χ² = Σ w_i (x_i − x̄)², n − 1 degrees of freedom where the claimed sigmas hold (Bevington, chapter 11.1), and
   sqrt(χ²/(n − 1)), the ratio of R. T. Birge, Phys. Rev. 40 (1932) 207;
 * outlier: further than 4 sigma from the mean of all others, z_i = (x_i − x̄_without_i) / sqrt(u_i² + 1/(W − w_i)), the farthest first
@@ -40,6 +43,8 @@ class Samples:
     """(n,) one standard deviation, everything included."""
     shared: Array
     """(n,) of it, what all logs have in common."""
+    alike: Array
+    """(n,) of the rest, what they may have in common."""
 
     @property
     def own(self) -> Array:
@@ -49,7 +54,7 @@ class Samples:
 
     def only(self, keep: NDArray[np.intp]) -> Samples:
         """The logs at these indices."""
-        return Samples(self.number[keep], self.value[keep], self.sigma[keep], self.shared[keep])
+        return Samples(self.number[keep], self.value[keep], self.sigma[keep], self.shared[keep], self.alike[keep])
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,9 @@ def mean(samples: Samples) -> Mean:
     """The inverse-variance weighted mean."""
     weight = samples.own**-2.0
     total = weight.sum()
-    shared = float(weight @ samples.shared / total)
-    return Mean(float(weight @ samples.value / total), float(np.sqrt(1 / total + shared**2)), shared)
+    shared = float(np.hypot(weight @ samples.shared, weight @ samples.alike) / total)
+    apart = float(weight**2 @ np.maximum(samples.own**2 - samples.alike**2, 0.0)) / total**2
+    return Mean(float(weight @ samples.value / total), float(np.sqrt(apart + shared**2)), shared)
 
 
 def scatter(samples: Samples) -> Scatter | None:

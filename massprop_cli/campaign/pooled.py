@@ -37,7 +37,7 @@ class Pooled(Item):
     logs: int
     value: float | None = Field(description="inverse-variance weighted mean of all logs, outliers included")
     sigma: float | None
-    shared: float | None = Field(None, description="of sigma, what all logs have in common and more logs don't make smaller")
+    shared: float | None = Field(None, description="of sigma, what all logs have in common, or may have, and more logs don't make smaller")
     without_outliers: tuple[float, float] | None = Field(None, description="mean and sigma; null where there is no outlier")
     chi_square: float | None = Field(None, description="scatter against the logs' own sigmas")
     degrees_of_freedom: int | None = None
@@ -73,7 +73,7 @@ class Group:
     numbers: list[int] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     values: list[Array] = field(default_factory=list)
-    """(10, 3) each: value, sigma, shared; NaN where the log doesn't tell."""
+    """(10, 4) each: value, sigma, shared, alike; NaN where the log doesn't tell."""
     files: set[str] = field(default_factory=set)
     """sha256 of their vehicle files."""
     expected: tuple[set[float], ...] = field(default_factory=lambda: tuple(set() for _ in QUANTITIES))
@@ -113,7 +113,7 @@ def grouped(rows: Iterable[Row]) -> dict[Key, Group]:
 
 
 def _again(values: Sequence[Array]) -> set[int]:
-    """Which of these (10, 3) are of a recording that stands there before in another file."""
+    """Which of these (10, 4) are of a recording that stands there before in another file."""
     whole = np.array(values)
     quantity = int(np.argmax(np.isfinite(whole[:, :, 0]).sum(0)))
     order = [int(i) for i in np.argsort(whole[:, quantity, 0]) if np.isfinite(whole[i, quantity, 0])]
@@ -142,10 +142,10 @@ class Key(NamedTuple):
         return Key(found.vehicle, found.environment, found.bearing_mass_kg, found.part, found.name)
 
 
-def _told(item: Value) -> tuple[float, float, float]:
+def _told(item: Value) -> tuple[float, float, float, float]:
     if item.verdict in INFORMED and item.value is not None and item.sigma and item.shared is not None:
-        return item.value, item.sigma, item.shared
-    return np.nan, np.nan, np.nan
+        return item.value, item.sigma, item.shared, item.alike
+    return np.nan, np.nan, np.nan, np.nan
 
 
 def _pool(key: Key, group: Group) -> Pool:

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from massprop_cli.job import Judged
 
 
+OF_MACHINE = re.compile(r"MASSPROP_MAX_[A-Z_]+|pip install 'massprop\[")
+"""A remedy that mends no file: a limit that the environment sets, a package that isn't there."""
+
+
 @dataclass(frozen=True)
 class Produced:
     """What one job made."""
@@ -55,8 +59,8 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
 
     ``sent`` holds files that came with the job, by location (:func:`own_files`); None where all are read here.
 
-    Never raises for what a log may hold: unusable input is an outcome with exit code 3, a bug one with 1. A bug, and a file that can't
-    be read, have no fingerprint and are tried again.
+    Never raises for what a log may hold: unusable input is an outcome with exit code 3, a bug one with 1. A bug, a file that can't be
+    read, and what this machine doesn't take, have no fingerprint and are tried again.
     """
     mark = outcome.UNKEPT
     sha256 = None
@@ -68,7 +72,7 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
             return None
         return _checked(job, inputs, mark) if job.settings.check else _worked(job, inputs, mark)
     except InputError as error:
-        return failed(job, exits.INPUT, str(error), mark, sha256)
+        return failed(job, exits.INPUT, str(error), outcome.UNKEPT if OF_MACHINE.search(str(error)) else mark, sha256)
     except Exception as error:
         return failed(job, exits.BUG, f"internal error (a bug in massprop): {type(error).__name__}: {error}", input_sha256=sha256)
 
@@ -288,6 +292,6 @@ def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
         missed=[*judged.unconverged, *judged.imprecise, *judged.missed],
-        bodies=kept.bodies(found, judged.analysis.vehicle),
+        bodies=kept.bodies(found, judged.analysis.vehicle, judged.analysis.source.vehicle),
         files=files,
     )

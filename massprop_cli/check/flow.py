@@ -111,7 +111,7 @@ def _unusable(message: str) -> Finding:
 
 def _noticed(estimated: Analysis, said: set[str]) -> list[Finding]:
     """Warnings of the estimate, but for what is told with its rows already."""
-    named = {fault.notice.code for fault in estimated.faults}
+    named = {fault.notice.code for fault in estimated.faults if fault.cure is not None}
     # of a log without commands there is no cause to look for but that
     told = said | ({"cause-unknown"} if "nothing-commanded" in said else set())
     return [_of_notice(notice, notice.code in named) for notice in estimated.notices if notice.code not in told]

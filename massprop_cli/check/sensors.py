@@ -77,8 +77,13 @@ def _channel(
             said = f"{column} at the {name}'s range in {int(full.sum())} records"
             found.append(_finding(f"{name}-saturated", "fault", said, rows(full, place), remedy))
     else:
-        found += _clipped(name, column, values, place)
-    run = standing(values, repeated)
+        full = _clipped(values)
+        if full.any():
+            remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
+            said = f"{column} is {values[full][0]:.6g} per second in {int(full.sum())} records and never beyond: clipped"
+            found.append(_finding(f"{name}-saturated", "fault", said, rows(full, place), remedy))
+            full = np.abs(values) >= 0.999 * np.abs(values[full][0])
+    run = standing(values, repeated) & ~full  # at the end of its range it stands still
     if noise != 0 and run.any():
         remedy = "see to the sensor; cut these records ([[phases]])"
         found.append(
@@ -87,20 +92,18 @@ def _channel(
     return found
 
 
-def _clipped(name: str, column: str, values: Array, place: Place) -> list[Finding]:
-    """Where the extreme is met again and again, far more than the value next to it."""
+def _clipped(values: Array) -> BoolArray:
+    """Which records hold an extreme that is met again and again, far more than the value next to it."""
     for extreme in (values.max(), values.min()):
         tolerance = 1e-9 * abs(extreme)
-        full = np.abs(values - extreme) <= tolerance
+        full: BoolArray = np.abs(values - extreme) <= tolerance
         inside = values[~full]
         if full.sum() < CLIPPED or not len(inside) or median(values) == extreme:
             continue
         next_to = inside[np.argmin(np.abs(inside - extreme))]
         if full.sum() > 3 * (np.abs(inside - next_to) <= tolerance).sum() + 1:
-            remedy = f"state the {name}'s range in the vehicle file if it is one, and fly a gentler motion"
-            said = f"{column} is {extreme:.6g} per second in {int(full.sum())} records and never beyond: clipped"
-            return [_finding("clipped", "fault", said, rows(full, place), remedy)]
-    return []
+            return full
+    return np.zeros(len(values), dtype=bool)
 
 
 def standing(values: Array, repeated: BoolArray) -> BoolArray:

@@ -41,7 +41,7 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     )
     told = docking.estimates_of(found, covariance, verdict, reason)
     estimates = {name: EstimateItem(**asdict(estimate)) for name, estimate in told.items()}
-    contradiction = "; ".join(f"phase {phase.name}: {phase.contradiction}" for phase in (single, combined) if phase.contradiction)
+    contradiction = "; ".join(docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction)
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction=contradiction
     )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
+from massprop_cli.base import configfile
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.ready import Ready, ready
 from massprop_cli.inputs import clipped, logfile, telemetry, vehiclefile
@@ -49,11 +49,11 @@ def _assignments(result: Result) -> list[str]:
     """What was set by option or found in the log, but for disturbances that were sized."""
     sources, settings = result.provenance.setting_sources, result.provenance.settings
     kept = [key for key, where in sources.items() if where == "option" or (where == "log" and not key.startswith(SIZED))]
-    return [f"{key}={json.dumps(settings[key])}" for key in kept if settings[key] is not None]
+    return [f"{key}={configfile.written(settings[key])}" for key in kept if settings[key] is not None]
 
 
 def sized(result: Result, stated: Vehicle) -> Vehicle:
     """The vehicle with the disturbances that the log's own estimate needed."""
     sources, settings = result.provenance.setting_sources, result.provenance.settings
     found = [key for key, where in sources.items() if where == "log" and key.startswith(SIZED) and settings[key] is not None]
-    return vehiclefile.changed(stated, [f"{key}={json.dumps(settings[key])}" for key in found])
+    return vehiclefile.changed(stated, [f"{key}={configfile.written(settings[key])}" for key in found])

@@ -21,6 +21,7 @@ from massprop_cli.conclude.taken import Taken
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
+from massprop_cli.estimate.quantities import by_scale, left_by_known
 from massprop_cli.estimate.regression import KNOWN, MOMENTS
 from massprop_cli.estimate.rows import Response
 from massprop_cli.inputs.telemetry import Log
@@ -185,17 +186,23 @@ def assumptions(
 def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[Assumption]:
     """The scale common to all thrust: mass and inertia are proportional to it, and nothing in a log depends on it."""
     effects = []
+    sigma = vehicle.thrust.scale_sigma
     for conclusion in conclusions:
-        known = vehicle.in_phase(conclusion.phase).known
-        if any(name not in CG for name in known):
-            continue
-        values = conclusion.estimates.items()
-        change = {name: 0.01 * e.value for name, e in values if e.value is not None and name not in CG}
+        known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
+        if sigma > 0 and any(name not in CG for name in known):
+            continue  # which calibrates it
+        moved = 0.01 * left_by_known(by_scale(conclusion.values, vehicle), conclusion.covariance, known)
+        change = {
+            name: float(part)
+            for (name, e), part in zip(conclusion.estimates.items(), moved, strict=True)
+            if abs(part) > SHOWN * (e.sigma or 0.0) and name not in known
+        }
         effects.append(Effect(conclusion.phase.name, change, None))
     if not effects:
         return []
-    sigma = vehicle.thrust.scale_sigma
     message = "mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen"
+    if vehicle.bearing_mass_kg > 0:
+        message += ", and moves the CG by the part of the mass that does not turn"
     said = f"; its stated uncertainty, {100 * sigma:g} %, is in every sigma" if sigma else "; no uncertainty of it is stated"
     return [Assumption("thrust-scale", message + said, "1 %", sigma > 0, tuple(effects))]
 

@@ -19,10 +19,11 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.quantities import by_scale
+from massprop_cli.estimate.quantities import by_scale, in_common
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
@@ -86,9 +87,8 @@ def by_faults(
     for found in mended:
         if found is not None and all(fault.cure is not None for fault in faults):
             touched &= ~_agree(conclusion, found)
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
     for values in rivals:
-        touched |= ~(np.abs(values - conclusion.values) <= AGREES * sigma)
+        touched |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
     return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
 
 
@@ -127,7 +127,7 @@ def by_misfit(
     sizes = settled.natural_sizes.copy()
     values = conclusion.values
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(values[POSITIVE]))
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    sigma = conclusion.sigmas
     error = np.maximum(hidden / HIDDEN, loose / TOO_SMALL)  # as many sigmas as it may be
     told = np.array([e.verdict in TOLD for e in conclusion.estimates.values()])
     with np.errstate(invalid="ignore"):
@@ -161,16 +161,15 @@ def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
         "log and vehicle file don't fit, cause unknown, and its sigma is none of what that may hide; look at what came nearest in the "
         "warning cause-unknown"
     )
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    by_noise = _own_variance(conclusion, vehicle) > sigma**2 / 2
+    by_noise = _own_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2
     return {name: reason for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
 
 
 def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
-    """(10,) variance of each value without the thrust's stated scale."""
-    scaled = vehicle.thrust.scale_sigma * by_scale(conclusion.values, vehicle)
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
-    variance: Array = np.maximum(sigma**2 - scaled**2, 0.0)
+    """(10,) variance of each value that the log's noise makes: without the thrust's stated scale, and what is known."""
+    known: dict[str, float] = {name: one.sigma for name, one in vehicle.in_phase(conclusion.phase).known.items()}
+    common = in_common(by_scale(conclusion.values, vehicle), conclusion.covariance, known, vehicle)
+    variance: Array = np.maximum(conclusion.sigmas**2 - common**2, 0.0)
     return variance
 
 
@@ -189,14 +188,10 @@ def by_lost(causal: History, settled: History) -> Contradiction | None:
 
 def by_no_body(conclusion: Conclusion) -> Contradiction | None:
     """An inertia that no body has: not positive definite by more than its sigmas allow."""
-    moments = conclusion.principal_moments
-    if np.isnan(moments).any() or moments[0] > 0:
+    found = breach(conclusion)
+    if found is None or not (found.certain and found.of_inertia) or conclusion.principal_moments[0] > 0:
         return None
-    variance = [conclusion.estimates[name].sigma or 0.0 for name in INERTIA]
-    if -moments[0] < 4 * float(np.linalg.norm(variance)):
-        return None
-    cause = f"the inertia is not positive definite (least principal moment {moments[0]:.4g} kg m^2): no body has it"
-    return Contradiction(cause, np.array([name in INERTIA for name in QUANTITIES]))
+    return Contradiction(f"{found.said}: no body has it", np.array([name in INERTIA for name in QUANTITIES]))
 
 
 def together(found: Sequence[Contradiction | None]) -> Contradiction | None:

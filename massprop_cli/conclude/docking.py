@@ -9,7 +9,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.verdict import NO_PART, PLANAR, Conclusion, Estimate, Verdict
-from massprop_cli.estimate.quantities import by_scale, condition
+from massprop_cli.estimate.quantities import by_scale, condition, open_scale
 from massprop_cli.inputs.vehicle import Vehicle
 
 SIGNIFICANT = 3.0
@@ -46,7 +46,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     apart = _without_part(vehicle)
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
-    contradictions = [f"phase {c.phase.name}: {c.contradiction}" for c in pair if c.contradiction]
+    contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.contradiction]
     verdict: Verdict = "contradicted" if contradictions else "converged" if settled else "not_converged"
     reason = "both phases converged" if settled else "not every quantity of both phases converged"
     if contradictions:
@@ -55,6 +55,11 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
+
+
+def of_phase(name: str, cause: str) -> str:
+    """What contradicts in a phase, with the phase's name said once."""
+    return cause if cause.startswith(f"phase {name}: ") else f"phase {name}: {cause}"
 
 
 def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: str) -> dict[str, Estimate]:
@@ -68,7 +73,7 @@ def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: str)
 
 
 def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array, Array]:
-    """(20,) quantities of both phases with their covariance: a thrust scale common to both, and what is known of each."""
+    """(20,) quantities of both phases with their covariance: a thrust scale common to both that no log tells, and what is known of each."""
     thesis = vehicle.estimator.method == "thesis"
     values = np.concatenate([conclusion.bare[0] for conclusion in pair])
     joint: Array = np.zeros((20, 20))
@@ -77,7 +82,7 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
     scaled = by_scale(values.reshape(2, 10), vehicle).ravel()
     if not thesis:
-        joint = joint + vehicle.thrust.scale_sigma**2 * np.outer(scaled, scaled)
+        joint = joint + open_scale(vehicle) ** 2 * np.outer(scaled, scaled)
         for half, conclusion in enumerate(pair):
             for name, known in vehicle.in_phase(conclusion.phase).known.items():
                 row = np.zeros(20)

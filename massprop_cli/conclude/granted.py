@@ -19,6 +19,8 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 DEGREE = float(np.pi / 180)
+DELAY_STEP = 0.1
+"""Cycles by which the delay is varied."""
 AXES = "XYZ"
 GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
 Spinner = TypeVar("Spinner", Wheel, Rotor)
@@ -46,7 +48,7 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: b
         words = "its uncertainty is in every sigma" if sigma > 0 else "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
         said = "command_delay_cycles" in vehicle.cycle.model_fields_set
         message = f"the command delay is {timing.delay:.6g} cycles{'' if said else ', which nobody stated'}; {words}"
-        yield Taken("command-delay", message, "0.1 cycles", said, later, 0.1, sigma)
+        yield Taken("command-delay", message, f"{DELAY_STEP:g} cycles", said, later, DELAY_STEP, sigma)
     if log.command_kind == "jets":
         yield from supply.droop(log, vehicle, timing, here)
         yield from supply.memory(log, vehicle, timing, here) if more else ()

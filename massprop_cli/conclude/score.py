@@ -132,7 +132,7 @@ def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Arra
 
 def _changes(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Iterator[tuple[Doubt, Array, Array]]:
     """Each with (10,) by how much the values would move, and (10,) their sigmas; NaN, of which nothing is more, where nothing is told."""
-    sigma = np.array([np.nan if e.sigma is None else e.sigma for e in conclusion.estimates.values()])
+    sigma = conclusion.sigmas
     mass = conclusion.estimates["mass"].value or np.nan
     for doubt in found:
         change = doubt.moved(at)

@@ -26,7 +26,7 @@ from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.prepare.compensate import BLOCK, Source, blocks
+from massprop_cli.prepare.compensate import BLOCK, Source, apart
 
 PERIODS = 4.0 * 2.0 ** np.arange(0, 8.5, 0.5)
 """Cycles: 4 to 1024."""
@@ -102,7 +102,7 @@ def lagged(history: History, samples: Source) -> Lagged:
     size = 1 << (min(BLOCK, whole) + 2 * lags - 1).bit_length()
     spectra = np.zeros((2, 6, size // 2 + 1), dtype=complex)
     before, power, count, lasting = np.zeros((6, lags)), np.zeros(6), 0, 0.0
-    for part in blocks(cycles):
+    for part in apart(cycles):
         executed = samples.part(part).executed
         pushed = executed.channels.whole @ executed.channels.wrench
         pushed[:, :3] -= np.cross(reference.cg, pushed[:, 3:])

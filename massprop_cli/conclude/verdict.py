@@ -90,6 +90,11 @@ class Conclusion:
         return np.array([np.nan if e.value is None else e.value for e in self.estimates.values()])
 
     @property
+    def sigmas(self) -> Array:
+        """(10,) likewise."""
+        return np.array([np.nan if e.sigma is None else e.sigma for e in self.estimates.values()])
+
+    @property
     def inertia(self) -> Array:
         """(3, 3) about the CG, kg m²; NaN where not known."""
         return tensor(self.values[:6])

@@ -33,8 +33,12 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
 
 
 def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:
-    """The log with all its pieces, or the busiest stretch of the busiest one, if they hold more than ``longest`` cycles together."""
-    if sum(piece.stop - piece.start for piece in pieces) <= longest:
+    """The log with all its pieces, or the busiest stretch of the busiest one, if they hold more than ``longest`` cycles together.
+
+    All of a log with a wheel whose torque was logged: its speed follows from the beginning on.
+    """
+    whole = any(wheel.speed_rad_s is None for wheel in log.wheels)
+    if whole or sum(piece.stop - piece.start for piece in pieces) <= longest:
         return log, pieces
     parts, most = [busiest(log, vehicle, timing, piece, longest) for piece in pieces], _most(log)
     part, piece = max(parts, key=lambda found: float(_effort(found[0], found[1], most).sum()))

@@ -110,7 +110,7 @@ def gross_misfit(samples: Source, cycles: Sequence[slice], vehicle: Resolved) ->
         reference = beginning(samples, piece, vehicle)
         if reference is not None and piece.stop - piece.start > GROSS_LEAST:
             e = residual_growth(samples, piece, reference, vehicle)
-            left = (e**2).mean(0) + 2 * (e[1:] * e[:-1]).mean(0)
+            left = e.variance + 2 * e.lagged
             excess[:3][left > GROSS * (noise + _stated_growth(samples, piece, reference, vehicle))] = np.inf
     return excess
 

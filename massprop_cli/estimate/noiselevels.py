@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.unexplained import residual_growth, unfelt
 from massprop_cli.inputs.telemetry import Notice
@@ -28,6 +28,8 @@ LOW = 0.836
 """That percentile, of white noise alone, in sigmas: the mean of many (tests/estimate/test_noiselevels.py)."""
 CHANCE = 3.2
 """Over the root of the count of cycles, three standard deviations of it."""
+LEAST = 30
+"""Cycles of which anything is said."""
 MEDIAN = 0.6745
 """The median of a normal deviate's size, in sigmas."""
 
@@ -38,23 +40,26 @@ def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle
     if stated is not None:
         return stated, []
     unexplained = _unexplained(samples, cycles, vehicle)
-    gyro, of_gyro = _level("gyro_noise_rad_s", samples, cycles, vehicle, _rate, unexplained[0])
-    accel, of_accel = _level("accel_noise_m_s2", samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
+    gyro, of_gyro = _level(0, samples, cycles, vehicle, _rate, unexplained[0])
+    accel, of_accel = _level(1, samples, cycles, vehicle, partial(acceleration, vehicle=vehicle), unexplained[1])
     return Resolved.of(vehicle, gyro, accel), [*of_gyro, *of_accel]
 
 
 def _level(
-    key: str, samples: Source, cycles: Sequence[slice], vehicle: Vehicle, found_of: Callable[[Samples], Array], unexplained: float
+    sensor: int, samples: Source, cycles: Sequence[slice], vehicle: Vehicle, found_of: Callable[[Samples], Array], unexplained: float
 ) -> tuple[float, list[Notice]]:
-    """One noise level, and what to tell of it."""
+    """The noise level of gyro (0) or accelerometer (1), and what to tell of it."""
+    key = ("gyro_noise_rad_s", "accel_noise_m_s2")[sensor]
     stated: float | None = getattr(vehicle.imu, key)
     if stated:
         return stated, []
-    signal = gathered(samples, slice(0, len(samples)), found_of)
+    every = slice(0, len(samples))
+    signal, read = gathered(samples, every, found_of), ~gathered(samples, every, _ignored)[:, sensor]
     floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
-    white, count = white_level(signal, cycles), sum(piece.stop - piece.start for piece in cycles)
+    white, count = white_level(signal, cycles, read), sum(piece.stop - piece.start for piece in cycles)
     # what no mass properties explain tells noise the better, unless it holds more than that
-    found = unexplained if unexplained < white * (1 + CHANCE / max(count, 1) ** 0.5) else white
+    least = np.nan_to_num(white, nan=np.inf) * (1 + CHANCE / max(count, 1) ** 0.5)
+    found = unexplained if unexplained < least else np.nan_to_num(white)
     level = float(max(found, floor))
     if stated is None:
         return level, [Notice("noise-estimated", f"imu.{key} is not stated; {level:.3g} was estimated from the log")]
@@ -66,16 +71,24 @@ def _rate(samples: Samples) -> Array:
     return samples.rate_rad_s
 
 
-def white_level(signal: Array, cycles: Sequence[slice]) -> float:
-    """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else."""
+def _ignored(samples: Samples) -> BoolArray:
+    return samples.executed.ignored
+
+
+def white_level(signal: Array, cycles: Sequence[slice], read: BoolArray) -> float:
+    """One sigma of the white part of a signal, from its quietest stretches: third differences have variance 20 σ² and little else.
+
+    Those of readings that are not used, in whose place others stand, are left out: ``read`` (K,). NaN where none is left.
+    """
     found = []
     for piece in cycles:
-        differences = np.diff(signal[piece], 3, axis=0) / np.sqrt(20.0)
+        whole = np.lib.stride_tricks.sliding_window_view(read[piece], 4).all(1) if piece.stop - piece.start > 3 else np.zeros(0, dtype=bool)
+        differences = np.diff(signal[piece], 3, axis=0)[whole] / np.sqrt(20.0)
         for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
             block = differences[start : start + BLOCK]
             if len(block):
                 found.append(median(np.abs(block)) / MEDIAN)
-    return float(np.percentile(found, QUIET)) / LOW if found else 0.0
+    return float(np.percentile(found, QUIET)) / LOW if found else np.nan
 
 
 def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[float, float]:
@@ -88,11 +101,13 @@ def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
     rate, force = [], []
     for piece in cycles:
         reference = beginning(samples, piece, vehicle)
-        if reference is None or piece.stop - piece.start < 30:
+        if reference is None or piece.stop - piece.start < LEAST:
             continue
         growth = residual_growth(samples, piece, reference, vehicle)
-        rate.append(float((growth**2).mean() - 2 * (growth[1:] * growth[:-1]).mean()) / 4)
+        if growth.read.sum() >= LEAST:
+            rate.append(float(growth.variance.mean() - 2 * growth.lagged.mean()) / 4)
         left = unfelt(samples, piece, reference, vehicle)
-        force.append(float((np.diff(left, axis=0) ** 2).mean()) / 2)
+        if left.read.sum() >= LEAST:
+            force.append(float(left.stepped.mean()) / 2)
     gyro = float(np.mean(rate)) if rate else -1.0
     return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)

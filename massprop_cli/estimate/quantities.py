@@ -15,6 +15,8 @@ is the one that answers to the wheels' columns; the reported one has the wheels 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from massprop_cli import QUANTITIES
@@ -22,6 +24,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.momentum import relative_scales
 
 UNTOLD = 0.3
 """A relative sigma of 1/m above this says nothing about m; ..."""
@@ -65,7 +68,7 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
         shared = np.zeros_like(data)
     else:
         proportional = by_scale(values, vehicle)
-        shared = vehicle.thrust.scale_sigma**2 * proportional[:, :, None] * proportional[:, None, :]
+        shared = open_scale(vehicle) ** 2 * proportional[:, :, None] * proportional[:, None, :]
     full: Array = data + shared
     before = _moments(data)
     for name, known in vehicle.known.items():
@@ -110,6 +113,45 @@ def by_scale_beside(values: Array, bearing_mass_kg: float, bearing_position_m: A
         away = values[..., 6:9] - bearing_position_m
         found[..., 6:9] = np.where(turning > 0, -away * bearing_mass_kg / turning, 0.0)
     return found
+
+
+def open_scale(vehicle: Vehicle) -> float:
+    """Relative sigma of the thrust's scale that no log tells; none beside wheels, where the filter has it in its covariance."""
+    return 0.0 if vehicle.spinning else vehicle.thrust.scale_sigma
+
+
+def in_common(slope: Array, covariance: Array, known: Mapping[str, float], vehicle: Vehicle) -> Array:
+    """(10,) sigma of the errors that all estimates of a vehicle have alike: of its scales, and of what is known. NaN where nothing is.
+
+    ``slope`` (10,) is the derivative of the log's own values by the scale of the thrust κ, ``covariance`` (10, 10) the reported one. κ
+    leaves (slope − K H slope) κ (:func:`left_by_known`), an error ε of what is known K ε. Beside wheels a log tells the scales of thrust
+    and wheels: of one that makes s of a value by itself, of which V is left, its estimate holds V/s, and never more than s.
+    """
+    index, gain = _gain(covariance, known)
+    given = ((gain * np.array(list(known.values()))) ** 2).sum(1)
+    moved = np.abs(slope - gain @ slope[index])
+    if not vehicle.spinning:
+        return np.asarray(np.hypot(open_scale(vehicle) * moved, np.sqrt(given)))
+    own = np.maximum(np.diag(covariance) - given, 0.0)
+    alone = moved[:, None] * relative_scales(vehicle)
+    held = np.minimum(alone, own[:, None] / np.where(alone > 0, alone, np.inf))
+    return np.asarray(np.sqrt(given + np.minimum((held**2).sum(1), own)))
+
+
+def left_by_known(slope: Array, covariance: Array, known: Mapping[str, float]) -> Array:
+    """(10,) what is left in the reported values of ``slope`` (10,), what something does to those of the log alone.
+
+    Where z = H θ + ε, ε ~ N(0, R), is ``known`` (by quantity, its sigma) the gain of its conditioning is K = P⁺ Hᵀ R⁻¹ with the reported
+    covariance P⁺ (10, 10): Bar-Shalom, Li and Kirubarajan, Estimation with Applications, eq. 5.2.3-15. What is left is slope − K H slope.
+    """
+    index, gain = _gain(covariance, known)
+    return slope - gain @ slope[index]
+
+
+def _gain(covariance: Array, known: Mapping[str, float]) -> tuple[list[int], Array]:
+    """Which quantities are known, and (10, n) what an error of each does to all."""
+    index = [QUANTITIES.index(name) for name in known]
+    return index, covariance[:, index] / np.array(list(known.values())) ** 2
 
 
 def alone(vehicle: Vehicle) -> Vehicle:

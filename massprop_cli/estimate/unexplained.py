@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +20,50 @@ STRETCH = 4096
 """Most cycles over which one body is to explain what it can, before what is left is looked at."""
 
 
-def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K, 3) specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
+class Left(NamedTuple):
+    """What is left of a measurement, and of which rows: nothing is of readings that are not used."""
+
+    rest: Array
+    """(n, 3), 0 where nothing was read."""
+    read: BoolArray
+    """(n,)"""
+
+    @property
+    def variance(self) -> Array:
+        """(3,) mean square of what was read."""
+        found: Array = (self.rest**2).sum(0) / max(np.count_nonzero(self.read), 1)
+        return found
+
+    @property
+    def lagged(self) -> Array:
+        """(3,) mean product of neighbours that were both read."""
+        found: Array = (self.rest[1:] * self.rest[:-1]).sum(0) / max(np.count_nonzero(self._both), 1)
+        return found
+
+    @property
+    def stepped(self) -> Array:
+        """(3,) mean squared difference of the same."""
+        found: Array = (np.diff(self.rest, axis=0)[self._both] ** 2).sum(0) / max(np.count_nonzero(self._both), 1)
+        return found
+
+    @property
+    def _both(self) -> BoolArray:
+        return self.read[1:] & self.read[:-1]
+
+    @staticmethod
+    def of(parts: Sequence[tuple[Array, BoolArray]]) -> Left:
+        """One after the other."""
+        return Left(np.concatenate([rest for rest, _ in parts]), np.concatenate([read for _, read in parts]))
+
+
+def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:
+    """Of K cycles, specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
     found = []
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
         used = ~samples.part(stretch).executed.ignored[:, 1]
-        found.append(_fit(system.observation[:, 3:, _told(samples, vehicle)], system.felt, used)[1])
-    return np.concatenate(found)
+        found.append((_fit(system.observation[:, 3:, _told(samples, vehicle)], system.felt, used)[1], used))
+    return Left.of(found)
 
 
 def _stretches(cycles: slice) -> list[slice]:
@@ -46,8 +84,8 @@ def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Arra
     return step, target - (rows @ step).reshape(target.shape)
 
 
-def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Array:
-    """(K − 1, 3) growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
+def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:
+    """Of K − 1 steps, growth of the mean rate that no mass properties near ``reference`` explain, rad/s: two Gauss–Newton steps.
 
     Each stretch of a long log has its own.
     """
@@ -55,13 +93,14 @@ def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicl
     for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
         piece, near = slice(stretch.start, stretch.stop + 1), reference
         here = samples.part(piece)
-        growth, used = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
+        growth, read = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
+        used = read[1:] & read[:-1]
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)
-            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used[1:] & used[:-1])
+            step, left = _fit(system.transition[:, RATE][..., _told(samples, vehicle)], growth - system.steps, used)
             near = stepped(near, parameters(near) + step[PARAMETERS]) or near
-        found.append(left)
-    return np.concatenate(found)
+        found.append((left, used))
+    return Left.of(found)
 
 
 def _told(samples: Source, vehicle: Vehicle) -> list[int]:

@@ -153,6 +153,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     _check_gravity(source, vehicle, velocity, interval_s)
     kind, command = commands.commands(source, vehicle, records, n)
     attitude = _attitude(source)
+    _check_outliers(source, vehicle, time_s, interval_s)
     notices += saturation(vehicle, theta, velocity, interval_s)
     if table.made is not None:
         agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
@@ -272,6 +273,21 @@ def _check_gravity(source: LogTable, vehicle: Vehicle, velocity: Array, interval
             f"{source.table.path}: the accelerometer feels {usual:.3g} m/s^2 (median), and what stands on the ground feels gravity, "
             f'{gravity:.4g} m/s^2; state environment.kind = "free" instead of "{kind}", or log specific force without gravity taken off'
         )
+
+
+def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -> None:
+    """Times of readings that are not to be used must be of records: what is left out would be none of them."""
+    for key in ("gyro_outliers_s", "accel_outliers_s"):
+        times = np.array(getattr(vehicle.imu, key) or ())
+        after = np.clip(np.searchsorted(time_s, times), 1, len(time_s) - 1)
+        row = after - (times - time_s[after - 1] < time_s[after] - times)
+        away = np.flatnonzero(np.abs(time_s[row] - times) > interval_s[row] / 2)
+        if away.size:
+            first = int(away[0])
+            raise InputError(
+                f"{source.table.path}: imu.{key} has {times[first]:.9g} s, at which no record is; the nearest is at "
+                f"{time_s[row[first]]:.9g} s. State times of this log's records, or leave the key out to have them found"
+            )
 
 
 def _attitude(source: LogTable) -> Array | None:

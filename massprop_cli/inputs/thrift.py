@@ -11,7 +11,7 @@ from massprop_cli.base.spill import Content
 
 _DEEPEST, LISTED = 16, 2**14
 """Levels of structs, and items of a list, that a header may have."""
-_BINARY, _LIST, _SET, _MAP, _STRUCT = 8, 9, 10, 11, 12
+_BINARY, _LIST, _SET, _STRUCT = 8, 9, 10, 12
 _FIXED = {3: 1, 7: 8, 13: 16}
 """Bytes of a byte, a double and a UUID."""
 

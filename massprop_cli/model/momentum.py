@@ -32,6 +32,12 @@ def scale_sigmas(vehicle: Vehicle) -> Array:
     return found[found > 0]
 
 
+def relative_scales(vehicle: Vehicle) -> Array:
+    """(n,) one relative sigma of each scale that inertia and mass may follow: of all thrust, of each wheel's column."""
+    wheels = (_sigmas(wheel)[wheel.column == "torque"] for wheel in vehicle.spinning)
+    return np.array([vehicle.thrust.scale_sigma, *wheels])
+
+
 def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows:
     """(K, 3, n) impulse of the moment, under a cycle's windows, by one unit of each of :func:`scale_sigmas`' scales, N m s."""
     assert executed.stored is not None

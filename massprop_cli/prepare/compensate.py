@@ -131,10 +131,15 @@ def blocks(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
         yield slice(first, min(first + size + 1, cycles.stop))
 
 
+def apart(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
+    """Cycles in parts of which each begins after the last, so that every cycle is in one of them."""
+    for first in range(cycles.start, cycles.stop, size):
+        yield slice(first, min(first + size, cycles.stop))
+
+
 def gathered(samples: Source, cycles: slice, found: Callable[[Samples], NDArray[T]]) -> NDArray[T]:
     """What is found of each cycle, one part of the log after the other."""
-    parts = [slice(first, min(first + BLOCK, cycles.stop)) for first in range(cycles.start, cycles.stop, BLOCK)]
-    return np.concatenate([found(samples.part(part)) for part in parts])
+    return np.concatenate([found(samples.part(part)) for part in apart(cycles)])
 
 
 def duration_s(samples: Samples) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from massprop_cli import CG, QUANTITIES, UNITS
+from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report import digits, vocabulary
 from massprop_cli.result.schema import Assumption, DockedObject, PhaseItem, Result
@@ -75,20 +75,10 @@ def said(assumption: Assumption) -> str:
     return f"{assumption.message} [{assumption.code}, {'stated by the vehicle file' if assumption.stated else 'a default'}]"
 
 
-def sigma_heading(found: Result, body: PhaseItem | DockedObject) -> str:
-    """What a column of sigmas is called: they hold nothing of the thrust's uncertainty where none is stated and nothing calibrates it."""
+def sigma_heading(found: Result) -> str:
+    """What a column of sigmas is called: they hold nothing of the thrust's uncertainty where none is stated, whatever else is known."""
     moves = any(assumption.code == "thrust-scale" and assumption.effects for assumption in found.assumptions)
-    exact = moves and found.vehicle.thrust_scale_sigma == 0 and not found.vehicle.wheels and not _calibrated(found, body)
-    return EXACT_THRUST if exact else SIGMA
-
-
-def _calibrated(found: Result, body: PhaseItem | DockedObject) -> bool:
-    """Whether a known mass or inertia tells the thrust's scale; of a docked object, one in both of its phases."""
-    if any(name not in CG for name in body.known):
-        return True
-    return isinstance(body, DockedObject) and all(
-        _calibrated(found, phase) for phase in found.phases if phase.name in (body.before, body.after)
-    )
+    return EXACT_THRUST if moves and found.vehicle.thrust_scale_sigma == 0 and not found.vehicle.wheels else SIGMA
 
 
 def implied_thrust(body: PhaseItem | DockedObject) -> str:

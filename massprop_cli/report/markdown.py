@@ -136,7 +136,7 @@ def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]
     span = f", {body.start_s:.6g} to {body.end_s:.6g} s" if isinstance(body, PhaseItem) else ""
     nominal = any(item.nominal is not None for item in body.estimates.values())
     held = any(item.expected is not None for item in body.estimates.values())
-    columns = ["quantity", "value", assumptions.sigma_heading(found, body), "unit", "verdict", "final at"]
+    columns = ["quantity", "value", assumptions.sigma_heading(found), "unit", "verdict", "final at"]
     columns += (["nominal"] if nominal else []) + (["expected", "tolerance", "met"] if held else [])
     alignment = "lrrllr" + ("r" if nominal else "") + ("rrl" if held else "")
     rows = [

@@ -33,7 +33,7 @@ def show(found: Result, console: Console) -> None:
 
 
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
-    fitted(_table(title, body.estimates, assumptions.sigma_heading(found, body)), console, _SPARE)
+    fitted(_table(title, body.estimates, assumptions.sigma_heading(found)), console, _SPARE)
     implied = assumptions.implied_thrust(body)
     if implied:
         console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))

@@ -126,9 +126,7 @@ def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Resul
     cause = contradiction(part)
     rows = tuple(_row(name, item, cause, limiting.limit(name, part, result)) for name, item in part.estimates.items())
     short = part.name if isinstance(part, PhaseItem) else "docked"
-    return Table(
-        anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result, part), assumptions.implied_thrust(part), cause
-    )
+    return Table(anchor, title, short, rows, part.estimates, assumptions.sigma_heading(result), assumptions.implied_thrust(part), cause)
 
 
 def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit | None) -> Row:

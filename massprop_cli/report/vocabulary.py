@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from massprop_cli import CG
 from massprop_cli.conclude.verdict import NO_NOISE, NO_PART, PARTLY, WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
@@ -75,12 +76,15 @@ def _thrust_scale(result: Result) -> str:
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )
-    calibrating = sorted({name for phase in result.phases for name in phase.known if not name.startswith("cg")})
-    if calibrating:
-        return f"{said}. Here it is calibrated by what is known: {', '.join(calibrating)}."
-    if vehicle.thrust_scale_sigma > 0:
-        return f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia."
-    return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma, or a weighed mass under [known])."
+    if not vehicle.thrust_scale_sigma > 0:
+        return f"{said}, and no uncertainty of it is stated (thrust.scale_sigma; with it a weighed mass under [known] calibrates it)."
+    told = {phase.name: [name for name in phase.known if name not in CG] for phase in result.phases}
+    names = ", ".join(sorted({name for known in told.values() for name in known}))
+    if names and all(told.values()):
+        return f"{said}. Here it is calibrated by what is known: {names}."
+    stated = f"{said}. Its stated uncertainty, {100 * vehicle.thrust_scale_sigma:g} %, is in every sigma of mass and inertia"
+    where = " and ".join(phase for phase, known in told.items() if known)
+    return f"{stated}; in phase {where} it is calibrated by what is known: {names}." if where else f"{stated}."
 
 
 def remedy(quantity: str, verdict: str, contradiction: str = "", reason: str = "") -> str:

@@ -15,6 +15,7 @@ from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.quantities import open_scale
 from massprop_cli.flow import Analysis, MendedAnswer
 from massprop_cli.inputs.section import ZERO
 from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
@@ -92,7 +93,7 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
         rotors=[rotor.name for rotor in used.rotors],
-        thrust_scale_sigma=0.0 if used.spinning else used.thrust.scale_sigma,
+        thrust_scale_sigma=open_scale(used),
         wheels=[wheel.name for wheel in used.spinning],
     )
 

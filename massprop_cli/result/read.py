@@ -60,7 +60,12 @@ def read(path: Path) -> Recorded:
         raise InputError(f"{path}: holds no result.json; name a folder that massprop estimate wrote{_below(path)}")
     if file.suffix.lower() in LOGS and file.exists():
         raise InputError(f"{path}: is a table, not a result; if it is a log, run massprop estimate {path}, and name the folder it writes")
-    text = configfile.read_text(file, "result.json")
+    result = result_of(configfile.read_text(file, "result.json"), str(file))
+    return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+
+
+def result_of(text: str, file: str) -> Result:
+    """A result.json of that place; :class:`InputError` names what is wrong with it."""
     try:
         data = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
@@ -83,7 +88,7 @@ def read(path: Path) -> Recorded:
         problem = _contradiction(part)
         if problem:
             raise InputError(f"{file}: {problem}; it was edited. Make it again")
-    return Recorded(file, result, _history(file.with_name("history.parquet"), result), hashlib.sha256(file.read_bytes()).hexdigest())
+    return result
 
 
 def _finite(text: str) -> float:

@@ -138,7 +138,9 @@ def plan(scenario: Scenario, allocated: Allocation, rngs: list[np.random.Generat
         if segment.motion in ("hold", "coast"):
             continue
         for axis in [AXES.index(name) for name in segment.driven]:
-            positive, negative = (_strength(segment, full) for full in allocated.largest(axis, by_wheels))
+            ways = allocated.largest(axis, by_wheels)
+            # of a negative level the first way is the other one
+            positive, negative = (_strength(segment, full) for full in (ways if segment.level > 0 else reversed(ways)))
             for member, rng in enumerate(rngs):
                 pattern = _pattern(segment, end - start, rng)
                 demand[member, start:end, axis] = np.where(pattern > 0, positive, negative) * pattern

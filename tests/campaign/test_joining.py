@@ -81,6 +81,21 @@ def test_a_log_without_a_result_fails_what_it_was_to_be_part_of_alone(here: Path
     assert found["logs"][0]["outcome"]["exit_code"] == 0
 
 
+@pytest.mark.usefixtures("done")
+@pytest.mark.parametrize("damaged", [b"{", b"\xff\xfe", b"[]", b'{"schema": "massprop/result/1"}'])
+def test_a_damaged_result_fails_what_it_was_to_be_part_of_alone(damaged: bytes, here: Path, tmp_path: Path) -> None:
+    """It had ended the whole batch."""
+    shutil.copytree(here, tmp_path / "again")
+    (tmp_path / "again" / "massprop-out" / "results" / "seed-0001" / "result.json").write_bytes(damaged)
+    made = batch(tmp_path / "again", "campaign.toml", "--json")
+    assert made.returncode == 3, made.stderr
+    both, axes = json.loads(made.stdout)["combined"]
+    assert both["outcome"]["exit_code"] == 3
+    assert "results/seed-0001/result.json: " in both["outcome"]["message"]
+    assert both["outcome"]["message"].endswith("(massprop batch --force)")
+    assert axes["outcome"]["exit_code"] == 0
+
+
 @pytest.mark.parametrize(
     ("combine", "said"),
     [

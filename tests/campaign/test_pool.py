@@ -17,7 +17,8 @@ from massprop_cli.campaign.summary import summary
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.tolerancefile import Gate
-from tests import flight, recorded
+from massprop_cli.result.schema import Result
+from tests import faulty, flight, recorded
 
 SEEDS = 400
 
@@ -27,7 +28,7 @@ def draw(rng: np.random.Generator, n: int, shared: float = 0.0, slope: float = 0
     own = rng.uniform(0.05, 0.5, n)
     number = np.arange(1.0, n + 1)
     value = truth + slope * number + own * rng.standard_normal(n) + shared * rng.standard_normal()
-    return Samples(number, value, np.hypot(own, shared), np.full(n, shared))
+    return Samples(number, value, np.hypot(own, shared), np.full(n, shared), np.zeros(n))
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.3])
@@ -65,7 +66,7 @@ def test_scatter_is_chi_square_where_sigmas_hold_whatever_is_shared(shared: floa
 
 def test_sigmas_claimed_too_small_are_seen() -> None:
     honest = draw(np.random.default_rng(4), 30)
-    found = pool.scatter(Samples(honest.number, honest.value, honest.sigma / 2, honest.shared))
+    found = pool.scatter(Samples(honest.number, honest.value, honest.sigma / 2, honest.shared, honest.alike))
     assert found is not None
     assert found.ratio == pytest.approx(2.0, abs=0.5)
     assert found.p_value < 1e-6
@@ -93,7 +94,7 @@ def test_strays_are_found_farthest_first_and_good_logs_are_left_alone() -> None:
     samples = draw(rng, 20)
     value = samples.value.copy()
     value[[3, 11]] += np.array([400.0, -9.0])
-    found = pool.outliers(Samples(samples.number, value, samples.sigma, samples.shared))
+    found = pool.outliers(Samples(samples.number, value, samples.sigma, samples.shared, samples.alike))
     assert list(found) == [3, 11]
     rest = np.delete(np.arange(20), [3, 11])
     weight = samples.own[rest] ** -2
@@ -109,7 +110,7 @@ def test_one_or_two_logs_are_no_scatter_and_no_outlier() -> None:
     assert pool.trend(one) is None
     assert pool.mean(one).value == one.value[0]
     two = draw(np.random.default_rng(7), 2)
-    assert pool.outliers(Samples(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared)) == {}
+    assert pool.outliers(Samples(two.number, two.value + np.array([0, 1e6]), two.sigma, two.shared, two.alike)) == {}
 
 
 def test_the_shared_part_of_a_sigma_is_what_logs_of_one_thruster_set_scatter_by_together() -> None:
@@ -153,6 +154,70 @@ def test_without_known_quantities_all_that_is_shared_is_the_thrust_scale() -> No
     shared = kept.shared(recorded.result().phases[0], used)
     assert shared[[0, 9]] == pytest.approx([0.02 * 0.62, 0.02 * 22.0])
     assert shared[6:9] == pytest.approx([0, 0, 0])
+
+
+def uncertain(*assumptions: tuple[str, dict[str, float]]) -> Result:
+    base = {"message": "", "step": "", "stated": True}
+    listed = [base | {"code": code, "effects": [{"phase": "all", "change": change}]} for code, change in assumptions]
+    return recorded.result(assumptions=listed)
+
+
+def test_an_uncertain_geometry_and_delay_are_the_same_in_every_log_and_do_not_average_out() -> None:
+    """A hundred logs of an IMU that sits 0.9 mm off would have claimed its CG to 0.1 mm."""
+    found = uncertain(
+        ("uncertain-imu-position", {"cg_x": 0.0009}), ("command-delay", {"ixx": 0.002, "mass": -99.0}), ("gravity", {"izz": 1.0})
+    )
+    used = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.2")
+    (body,) = kept.bodies(found, used, used)
+    share = {name: item.alike for name, item in body.estimates.items()}
+    assert share["cg_x"] == pytest.approx(0.0009)
+    assert share["ixx"] == pytest.approx(2 * 0.002)
+    assert share["mass"] == recorded.SIGMAS["mass"]  # never more than all
+    assert share["izz"] == share["cg_y"] == 0.0
+    moved = {n: Value(**(body.estimates["cg_x"].model_dump() | {"value": -0.018 + 1e-5 * n})) for n in range(1, 101)}
+    rows = [row(n, 22.0, bodies=[body.model_copy(update={"estimates": body.estimates | {"cg_x": moved[n]}})]) for n in range(1, 101)]
+    pool_of_all = pooled(rows)[0].estimates["cg_x"]
+    assert pool_of_all.sigma == pytest.approx(0.0009, rel=0.02)
+    assert pool_of_all.scatter_ratio == pytest.approx(0.29, rel=0.02), "that they scatter less than it is no fault, and more would be"
+
+
+def test_an_error_that_logs_may_have_alike_is_promised_away_by_neither_mean_nor_scatter() -> None:
+    """Errors of a part that is the same in all logs, or none, or between: the mean holds its sigma, scatter never exceeds by chance."""
+    rng = np.random.default_rng(9)
+    for common in (0.0, 0.5, 1.0):
+        z, exceeding = [], 0
+        for _ in range(SEEDS):
+            base = draw(rng, 10)
+            alike = 2.0 * base.sigma.mean()
+            moved = alike * (np.sqrt(common) * rng.standard_normal() + np.sqrt(1 - common) * rng.standard_normal(10))
+            one = Samples(base.number, base.value + moved, np.hypot(base.sigma, alike), base.shared, np.full(10, alike))
+            found, apart = pool.mean(one), pool.scatter(one)
+            z.append((found.value - 22.0) / found.sigma)
+            exceeding += apart is not None and apart.p_value < 0.01
+        assert np.sqrt(np.mean(np.square(z))) < 1.1
+        assert exceeding <= stats.poisson.ppf(0.999, SEEDS * 0.01)
+    assert np.sqrt(np.mean(np.square(z))) > 0.9
+
+
+def test_of_a_delay_that_each_log_tells_for_itself_it_has_its_own_error() -> None:
+    """Where it narrows a stated one from 0.2 to 0.02 cycles, a tenth of what is left; where it finds it, all."""
+    found = uncertain(("command-delay", {"ixx": 0.002}))
+    used = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.02")
+    stated = faulty.stated(flight.vehicle(), "cycle.command_delay_sigma_cycles=0.2")
+    auto = faulty.stated(flight.vehicle(), 'cycle.command_delay_cycles="auto"')
+    assert kept.bodies(found, used, stated)[0].estimates["ixx"].alike == pytest.approx(0.1 * 0.2 * 0.002)
+    assert kept.bodies(found, used, auto)[0].estimates["ixx"].alike == 0.0
+
+
+def test_a_docked_object_of_an_uncertain_geometry_is_not_pooled() -> None:
+    """How the error of both phases goes into their difference isn't told."""
+    found = recorded.result(
+        [recorded.phase("all"), recorded.phase("both")], docked_object=recorded.docked() | {"before": "all", "after": "both"}
+    )
+    used = flight.vehicle()
+    assert kept.bodies(found, used, used)[-1].estimates["mass"].shared == 0.0
+    beside = found.model_copy(update={"assumptions": uncertain(("uncertain-jet-position", {"izz": 0.01})).assumptions})
+    assert {item.shared for item in kept.bodies(beside, used, used)[-1].estimates.values()} == {None}
 
 
 def row(number: int, mass: float, sigma: float = 0.25, **changes: object) -> Row:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from massprop_cli.campaign import work
@@ -28,6 +30,35 @@ def message(log: str, shown: str, said: str) -> str:
 )
 def test_a_message_names_places_as_the_campaign_does_and_leaves_other_words_alone(log: str, shown: str, said: str, told: str) -> None:
     assert message(log, shown, said) == told
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"), [({"MASSPROP_MAX_LOG_BYTES": "10"}, "at most 10 are taken"), ({"MASSPROP_MAX_NUMBERS": "no"}, "not a limit")]
+)
+def test_what_the_machine_does_not_take_is_no_fault_of_the_log_and_is_tried_again(
+    setting: dict[str, str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It had been kept, and told again where the limit was long raised."""
+    (tmp_path / "log.csv").write_text("time_s\n" + "1\n" * 20)
+    (tmp_path / "vehicle.toml").write_text('schema = 1\nname = "v"\n')
+    place = str(tmp_path / "log.csv")
+    for name, value in setting.items():
+        monkeypatch.setenv(name, value)
+    produced = work.process(Job("log", place, "log.csv"))
+    assert produced is not None
+    assert (produced.outcome.exit_code, produced.outcome.fingerprint) == (3, "")
+    assert said in produced.outcome.message
+    for name in setting:
+        monkeypatch.delenv(name)
+    again = work.process(Job("log", place, "log.csv"))
+    assert again is not None
+    assert again.outcome.exit_code == 3
+    assert len(again.outcome.fingerprint) == 64
+
+
+def test_a_package_that_is_not_there_is_no_fault_of_the_log() -> None:
+    assert work.OF_MACHINE.search("a.mf4: reading a MDF4 file needs the package asammdf; pip install 'massprop[formats]'")
+    assert not work.OF_MACHINE.search("a.csv: lacks column time_s; state it under [columns]")
 
 
 def mark(report: bool) -> str:

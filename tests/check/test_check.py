@@ -229,7 +229,7 @@ def mirrored(columns: Columns) -> None:
         (stuck, "stuck", "row 50 to 59"),
         (dead, "dead-axis", ""),
         (held, "repeated-record", "row 1, and 59 more places"),
-        (clipped, "clipped", None),
+        (clipped, "gyro-saturated", None),
         (coarse, "quantised", ""),
         (always, "jet-always-on", ""),
         (opposed, "opposed-jets", "row 20 to 59"),
@@ -248,6 +248,24 @@ def test_what_is_wrong_is_named_with_its_place(
     assert one.remedy
     assert one.sure
     assert found.fit is False or one.grade == "note"
+
+
+def test_a_clipped_channel_is_told_once_and_nothing_mends_it(clean: Path, tmp_path: Path) -> None:
+    """It was said three times, as standing still and as saturated, the last with "the log passes its test once it is mended"."""
+
+    def cut(columns: Columns) -> None:
+        values = columns["delta_theta_x_rad"]
+        most = np.quantile(np.abs(values), 0.9)
+        columns["delta_theta_x_rad"] = np.clip(values, -most, most)
+
+    found = spoiled(clean, tmp_path, cut)
+    assert "stuck" not in codes(found)
+    (one,) = [one for one in found.findings if one.code == "gyro-saturated"]
+    assert one.sure == "certain"
+    assert "never beyond: clipped" in one.what
+    stated = spoiled(clean, tmp_path, cut, **{"imu.accel_range_m_s2": 1e-3})
+    assert "accelerometer-saturated" in codes(stated)
+    assert all("once it is mended" not in one.sure for one in stated.findings)
 
 
 def test_a_stated_range_is_told_with_its_rows(clean: Path, tmp_path: Path) -> None:

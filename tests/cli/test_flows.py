@@ -14,8 +14,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from pyarrow import csv
+from typer.testing import CliRunner
 
 from massprop_cli import QUANTITIES, schemas
+from massprop_cli.cli import app
 from massprop_cli.flow import Analysis, analyse
 from massprop_cli.result import build, schema
 
@@ -196,7 +198,8 @@ def test_schemas_on_disk_agree_with_the_code() -> None:
     for name in schemas.NAMES:
         assert json.loads((ROOT / "schemas" / f"{name}.schema.json").read_text()) == schemas.schema(name)
         jsonschema.Draft202012Validator.check_schema(schemas.schema(name))
-        assert json.loads(massprop("schema", name).stdout) == schemas.schema(name)
+        assert json.loads(CliRunner().invoke(app, ["schema", name]).stdout) == schemas.schema(name)
+    assert json.loads(massprop("schema", "vehicle").stdout) == schemas.schema("vehicle")
 
 
 @pytest.mark.parametrize(

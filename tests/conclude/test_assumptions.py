@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.report import assumptions
+from massprop_cli.report import assumptions, vocabulary
 from massprop_cli.result.schema import Result
 from tests import recorded
 
@@ -43,31 +43,29 @@ def test_each_phase_has_its_own_and_an_assumption_without_effects_has_words_alon
     [
         (result(), assumptions.EXACT_THRUST),
         (result(0.02), assumptions.SIGMA),
-        (result(phases=[recorded.phase() | KNOWN]), assumptions.SIGMA),
-        (result(phases=[recorded.phase() | {"known": {"izz": (2.5, 0.01)}}]), assumptions.SIGMA),
-        (result(phases=[recorded.phase() | {"known": {"cg_x": (0.0, 0.001)}}]), assumptions.EXACT_THRUST),
+        (result(phases=[recorded.phase() | KNOWN]), assumptions.EXACT_THRUST),
+        (result(0.02, phases=[recorded.phase() | KNOWN]), assumptions.SIGMA),
         (result(assumptions=[]), assumptions.SIGMA),
         (result(assumptions=recorded.assumptions()[1:]), assumptions.SIGMA),
         (result(assumptions=[recorded.assumptions()[0] | {"effects": []}]), assumptions.SIGMA),
     ],
 )
 def test_sigmas_are_said_to_take_the_thrust_as_exact_where_nothing_calibrates_it(found: Result, heading: str) -> None:
-    assert assumptions.sigma_heading(found, found.phases[0]) == heading
+    assert assumptions.sigma_heading(found) == heading
     assert assumptions.EXACT_THRUST == "± sigma (thrust taken as exact)"
 
 
-def test_a_phase_is_calibrated_for_itself_and_a_docked_object_by_both_of_its_phases() -> None:
+def test_a_known_mass_calibrates_thrust_whose_uncertainty_is_stated_and_no_other_and_the_phase_that_it_is_known_in() -> None:
+    """Where thrust.scale_sigma is 0 the estimator takes the thrust as exact whatever is known: inertia doesn't follow the mass."""
     one, two = recorded.phase("single") | KNOWN, recorded.phase("combined")
-    half = result(phases=[one, two], docked_object=recorded.docked())
-    assert half.docked_object is not None
-    assert [assumptions.sigma_heading(half, body) for body in half.phases] == [assumptions.SIGMA, assumptions.EXACT_THRUST]
-    assert assumptions.sigma_heading(half, half.docked_object) == assumptions.EXACT_THRUST
-    both = result(phases=[one, two | KNOWN], docked_object=recorded.docked())
-    assert both.docked_object is not None
-    assert assumptions.sigma_heading(both, both.docked_object) == assumptions.SIGMA
-    own = result(phases=[one, two], docked_object=recorded.docked() | KNOWN)
-    assert own.docked_object is not None
-    assert assumptions.sigma_heading(own, own.docked_object) == assumptions.SIGMA
+    assert "calibrated" not in vocabulary.thrust_scale(result(phases=[one]))
+    assert "no uncertainty of it is stated" in vocabulary.thrust_scale(result(phases=[one]))
+    assert vocabulary.thrust_scale(result(0.02, phases=[one])).endswith("Here it is calibrated by what is known: mass.")
+    half = vocabulary.thrust_scale(result(0.02, phases=[one, two]))
+    assert half.endswith("2 %, is in every sigma of mass and inertia; in phase single it is calibrated by what is known: mass.")
+    assert vocabulary.thrust_scale(result(0.02, phases=[two])).endswith("2 %, is in every sigma of mass and inertia.")
+    turned = recorded.phase() | {"known": {"cg_x": (0.0, 0.001)}}
+    assert "calibrated" not in vocabulary.thrust_scale(result(0.02, phases=[turned]))
 
 
 def test_what_a_known_mass_says_of_the_thrust_is_a_sentence() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import CG, QUANTITIES
+from massprop_cli.conclude import contradict
 from massprop_cli.conclude.analysis import MendedAnswer
 from massprop_cli.conclude.contradict import Fault, by_lost
 from massprop_cli.conclude.judge import judged
@@ -148,6 +149,28 @@ def test_a_known_value_that_the_log_denies_contradicts_what_is_proportional_to_i
     assert {verdicts[name] for name in ("ixx", "iyy", "izz", "mass")} == {"contradicted"}
     assert {verdicts[name] for name in ("cg_x", "cg_y", "cg_z")} <= {"converged", "not_converged"}
     assert "known.mass = 44" in found.conclusions[0].contradiction
+
+
+def test_a_contradicted_docked_object_names_its_phase_once() -> None:
+    log, used = faulty.sample("docking")
+    single = used.phases[0].model_copy(update={"known": {"mass": Known(value=44.0, sigma=0.1)}})
+    found = faulty.examined(log, used.model_copy(update={"phases": (single, *used.phases[1:])}))
+    assert found.docked is not None
+    assert found.docked.contradiction.startswith(f"phase {single.name}: known.mass = 44 ")
+    assert found.docked.contradiction.count(f"phase {single.name}") == 1
+
+
+def test_a_weighed_mass_leaves_the_log_its_own_part_of_each_sigma() -> None:
+    """What the scale leaves open was taken off in full, though the mass had calibrated it: nothing was left that a misfit could touch."""
+    log, used = faulty.sample("free-flyer")
+    weighed = faulty.examined(log, faulty.stated(used, "thrust.scale_sigma=0.05", "known.mass={value=22.0, sigma=1e-4}"))
+    plain = faulty.examined(log, used)
+    own = np.sqrt(contradict._own_variance(weighed.conclusions[0], weighed.vehicle))
+    bare = np.sqrt(np.diag(plain.conclusions[0].covariance))
+    inertia, mass = plain.conclusions[0].values[:6], plain.conclusions[0].values[9]
+    # by the weighed mass inertia is as uncertain as the log's own mass
+    np.testing.assert_allclose(own[[0, 3, 5]], np.hypot(bare[:6], inertia * bare[9] / mass)[[0, 3, 5]], rtol=0.05)
+    assert own[9] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_what_is_known_of_one_phase_enters_that_phase_alone() -> None:

@@ -172,6 +172,15 @@ def test_a_flat_bodys_noise_breaks_no_law_and_a_body_that_none_can_be_does() -> 
         told = {name: Estimate(value, 1.0, "kg m^2", "converged", None, "") for name, value in zip(INERTIA, six.tolist(), strict=True)}
         return replace(found, estimates=found.estimates | told, covariance=covariance)
 
+    # a rod's least moment is none but for noise
+    thin = [breach(drawn([0.0, 1.5, 1.5001])) for _ in range(100)]
+    below = [one for one in thin if one and "not positive definite" in one.said]
+    assert 30 < len(below) < 70
+    assert not any(one.certain for one in below)
+    assert all("as its sigmas allow" in one.said for one in below)
+    none = breach(drawn([-0.05, 1.5, 1.6]))
+    assert none is not None
+    assert none.certain
     flat = [drawn([0.9, 1.5, 2.4]) for _ in range(400)]
     broken = [breach(one) for one in flat]
     assert not any(one.certain for one in broken if one)

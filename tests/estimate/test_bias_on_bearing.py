@@ -40,12 +40,13 @@ def errors(seeds: int, *more: str) -> Array:
     return np.array(found)
 
 
+@pytest.mark.parametrize("seeds", [4, pytest.param(16, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("bias", [1e-3, 3e-3])
-def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float) -> None:
-    """0.06 and 0.17 degrees per second, over 16 seeds. Root mean square of all errors 0.7 to 1.3 sigma, the mean of none beyond 0.8."""
-    found = errors(16, *settings(bias))[:, 0]
+def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float, seeds: int) -> None:
+    """0.06 and 0.17 degrees per second. Root mean square of all errors 0.7 to 1.3 sigma; the mean of none over 16 seeds is beyond 0.8."""
+    found = errors(seeds, *settings(bias))[:, 0]
     assert 0.7 < np.sqrt((found**2).mean()) < 1.3
-    assert np.abs(found.mean(0)).max() < 0.8
+    assert np.abs(found.mean(0)).max() < 0.8 * np.sqrt(16 / seeds)
 
 
 def test_a_phase_that_begins_later_is_as_good() -> None:

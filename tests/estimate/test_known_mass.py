@@ -42,20 +42,22 @@ def test_without_a_mass_no_cg_is_given_and_it_is_said_what_would_tell_it() -> No
 
 @pytest.mark.parametrize("bearing_kg", [0.0, 5.0])
 def test_a_weighed_mass_gives_the_cg_at_the_bound(bearing_kg: float) -> None:
-    """Against each log's own Cramér–Rao bound with the mass struck from the unknowns: errors within it over eight seeds, sigmas near it."""
+    """Against a log's own Cramér–Rao bound with the mass struck from the unknowns: sigmas near it of two, errors within them of eight."""
     source, flight = flown(f"vehicle.environment.bearing_mass_kg={bearing_kg}")
     truth = source.scenario.truth.values
-    errors, ratios = [], []
-    for seed, full in enumerate(bound.of_members(source, flight, slice(0, 8))[:, 0]):
-        limits = np.sqrt(np.diag(full - np.outer(full[:, 9], full[9]) / full[9, 9])[6:9])
+    bounds = bound.of_members(source, flight, slice(0, 2))[:, 0]
+    limits = [np.sqrt(np.diag(full - np.outer(full[:, 9], full[9]) / full[9, 9])[6:9]) for full in bounds]
+    errors, own = [], []
+    for seed in range(8):
         estimates = concluded(flight, seed, f"known.mass={{value={truth[9]}, sigma=1e-6}}").estimates
         assert estimates["mass"].value == pytest.approx(truth[9], rel=1e-6)
         assert {estimates[name].verdict for name in CG} == {"converged"}
         sigmas = np.array([estimates[name].sigma for name in CG], dtype=float)
-        ratios.append(sigmas / limits)
+        own.append(sigmas)
         errors.append((np.array([estimates[name].value for name in CG], dtype=float) - truth[6:9]) / sigmas)
     assert np.sqrt(np.mean(np.square(errors))) < 1.4
-    assert 0.9 < np.median(ratios) < 1.3
+    ratios = np.array(own[:2]) / limits
+    assert 0.95 < ratios.min() < ratios.max() < 1.2
 
 
 @pytest.mark.numerical

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis import outliers
 from massprop_cli.estimate import noiselevels
-from tests import flight
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+from tests import faulty, flight
 
 CYCLES = [slice(2, 300)]
 
@@ -24,6 +27,20 @@ def test_absent_noise_levels_are_estimated_from_the_log() -> None:
         assert [n.code for n in notices] == ["noise-estimated"] * 2
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5])
+def test_readings_that_are_not_used_take_nothing_from_the_noise(share: float) -> None:
+    """They were counted as if they had none: 8.8e-5, 6.5e-5 and 4.4e-5 rad/s for 1e-4."""
+    log, stated = faulty.sample("free-flyer")
+    rows = np.sort(np.random.default_rng(1).choice(log.rows, int(share * log.rows), replace=False))
+    left_out = {f"{sensor}_outliers_s": tuple(float(log.time_s[row]) for row in rows) for sensor in ("gyro", "accel")}
+    imu = stated.imu.model_copy(update=left_out | {"gyro_noise_rad_s": None, "accel_noise_m_s2": None})
+    used = stated.model_copy(update={"imu": imu})
+    samples = Stream.of(outliers.without(log, used), used, Timing(2.0, 0.0))
+    found, _ = noiselevels.with_noise_levels(samples, [slice(2, log.cycles)], used)
+    assert found.imu.gyro_noise_rad_s == pytest.approx(1e-4, rel=0.05)
+    assert found.imu.accel_noise_m_s2 == pytest.approx(0.02, rel=0.05)
+
+
 def test_zero_noise_gets_a_named_floor() -> None:
     used = flight.vehicle(imu={"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0})
     flown = flight.standard("free")
@@ -35,7 +52,8 @@ def test_zero_noise_gets_a_named_floor() -> None:
 @pytest.mark.parametrize("count", [400, 4000])
 def test_the_quietest_stretches_of_white_noise_tell_it_without_bias(count: int) -> None:
     """... and scatter by a third of what CHANCE allows."""
-    found = [noiselevels.white_level(np.random.default_rng(seed).normal(size=(count, 3)), [slice(0, count)]) for seed in range(100)]
+    every, read = [slice(0, count)], np.ones(count, dtype=bool)
+    found = [noiselevels.white_level(np.random.default_rng(seed).normal(size=(count, 3)), every, read) for seed in range(100)]
     assert np.mean(found) == pytest.approx(1.0, abs=0.01)
     assert np.std(found) * count**0.5 == pytest.approx(noiselevels.CHANCE / 3, rel=0.25)
 

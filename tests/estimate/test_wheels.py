@@ -10,9 +10,14 @@ import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
+from massprop_cli.campaign import kept
+from massprop_cli.conclude import docking
+from massprop_cli.diagnosis import resolve
+from massprop_cli.estimate.quantities import in_common
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.result import build
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 
@@ -81,6 +86,34 @@ def test_a_wheel_fixes_the_scale_that_thrust_leaves_open() -> None:
     assert not analysis.notices
 
 
+def test_beside_wheels_no_scale_is_added_to_what_logs_and_phases_have_alike() -> None:
+    """The filter has it in its covariance: pooled inertia was ± 0.030 of two logs that tell it to 2e-5, a docked mass ± 6 %."""
+    _, flight = flown("wheels-and-jets")
+    halves = 'phases=[{name="a", start_s=0, end_s=10}, {name="b", start_s=10, end_s=20}]'
+    analysis = estimated(flight, halves, "thrust.scale_sigma=0.05")
+    result = build.result(analysis)
+    for conclusion, phase in zip(analysis.conclusions, result.phases, strict=True):
+        sigma = np.sqrt(np.diag(conclusion.covariance))[:6]
+        assert (kept.shared(phase, analysis.vehicle)[[0, 3, 5]] < 0.01 * sigma[[0, 3, 5]]).all()
+    _, joint = docking._joint(analysis.conclusions[:2], analysis.vehicle)  # type: ignore[arg-type]
+    for half, conclusion in enumerate(analysis.conclusions):
+        np.testing.assert_allclose(np.diag(joint)[10 * half :][:6], np.diag(conclusion.bare[1])[:6], rtol=1e-9)
+
+
+def test_where_wheels_tell_little_of_the_scale_logs_have_it_alike_all_the_same() -> None:
+    """Drawn: what a log tells of an unknown scale, its prior beside that, and how much of the error is then the prior's."""
+    rng = np.random.default_rng(1)
+    used = vehiclefile.changed(flown("wheels-and-jets")[1].vehicle, ("thrust.scale_sigma=0.05",))
+    slope = np.append(1.0, np.zeros(9))
+    for weak in (0.01, 0.05, 1.0):
+        kappa = 0.05 * rng.standard_normal(20_000)
+        told = kappa + weak * rng.standard_normal(20_000)
+        error = kappa - told * 0.05**2 / (0.05**2 + weak**2)
+        covariance = np.diag(np.append(error.var(), np.zeros(9)))
+        shared = in_common(slope, covariance, {}, used)[0]
+        assert shared == pytest.approx((error * kappa).mean() / 0.05, rel=0.05)
+
+
 def test_without_wheels_the_same_weak_thrust_makes_inertia_and_mass_too_large() -> None:
     """The twin of the test above: 1 / 0.95, and the sigmas hold the 5 %."""
     short = ("duration_s=20", f"plan={SHORT['wheels']}", "control.rate_gain_n_m_s=[1, 1, 1]")
@@ -132,6 +165,15 @@ def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_a
     values, sigmas = found(analysis)
     assert np.abs((values - TRUTH) / sigmas)[:9].max() < 4.0
     assert not analysis.notices
+
+
+def test_a_delay_is_found_in_a_long_log_of_wheels_whose_torque_was_logged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their speed follows from the whole log, of which no stretch can be looked at alone: it had ended in an internal error."""
+    monkeypatch.setattr(resolve, "LONGEST", 200)
+    by_torque = [f'vehicle.wheels.{i}.column="torque"' for i in range(3)]
+    _, flight = flown("wheels", *by_torque)
+    analysis = estimated(flight, 'cycle.command_delay_cycles="auto"')
+    assert analysis.timing.delay == pytest.approx(float(flight.vehicle.cycle.command_delay_cycles), abs=0.01)
 
 
 TABLE = (

@@ -281,6 +281,17 @@ def test_a_parquet_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, log, names=[log, "'delta_v_y_m_s'", "twice", "rename one"])
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_a_reading_to_be_left_out_that_is_none_of_the_log_is_refused(sensor: str, tmp_path: Path) -> None:
+    """It had been passed over, and what was meant stayed in use."""
+    save_vehicle(tmp_path)
+    log = save(flight(), tmp_path / "log.parquet")
+    first, last = flight()["time_s"][0].as_py(), flight()["time_s"][-1].as_py()
+    key = f"imu.{sensor}_outliers_s"
+    refused(tmp_path, log, "--set", f"{key}=[{first}, 1000]", names=[log, f"{key} has 1000 s", f"the nearest is at {last:.9g} s"])
+    refused(tmp_path, log, "--set", f"{key}=[-3.5]", names=[log, f"{key} has -3.5 s", f"the nearest is at {first:.9g} s"])
+
+
 def test_a_log_with_an_unusable_cell_is_refused_in_the_same_words_with_json_and_quiet(tmp_path: Path) -> None:
     save_vehicle(tmp_path)
     log = save(cell("delta_theta_y_rad", 42, NAN)(flight()), tmp_path / "log.parquet")

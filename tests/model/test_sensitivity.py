@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES
+from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.assumptions import Assumption, examined
 from massprop_cli.diagnosis import delay
@@ -81,6 +81,31 @@ def test_all_thrust_a_percent_stronger_is_a_percent_of_mass_and_inertia_and_stan
     assert set(effect.change) == {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "mass"}
     for name, change in effect.change.items():
         assert change == pytest.approx(0.01 * (flyer.conclusions[0].estimates[name].value or 0.0), rel=1e-12)
+
+
+def test_a_weighed_mass_does_not_calibrate_thrust_that_is_taken_as_exact(flyer: Analysis) -> None:
+    """Inertia is as it was, so what an error of the thrust does to it is said as it was; with a stated sigma it follows the mass."""
+    log, used = faulty.sample("free-flyer")
+    heavier = faulty.stated(used, "known.mass={value=22.2, sigma=0.02}")
+    weighed = faulty.examined(log, heavier)
+    (before,), (after,) = by_code(flyer, "thrust-scale"), by_code(weighed, "thrust-scale")
+    assert weighed.conclusions[0].values[0] == pytest.approx(flyer.conclusions[0].values[0], rel=1e-6)
+    assert "no uncertainty of it is stated" in after.message
+    assert after.effects[0].change == {name: pytest.approx(v, rel=1e-4) for name, v in before.effects[0].change.items() if name != "mass"}
+    told = faulty.examined(log, faulty.stated(heavier, "thrust.scale_sigma=0.05"))
+    assert by_code(told, "thrust-scale") == []
+    assert told.conclusions[0].values[0] == pytest.approx(1.02 * flyer.conclusions[0].values[0], rel=0.01)
+
+
+def test_all_thrust_a_percent_stronger_moves_the_cg_on_a_bearing_whose_part_does_not_turn(bearing: Analysis) -> None:
+    """Its CG was said to stay."""
+    (assumption,) = by_code(bearing, "thrust-scale")
+    assert "the CG by the part of the mass that does not turn" in assumption.message
+    stronger = faulty.pushing(bearing.vehicle, dict.fromkeys([jet.name for jet in bearing.vehicle.jets], 1.01))
+    jets = [f"jets.{i}.force_n={list(jet.force_n)}" for i, jet in enumerate(stronger.jets)]
+    moved = again(bearing, *jets) - bearing.settled[0].values[-1]
+    held(assumption, moved, bearing, 0.05)
+    assert set(CG) & set(assumption.effects[0].change)
 
 
 def test_an_imu_position_that_is_not_stated_is_said_to_be_a_default() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +233,26 @@ def test_the_strong_jet_is_taken_rather_than_two_weak_ones() -> None:
     assert np.allclose(
         allocated.full, np.repeat([[2 * 1.112 * 0.1475], [2 * 1.112 * 0.2575], [2 * 1.112 * 0.2575], [2.224], [2.224], [2.224]], 2, 1)
     )
+
+
+def test_a_negative_level_is_a_part_of_what_the_other_direction_can_do() -> None:
+    """Of jets that turn twice as hard one way; a part of the other way's had been asked for, 0.5 of it came as all."""
+    source = scenario.load("free-flyer")
+    (turning, *_) = [one for one in source.scenario.plan if one.motion == "random"]
+    allocated = mission.allocation(source)
+    axis = 2
+    full = allocated.full.copy()
+    full[axis] = [2.0, 1.0]
+    uneven = replace(allocated, full=full)
+
+    def asked(motion: str, level: float) -> set[float]:
+        segment = turning.model_copy(update={"motion": motion, "axes": ("yaw",), "level": level, "closed_loop": False})
+        found = mission.plan(source.scenario.model_copy(update={"plan": (segment,)}), uneven, [np.random.default_rng(1)])
+        return set(found.demand[0, :, axis].tolist()) - {0.0}
+
+    assert asked("steady", 0.5) == {1.0}
+    assert asked("steady", -0.5) == {-0.5}
+    assert asked("alternating", 0.5) == asked("alternating", -0.5) == {1.0, -0.5}
 
 
 def test_events_make_the_phases_that_the_estimator_takes() -> None:

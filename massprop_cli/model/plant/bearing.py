@@ -39,10 +39,6 @@ class BearingBody(Whole):
         """The bearing."""
         return self.bearing
 
-    def centre(self, _: Reference) -> Array:
-        """The bearing."""
-        return self.bearing
-
     def jet_moment(self, _: Reference) -> Array:
         """(3, 6) wrench to moment about the bearing."""
         return np.hstack([np.eye(3), -cross_matrix(self.bearing)])

@@ -35,10 +35,6 @@ class FreeBody(Whole):
         """O."""
         return np.zeros(3)
 
-    def centre(self, reference: Reference) -> Array:
-        """The CG."""
-        return reference.cg
-
     def jet_moment(self, reference: Reference) -> Array:
         """(3, 6) wrench to moment about the CG."""
         return np.hstack([np.eye(3), -cross_matrix(reference.cg)])

@@ -130,9 +130,6 @@ class Plant(Protocol):
 
     # --- what acts
 
-    def centre(self, reference: Reference) -> Array:
-        """(3,) the point whose specific force the commands alone decide."""
-
     def jet_moment(self, reference: Reference) -> Array:
         """(3, 6) wrench to the moment that turns the body, the commands' direct part."""
 
