@@ -6,9 +6,10 @@ the answers of oscillators to what was commanded, damped within one period, of p
 
     y_k = Σ_j h_j u_(k−j),  h_j = exp(−j / P) (cos, sin)(2π j / P),  j = 1 … 3 P.
 
-Two directions for each axis, so that any phase and damping shows in the one that is nearest. Of all cycles only the sums of products of
-what is some cycles apart are kept. As it knows what was commanded, it sees a swing far below the noise, which no test of what is left alone
-does (:mod:`massprop_cli.conclude.white`).
+Two directions for each axis, so that any phase and damping shows in the one that is nearest. Rates are held against the torque about each
+axis, and against the forces across it, since a part that swings away from the CG turns the body; specific force against the force along
+each axis, and against the torques across it. Of all cycles only the sums of products of what is some cycles apart are kept. As it knows
+what was commanded, it sees a swing far below the noise, which no test of what is left alone does (:mod:`massprop_cli.conclude.white`).
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ REPEATED = 2
 SWINGS, SIZED = 4.0, 3.0
 """Sigmas from which on something swings: of thirty periods and sensors, as if each were by itself, by chance in one of a thousand phases,
 and in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is known to be amiss."""
+ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
+"""Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is held against: its own; and
+those across. For these ``SWINGS`` counts also where disturbances were sized."""
 EMPTY = 1e-9
 """Part of the power of all axes that is none."""
 TINY = 1e-300
@@ -48,7 +52,7 @@ class Lagged(NamedTuple):
     """Sums over a phase's cycles of products of what is 0, 1, … cycles apart; torque x y z and force x y z."""
 
     left: Array
-    """(6, L) what is left of rate and specific force, by what was commanded so many cycles before."""
+    """(A, 6, L) what is left of rate and specific force, by what was commanded so many cycles before, of each of ``ANSWERS``."""
     commanded: Array
     """(6, L) what was commanded, by itself."""
     scatter: Array
@@ -68,26 +72,27 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle)
         return {}
     found = lagged(history, samples)
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
-    least = SIZED if sized(used, stated) else SWINGS
+    least = np.where(np.arange(len(ANSWERS)) == 0, SIZED if sized(used, stated) else SWINGS, SWINGS)
     reasons: dict[str, str] = {}
-    for sensor, own in enumerate(sigmas):
-        at = int(own.argmax())
-        if own[at] > least:
-            lasts = periods[at] * found.cycle_s
+    for sensor, own in enumerate(sigmas.transpose(1, 0, 2)):
+        answer, at = divmod(int((own - least[:, None]).argmax()), len(periods))
+        if own[answer, at] > least[answer]:
+            lasts, surely = periods[at] * found.cycle_s, own[answer, at]
             reason = (
-                f"after each push the body's {SENSORS[sensor]} swings on, about once in {lasts:.2g} s ({own[at]:.2g} sigma): {PARTLY}, "
+                f"after each push the body's {SENSORS[sensor]} swings on, about once in {lasts:.2g} s ({surely:.2g} sigma): {PARTLY}, "
                 "by up to the part that swings; look for sloshing fuel, a flexible or loose part, thrust that trails off"
             )
-            reasons |= dict.fromkeys(resting(history, np.arange(6) // 3 == sensor), reason)
+            # what is pushed aside and turns the body moves its CG too, and the other way round
+            reasons |= dict.fromkeys(resting(history, (np.arange(6) // 3 == sensor) | (answer > 0)), reason)
     return reasons
 
 
 def swings(one: Lagged, periods: Array, spread: Array) -> Array:
-    """(2, P) by how many sigmas what is left of rate and of specific force follows oscillators of each period.
+    """(A, 2, P) by how many sigmas what is left of rate and of specific force follows oscillators of each period, of each of ``ANSWERS``.
 
     Slow noise may have more power than white noise by the factors ``spread`` (2,).
     """
-    explained, freedom = np.array([explained_by(one, float(period)) for period in periods]).transpose(2, 1, 0)
+    explained, freedom = np.array([explained_by(one, float(period)) for period in periods]).transpose(3, 1, 2, 0)
     explained /= spread[:, None]
     among = np.maximum(freedom, 1)
     return np.where(freedom > 0, deviate(explained / among, among), 0.0)
@@ -100,7 +105,7 @@ def lagged(history: History, samples: Source) -> Lagged:
     whole = cycles.stop - cycles.start
     lags = min(int(MEMORY * min(PERIODS[-1], whole / REPEATED)) + 1, whole)
     size = 1 << (min(BLOCK, whole) + 2 * lags - 1).bit_length()
-    spectra = np.zeros((2, 6, size // 2 + 1), dtype=complex)
+    spectra = np.zeros((1 + len(ANSWERS), 6, size // 2 + 1), dtype=complex)
     before, power, count, lasting = np.zeros((6, lags)), np.zeros(6), 0, 0.0
     for part in apart(cycles):
         executed = samples.part(part).executed
@@ -110,30 +115,32 @@ def lagged(history: History, samples: Source) -> Lagged:
         told: BoolArray = np.asarray(np.isfinite(rest).all(1))
         rest = np.where(told[:, None], rest, 0.0)
         driven = np.hstack([before, pushed.T])
-        now = np.pad(np.stack([rest.T, pushed.T]), ((0, 0), (0, 0), (lags, 0)))
-        spectra += np.fft.rfft(now, size) * np.fft.rfft(driven, size).conj()
+        now = np.fft.rfft(np.pad(np.stack([rest.T, pushed.T]), ((0, 0), (0, 0), (lags, 0))), size)
+        past = np.fft.rfft(driven, size).conj()
+        spectra += np.concatenate([now[0] * past[ANSWERS], now[1:] * past])
         power, count = power + (rest**2).sum(0), count + int(told.sum())
         before, lasting = driven[:, -lags:], lasting + float(executed.duration_s.sum())
-    left, commanded = np.fft.irfft(spectra, size)[..., :lags]
-    return Lagged(left, commanded, power / max(count, 1), lasting / whole)
+    found = np.fft.irfft(spectra, size)[..., :lags]
+    return Lagged(found[:-1], found[-1], power / max(count, 1), lasting / whole)
 
 
 def explained_by(one: Lagged, period: float) -> Array:
-    """(2, 2) of each sensor: the sum of squares that oscillators of a period explain, over its scatter; and of how many directions.
+    """(A, 2, 2) of each sensor: the sum of squares that oscillators of a period explain, over its scatter; and of how many directions.
 
     Oscillators' own sums of squares follow from the commands': Σ_jl h_j h_l R(j − l).
     """
-    lags = min(int(MEMORY * period) + 1, one.left.shape[1])
+    lags = min(int(MEMORY * period) + 1, one.left.shape[-1])
     kernel, across = _oscillator(period, lags)
-    along = one.left[:, 1:lags] @ kernel.T
+    along = one.left[..., 1:lags] @ kernel.T
     both = np.hstack([one.commanded[:, :lags], np.zeros((6, 1)), one.commanded[:, lags - 1 : 0 : -1]])
     gram = np.einsum("hgl,al->ahg", across, both)
     power = one.commanded[:, 0].reshape(2, 3)
-    driven: BoolArray = np.asarray(power > EMPTY * power.sum(1, keepdims=True))
-    gram[~driven.ravel()] = np.eye(2)
-    square = np.einsum("ah,ah->a", along, np.linalg.solve(gram, along[..., None])[..., 0]).reshape(2, 3)
+    driven: BoolArray = np.asarray(power > EMPTY * power.sum(1, keepdims=True)).ravel()
+    gram[~driven] = np.eye(2)
+    square = np.einsum("bah,bah->ba", along, np.linalg.solve(gram[ANSWERS], along[..., None])[..., 0])
+    counted = driven[ANSWERS].reshape(-1, 2, 3)
     scatter = np.maximum(one.scatter.reshape(2, 3).mean(1), TINY)
-    return np.stack([np.where(driven, square, 0.0).sum(1) / scatter, 2.0 * driven.sum(1)], axis=1)
+    return np.stack([np.where(counted, square.reshape(-1, 2, 3), 0.0).sum(2) / scatter, 2.0 * counted.sum(2)], axis=2)
 
 
 @lru_cache(64)

@@ -9,8 +9,8 @@ import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.conclude import judge
-from massprop_cli.conclude.swing import PERIODS, explained_by, lagged, swings
+from massprop_cli.conclude import judge, swing
+from massprop_cli.conclude.swing import ANSWERS, PERIODS, explained_by, lagged, swings
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -38,8 +38,11 @@ def flight() -> Flight:
     return simulate.fly(scenario.load("free-flyer", PLAN), [3001])
 
 
-def swung(flight: Flight, part: float, hertz: float, turning: bool = False) -> Analysis:
-    """The flight of a body of which ``part`` hangs on a spring: at its CG, or, ``turning``, about each of its axes."""
+def swung(flight: Flight, part: float, hertz: float, turning: bool = False, arm: tuple[float, float, float] | None = None) -> Analysis:
+    """The flight of a body of which ``part`` hangs on a spring: at its CG, or, ``turning``, about each of its axes.
+
+    With an ``arm`` it hangs there, and turns the body by what it pulls; what the accelerometer feels of it is left out.
+    """
     log = flight.log(0)
     rigid = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
     executed = rigid.samples.part(slice(0, len(rigid.samples))).executed
@@ -48,6 +51,11 @@ def swung(flight: Flight, part: float, hertz: float, turning: bool = False) -> A
     if turning:
         torque = pushed[:, :3] - np.cross(CG, pushed[:, 3:])
         gained = np.cumsum(_beyond_rigid(torque / INERTIA, part, hertz), axis=0)
+        mean = (gained + np.vstack([np.zeros((1, 3)), gained[:-1]])) / 2
+        found = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad + mean * PERIOD_S @ mounting))
+    elif arm is not None:
+        pull = MASS * _beyond_rigid(pushed[:, 3:] / MASS, part, hertz, damping=0.3)
+        gained = np.cumsum(np.cross(arm, pull) / INERTIA, axis=0)
         mean = (gained + np.vstack([np.zeros((1, 3)), gained[:-1]])) / 2
         found = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad + mean * PERIOD_S @ mounting))
     else:
@@ -84,7 +92,8 @@ def test_every_cycle_of_a_long_phase_counts_once() -> None:
     one = lagged(cast(History, history), cast(Source, Flown()))
     for lag in (0, 1, 7, 500):
         pushed = whole[: 3000 - lag]
-        np.testing.assert_allclose(one.left[:, lag], (rest[lag:] * pushed).sum(0), atol=1e-9)
+        for answer, left in zip(ANSWERS, one.left, strict=True):
+            np.testing.assert_allclose(left[:, lag], (rest[lag:] * pushed[:, answer]).sum(0), atol=1e-9)
         np.testing.assert_allclose(one.commanded[:, lag], (whole[lag:] * pushed).sum(0), atol=1e-9)
     np.testing.assert_allclose(one.scatter, (rest**2).mean(0))
     assert one.cycle_s == pytest.approx(0.1)
@@ -101,16 +110,16 @@ def test_sums_of_products_explain_what_the_oscillators_themselves_do(flight: Fli
     for period in (4.0, 16.0, 45.25):
         # a push goes on beyond the end: its oscillators' squares count whole
         beyond = np.vstack([pushed, np.zeros((int(3 * period) + 1, 6))])
-        square = np.zeros(6)
+        square = np.zeros((len(ANSWERS), 6))
         steps = np.arange(1, int(3 * period) + 1)
         answers = np.exp(-steps / period) * np.array([np.cos(2 * np.pi * steps / period), np.sin(2 * np.pi * steps / period)])
-        for axis in range(6):
-            rows = np.column_stack([np.convolve(beyond[:, axis], np.append(0.0, answer))[: len(beyond)] for answer in answers])
+        for axis, driving in np.ndindex(6, 6):
+            rows = np.column_stack([np.convolve(beyond[:, driving], np.append(0.0, answer))[: len(beyond)] for answer in answers])
             along = rows[: len(left)].T @ left[:, axis]
-            square[axis] = along @ np.linalg.solve(rows.T @ rows, along)
-        expected = square.reshape(2, 3).sum(1) / (left**2).sum(0).reshape(2, 3).mean(1) * np.isfinite(history.normalised).all(1).sum()
-        np.testing.assert_allclose(explained_by(one, period)[:, 0], expected, rtol=1e-6)
-        np.testing.assert_array_equal(explained_by(one, period)[:, 1], 6)
+            square[ANSWERS[:, axis] == driving, axis] = along @ np.linalg.solve(rows.T @ rows, along)
+        expected = square.reshape(-1, 2, 3).sum(2) / (left**2).sum(0).reshape(2, 3).mean(1) * np.isfinite(history.normalised).all(1).sum()
+        np.testing.assert_allclose(explained_by(one, period)[..., 0], expected, rtol=1e-6)
+        np.testing.assert_array_equal(explained_by(one, period)[..., 1], 6)
 
 
 def test_noise_follows_no_oscillator_by_more_than_chance(flight: Flight) -> None:
@@ -119,10 +128,10 @@ def test_noise_follows_no_oscillator_by_more_than_chance(flight: Flight) -> None
     periods, drawn = PERIODS[:13], []
     for _ in range(60):
         one = lagged(replace(history, normalised=rng.standard_normal(history.normalised.shape)), found.samples)
-        drawn.append([explained_by(one, float(period))[:, 0] for period in periods])
+        drawn.append([explained_by(one, float(period))[..., 0] for period in periods])
     # chi-square of six degrees of freedom: mean 6, variance 12; of 60 draws of two sensors. What rings on beyond the end explains nothing
-    mean = np.mean(drawn, axis=(0, 2))
-    assert mean[:5] == pytest.approx(6.0, abs=4 * np.sqrt(12 / 120))
+    mean = np.mean(drawn, axis=(0, 3))
+    assert mean[:5] == pytest.approx(np.full((5, len(ANSWERS)), 6.0), abs=4 * np.sqrt(12 / 120))
     assert (mean < 6 + 4 * np.sqrt(12 / 120)).all()
     assert swings(one, periods, np.ones(2)).max() < 3.5
 
@@ -155,6 +164,20 @@ def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(flig
 def test_no_inertia_beside_a_flexible_part_is_called_converged(flight: Flight, hertz: float) -> None:
     found = swung(flight, 0.1, hertz, turning=True).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))
+
+
+def test_what_swings_away_from_the_cg_leaves_nothing_converged(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pushes along an axis turn the body about others: held against torques alone that showed nothing."""
+    found = swung(flight, 0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates
+    assert all(found[name].verdict != "converged" for name in QUANTITIES)
+    assert "swings on" in found["cg_z"].reason
+    assert "swings on" in found["mass"].reason
+    monkeypatch.setattr(swing, "ANSWERS", ANSWERS[:1])
+    before = swung(flight, 0.05, 0.4, arm=(0.0, 0.02, 0.06)).conclusions[0].estimates["cg_z"]
+    assert before.verdict == "converged"
+    assert before.value is not None
+    assert before.sigma is not None
+    assert (before.value - CG[2]) / before.sigma < -30
 
 
 def test_a_rigid_body_shows_no_swing(flight: Flight) -> None:
