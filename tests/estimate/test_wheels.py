@@ -87,7 +87,7 @@ def test_a_wheel_fixes_the_scale_that_thrust_leaves_open() -> None:
 
 
 def test_beside_wheels_no_scale_is_added_to_what_logs_and_phases_have_alike() -> None:
-    """The filter has it in its covariance: pooled inertia was ± 0.030 of two logs that tell it to 2e-5, a docked mass ± 6 %."""
+    """The filter has it in its covariance: pooled inertia was ± 0.030 of two logs that tell it to 2e-5, and two phases had it twice."""
     _, flight = flown("wheels-and-jets")
     halves = 'phases=[{name="a", start_s=0, end_s=10}, {name="b", start_s=10, end_s=20}]'
     analysis = estimated(flight, halves, "thrust.scale_sigma=0.05")
