@@ -42,6 +42,17 @@ def _joined(s: Subject, rng: Random) -> Drawn:
     return Drawn(unaware, due("mass-change", Number(time, NEAR * s.period_s)), f"an object docks at {time:g} s, unstated")
 
 
+def _dock_off(s: Subject, rng: Random) -> Drawn | None:
+    """The vehicle file says that the object docks earlier or later than it does."""
+    if not s.vehicle.phases:
+        return None
+    time = next(k for k, kind in s.flight.events if kind == "dock") * s.period_s
+    off = float(rng.choice([-1, 1])) * rng.uniform(4, 40) * s.period_s
+    wrong = s.clean.stating(f"phases.0.end_s={time + off}", f"phases.1.start_s={time + off}")
+    what = f"docks at {time:g} s, stated {time + off:.4g}"
+    return Drawn(wrong, due("phase-border", Number(time, NEAR * s.period_s)), what)
+
+
 def _glued(s: Subject, rng: Random) -> Drawn | None:
     """Two logs of two bodies, one after the other."""
     if s.vehicle.phases or s.vehicle.on_air_bearing:
@@ -159,6 +170,7 @@ def _weak_and_tilted(s: Subject, rng: Random) -> Drawn | None:
 
 BODY = (
     Fault("docked", "an object docks, unstated", _joined),
+    Fault("dock-off", "docking stated 4 to 40 cycles early or late", _dock_off),
     Fault("glued", "two logs glued together", _glued),
     Fault("fuel", "5 % of the mass burnt, unstated", _fuel),
     Fault("steady-torque", "steady torque of 1 to 3 % of full", _steady),

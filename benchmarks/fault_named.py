@@ -22,7 +22,7 @@ CAUSES = frozenset(
         *("thrust-rise", "thrust-droop", "thrust-lag", "delay-mismatch", "clock-drift"),
         *("gyro-units", "gyro-scale", "gyro-sign", "gyro-bias", "gyro-filter", "gyro-saturated"),
         *("accel-units", "accel-scale", "accel-bias", "accel-filter", "accelerometer-saturated", "outliers"),
-        *("imu-mounting", "imu-position", "attitude-start", "bearing-position", "gravity", "mass-change", "fuel-use"),
+        *("imu-mounting", "imu-position", "attitude-start", "bearing-position", "gravity", "mass-change", "phase-border", "fuel-use"),
         *("steady-torque", "disturbance-torque", "periodic-torque", "rate-torque"),
     }
 )

@@ -103,3 +103,8 @@ def looks_good_and_is_wrong(found: Analysis, true: Array, phase: int = 0) -> lis
         if estimate.verdict == "converged" and abs(z[name]) > 4 and abs((estimate.value or 0.0) - t) > 0.005 * size:
             wrong.append(name)
     return wrong
+
+
+def with_increments(log: Log, turned: Array, felt: Array) -> Log:
+    """With other readings of the IMU."""
+    return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=felt)

@@ -159,6 +159,7 @@ WARNINGS: dict[str, Example] = {
         ("imu-mounting", "imu-right-angle", "jets", RATE),
         ("imu-position", "imu-100mm", "jets", FORCE),
         ("mass-change", "docked", "jets", INERTIA),
+        ("phase-border", "dock-off", "docking", RATE),
         ("steady-torque", "steady-torque", "jets", RATE),
         ("rate-torque", "friction", "jets", RATE),
         ("attitude-start", "attitude-start", "bearing", RATE),

@@ -17,6 +17,7 @@ import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis import UNKNOWN, causes, change, delay
+from massprop_cli.diagnosis.border import border
 from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of, skewed
 from massprop_cli.diagnosis.delay import Found, near
@@ -117,6 +118,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         found = search(look)
     if found is not None and found.score < least:
         return found
+    at = next((placed for one in looks if (placed := border(one)) is not None), None)
+    if at is not None:  # all the rest needs no torque that wanders
+        return Diagnosis((Explanation("phase-border", at.words, at.cure),), score=at.look.cost)
     if not moved and look.loud:
         return Diagnosis(unknown=UNANSWERED)
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))

@@ -18,7 +18,7 @@ GROWN = 1.0
 TRIED = (
     "tried: sign, thrust, place and direction of each channel, groups of channels, jets swapped, delay, rise, lag, droop, clock drift, "
     "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
-    "rate-proportional torque, fuel use, a change of the mass properties, pairs of these, and a jet that fails for a time"
+    "rate-proportional torque, fuel use, a change of the mass properties, a phase's borders, a jet that fails for a time, and pairs"
 )
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 UNANSWERED = (

@@ -1,0 +1,135 @@
+"""A phase whose first or last cycles are of something else: of the body before docking, or of a vehicle that is still held, or caught.
+
+Of a few cycles no body can be told, so that no search for a change finds them. But without them the rest fits.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.diagnosis.contest import TINY
+from massprop_cli.diagnosis.cures import Cure
+from massprop_cli.diagnosis.design import Designs
+from massprop_cli.diagnosis.look import Look, looked
+from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.vehicle import Phase
+
+LONGEST, MOST = 128, 0.25
+"""Most cycles that are left out, and the most of them as a part of all."""
+BEYOND = 8.0
+"""Sigmas of chance beyond which a look leaves more than noise."""
+NEAR = 3
+"""Cycles, beside those whose commands are not known yet, within which a stretch begins with its phase."""
+
+
+class Border(NamedTuple):
+    """Where a phase should begin, or end."""
+
+    phase: Phase | None
+    """As stated; None: the only one, which isn't."""
+    number: int
+    begins: bool
+    """Whether it should begin later; else end earlier."""
+    time_s: float
+    left_out: int
+    """Cycles."""
+    look: Look
+    """At the others."""
+
+    @property
+    def words(self) -> str:
+        """For the reader."""
+        name = "" if self.phase is None else f" of phase {self.phase.name}"
+        which, side = ("first", "from") if self.begins else ("last", "until")
+        fix = "start_s" if self.begins else "end_s"
+        other = "until then something else was docked" if self.begins else "from then on something else is docked"
+        return (
+            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {self.time_s:.6g} s: {other}, "
+            f"or the vehicle was held; mend {fix} under [[phases]]"
+        )
+
+    @property
+    def cure(self) -> Cure:
+        """The key that mends it."""
+        key = "start_s" if self.begins else "end_s"
+        if self.phase is not None:
+            return Cure((f"phases.{self.number}.{key}={self.time_s:.9g}",))
+        start_s, end_s = (self.time_s, 1e9) if self.begins else (-1e9, self.time_s)
+        return Cure((f'phases=[{{ name = "all", start_s = {start_s:.9g}, end_s = {end_s:.9g} }}]',))
+
+
+def border(look: Look) -> Border | None:
+    """Where leaving out the first or the last cycles leaves nothing but noise, of a look that leaves more; None where it doesn't."""
+    plain, count = _plainly(look, look.piece), look.piece.stop - look.piece.start
+    if plain is None:
+        return None
+    look, most = plain, min(LONGEST, int(MOST * count))
+    if _beyond_noise(look) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
+        return None
+    sides = [_fewest(look, most, begins) for begins in (True, False)]
+    found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
+    return None if found is None else _placed(look, *found)
+
+
+def _beyond_noise(look: Look) -> float:
+    """Sum of squares that body and commands leave, over the stated noise, beyond that of noise."""
+    free = look.free
+    squares = np.concatenate([free.gyro.left, free.accelerometer.left]) + look.stated.chi_square * free.variance
+    return float((squares / np.maximum(look.noise, TINY)).sum() - 6 * (look.piece.stop - look.piece.start))
+
+
+def _plainly(look: Look, piece: slice) -> Look | None:
+    """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
+    case, theta = look.case, look.stated.value("theta")
+    stated = case.vehicle.environment
+    if max(stated.disturbance_torque_n_m, stated.disturbance_walk_n_m) > 0:
+        return looked(case, piece, look.free.beside, theta)
+    coupling = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, look.piece, theta).driven.coupling
+    there = looked(case, piece, (Disturbance(coupling, 0.0),), theta)
+    return there if there is None else looked(case, piece, there.free.beside, there.stated.value("theta"))
+
+
+def _without(look: Look, cut: int, begins: bool) -> Look | None:
+    """The look without so many cycles; None where it leaves more than noise, or what fires in them fires nowhere else."""
+    first, stop = look.piece.start, look.piece.stop
+    there = _plainly(look, slice(first + cut, stop) if begins else slice(first, stop - cut))
+    if there is None or not np.array_equal(there.free.fired, look.free.fired):
+        return None
+    return there if there.chance and there.constant else None
+
+
+def _fewest(look: Look, enough: int, begins: bool) -> tuple[int, bool, Look] | None:
+    """The fewest cycles without which it fits, at which end, and the look without them; None where so many aren't enough."""
+    found, too_few = _without(look, enough, begins), 0
+    if found is None:
+        return None
+    while enough - too_few > 1:
+        middle = (too_few + enough) // 2
+        there = _without(look, middle, begins)
+        if there is None:
+            too_few = middle
+        else:
+            enough, found = middle, there
+    return enough, begins, found
+
+
+def _placed(look: Look, cut: int, begins: bool, found: Look) -> Border | None:
+    """In the vehicle file; None where the stretch that was looked at begins elsewhere than its phase."""
+    log, vehicle, timing, _ = look.case
+    executed = timing.of(log, vehicle).executed
+    period = vehicle.cycle.period_s
+    ends = executed.start_s + executed.duration_s
+    time = float(executed.start_s[look.piece.start + cut] if begins else ends[look.piece.stop - cut - 1])
+    middle = float(ends[(look.piece.start + look.piece.stop) // 2])
+    number = next((i for i, phase in enumerate(vehicle.phases) if phase.start_s < middle <= phase.end_s), None)
+    if vehicle.phases and number is None:
+        return None
+    phase = None if number is None else vehicle.phases[number]
+    known = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
+    if begins and float(executed.start_s[look.piece.start]) > known + NEAR * period:
+        return None
+    if not begins and phase is not None and float(ends[look.piece.stop - 1]) < min(phase.end_s, float(ends[-1])) - NEAR * period:
+        return None
+    return Border(phase, number or 0, begins, round(time, 6), cut, found)

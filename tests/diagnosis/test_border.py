@@ -1,0 +1,68 @@
+"""A phase that holds some cycles of something else is named, with where it should begin or end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.diagnosis.border import border
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+from tests import faulty
+from tests.diagnosis.test_look import PLAN, look_at
+
+DOCKING = [
+    "duration_cycles=700",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=700}]',
+    'events=[{kind="dock", cycle=250, motion="rates_kept", phase="combined"}]',
+]
+
+
+@pytest.mark.parametrize("cycles", [-18, -6, 6, 30])
+def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -> None:
+    flown = simulate.fly(scenario.load("docking", DOCKING), [4])
+    log, used = flown.log(0), flown.vehicle
+    first, second = used.phases
+    period = used.cycle.period_s
+    wrong = faulty.stated(used, f"phases.0.end_s={first.end_s + cycles * period}", f"phases.1.start_s={first.end_s + cycles * period}")
+    found = faulty.examined(log, wrong)
+    (said,) = [notice.message for notice in found.notices if notice.code == "phase-border"]
+    which, phase = ("last", first) if cycles > 0 else ("first", second)
+    assert f"{which} " in said
+    assert f"of phase {phase.name}, that is" in said
+    (mended,) = found.mended
+    (setting,) = mended.settings
+    key, value = setting.split("=")
+    assert key == ("phases.0.end_s" if cycles > 0 else "phases.1.start_s")
+    # nothing tells it while nothing is commanded
+    assert float(value) == pytest.approx(first.end_s, abs=10 * period)
+    number = 0 if cycles > 0 else 1
+    for one, expected in zip(mended.conclusions[number].estimates.values(), flown.truth[0, number], strict=True):
+        assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
+
+
+def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
+    """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands."""
+    flown = simulate.fly(scenario.load("free-flyer", PLAN), [6])
+    held = flown.log(0)
+    turned, felt = held.delta_theta_imu_rad.copy(), held.delta_v_imu_m_s.copy()
+    rng = np.random.default_rng(6)
+    noise = flown.vehicle.imu.gyro_noise_rad_s or 0.0, flown.vehicle.imu.accel_noise_m_s2 or 0.0
+    for column, level in zip((turned, felt), noise, strict=True):
+        column[:22] = level * held.interval_s[:22, None] * rng.standard_normal((22, 3))
+    found = flow.examine(faulty.with_increments(held, turned, felt), VehicleSource(flown.vehicle, "t", ""))
+    (said,) = [notice.message for notice in found.notices if notice.code == "phase-border"]
+    assert "the log fits without the first " in said
+    (mended,) = found.mended
+    (setting,) = mended.settings
+    assert setting.startswith('phases=[{ name = "all", start_s = 1.')
+    true = scenario.load("free-flyer").scenario.truth.values
+    for name, expected in zip(QUANTITIES, true, strict=True):
+        one = mended.conclusions[0].estimates[name]
+        assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
+
+
+@pytest.mark.parametrize("key", ["", 'actuators.failures=[{jet="yaw_p1", thrust=0.8}]', "actuators.delay_cycles=2.5"])
+def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
+    assert border(look_at("free-flyer", 3, *PLAN, *([key] if key else []))) is None
