@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, UntoldError
 from massprop_cli.conclude import mend, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
@@ -19,6 +19,11 @@ from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehiclefile import VehicleSource
+
+USUAL = (1, 0, 2)
+"""Cycles; delays of most testbeds."""
+TIMES = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "gyro-filter", "accel-filter")
+"""Codes of what makes motion late, which another delay than the right one may look like."""
 
 
 def analyse(
@@ -44,7 +49,11 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
-    found = estimated(clipped.with_unstated(log), source, assignments, say)
+    log = clipped.with_unstated(log)
+    try:
+        found = estimated(log, source, assignments, say)
+    except UntoldError as error:
+        raise InputError(f"{error}{_by_any_delay(log, source, say)}") from None
     parts = split.at_change(found)
     if parts is not None:
         again = _examined(found.log, parts, assignments, say)
@@ -53,6 +62,21 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     answers = mend.mended(found, say)
     told = judged(found, answers)
     return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
+
+
+def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
+    """What is wrong with a log that can't tell its delay, if it is named under one of a few: then its commands explain the motion again."""
+    for delay in USUAL:
+        settings = [f"cycle.command_delay_cycles={delay}"] + ["thrust.lag_s=0"] * (source.vehicle.thrust.lag_s == "auto")
+        try:
+            found = estimated(log, replace(source, vehicle=vehiclefile.changed(source.vehicle, settings)), (), say)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        told = [*(fault.notice for fault in found.faults), *(notice for notice in found.notices if notice.code == "outliers")]
+        named = next((notice for notice in told if notice.code not in TIMES), None)
+        if named is not None:
+            return f". With {delay} cycles {named.message}"
+    return ""
 
 
 __all__ = ["Analysis", "MendedAnswer", "Progress", "analyse", "examine"]

@@ -12,5 +12,9 @@ class InputError(Exception):
         self.option = option
 
 
+class UntoldError(InputError):
+    """Where a log can't tell its own delay or lag, which may have a cause that it tells under another one."""
+
+
 class UsageError(Exception):
     """A command line that makes no sense (exit 2)."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import UntoldError
 from massprop_cli.diagnosis import delay, stretch
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.estimate import noiselevels
@@ -83,7 +83,7 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
         found = _detected(log, source.vehicle, coarse, unknown)
     if found is None:
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
-        raise InputError(
+        raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
             f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}"
         )

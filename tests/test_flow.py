@@ -1,0 +1,27 @@
+"""What the composed flow says where one of its parts can't go on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.errors import InputError
+from tests import faulty
+
+
+def test_a_log_that_can_not_tell_its_delay_is_told_what_is_wrong_with_it() -> None:
+    """In degrees, as a new log often comes, commands explain nothing of the motion; it had been asked for its delay and no more."""
+    log, used = faulty.sample("air-bearing", 30.0)
+    wrong = replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad))
+    with pytest.raises(InputError, match=r"can't be told from this log; .* With 1 cycles the log fits if its gyro columns are in degrees"):
+        faulty.examined(wrong, faulty.stated(used, 'cycle.command_delay_cycles="auto"'))
+
+
+def test_a_reading_that_is_none_of_the_motion_is_named_where_it_hides_the_delay() -> None:
+    log, used = faulty.sample("free-flyer", 30.0)
+    turned = log.delta_theta_imu_rad.copy()
+    turned[300] = -50.0
+    with pytest.raises(InputError, match=r"can't be told from this log; .* With 1 cycles the gyro has 1 reading"):
+        faulty.examined(replace(log, delta_theta_imu_rad=turned), faulty.stated(used, 'cycle.command_delay_cycles="auto"'))
