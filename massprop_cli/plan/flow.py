@@ -72,6 +72,8 @@ def make(vehicle: Path, guess_file: Path | None, asked: Asked, say: Say, assignm
             found = _widened(flown, planner.plan(flown, replace(order, wanted=found.wanted), say))
     if guessed.file.body.breaks_triangle and source.vehicle.environment.kind != "planar":
         notes.append("the guess breaks the triangle inequality of principal moments, which no real body does; look at its units and signs")
+    if source.vehicle.thrust.failures:
+        notes.append("thrust.failures are of another log: planned without, and scenario.toml holds the vehicle without")
     if asked.off:
         notes.append(f"planned without {', '.join(asked.off)}: scenario.toml holds the vehicle without")
     made = document.document(found, flown, source, asked.criterion.value, asked.max_time_s, notes)

@@ -107,6 +107,8 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
     if stated.thrust.lag_s == "auto" and limits.lag_s is None:
         raise InputError(f'{vehicle.source}: thrust.lag_s is "auto"; state it, or in a guess file actuators.lag_s')
     kept = stated.model_copy(update={"jets": jets, "phases": (), "docking": None, "columns": {}})
+    if stated.thrust.failures:  # of another log
+        kept = kept.model_copy(update={"thrust": stated.thrust.model_copy(update={"failures": ()})})
     return Rehearsal(kept, guess, _control(kept, guess), guess.source)
 
 

@@ -233,6 +233,15 @@ def test_a_guess_that_no_body_is_like_is_told(folder: Path, made: Made) -> None:
     assert not [note for note in made.plan.notes if "triangle inequality" in note]
 
 
+def test_failures_are_of_another_log(folder: Path, tmp_path: Path) -> None:
+    assigned = ('thrust.failures=[{jet="roll_p1", start_s=1.0}]',)
+    asked = Asked(precise("mass 20 %"), max_time_s=1.0, off=("roll_p1",))
+    planned = flow.make(folder / "vehicle.toml", folder / "guess.toml", asked, lambda *_: None, assigned)
+    assert [note for note in planned.plan.notes if note.startswith("thrust.failures are of another log")]
+    (tmp_path / "scenario.toml").write_text(planned.scenario)
+    assert not scenario.load(str(tmp_path / "scenario.toml")).scenario.failures
+
+
 def test_an_axis_that_no_jet_serves_is_not_planned(folder: Path) -> None:
     source = parse((folder / "vehicle.toml").read_text(), "vehicle.toml")
     known = guess.load(folder / "guess.toml", source)
