@@ -26,4 +26,6 @@ def build(folder: Path) -> int:
 
 
 if __name__ == "__main__":
+    if any(one.startswith("-") for one in sys.argv[1:]):
+        sys.exit("python -m website [FOLDER]: builds the site there (default: build/site)")
     sys.exit(build(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "site"))

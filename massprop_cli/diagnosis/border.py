@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.diagnosis.contest import TINY
-from massprop_cli.diagnosis.cures import Cure
+from massprop_cli.diagnosis.cures import Cure, shown
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import Look, looked
 from massprop_cli.estimate.whitening import Disturbance
@@ -35,6 +35,8 @@ class Border(NamedTuple):
     time_s: float
     left_out: int
     """Cycles."""
+    log_s: tuple[float, float]
+    """When the whole log begins and ends."""
     look: Look
     """At the others."""
 
@@ -46,7 +48,7 @@ class Border(NamedTuple):
         fix = "start_s" if self.begins else "end_s"
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
         return (
-            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {self.time_s:.6g} s: {other}, "
+            f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {shown(self.time_s)} s: {other}, "
             f"or the vehicle was held; mend {fix} under [[phases]]"
         )
 
@@ -55,13 +57,16 @@ class Border(NamedTuple):
         """The key that mends it."""
         key = "start_s" if self.begins else "end_s"
         if self.phase is not None:
-            return Cure((f"phases.{self.number}.{key}={self.time_s:.9g}",))
-        start_s, end_s = (self.time_s, 1e9) if self.begins else (-1e9, self.time_s)
-        return Cure((f'phases=[{{ name = "all", start_s = {start_s:.9g}, end_s = {end_s:.9g} }}]',))
+            return Cure((f"phases.{self.number}.{key}={shown(self.time_s)}",))
+        start_s, end_s = (self.time_s, self.log_s[1]) if self.begins else (self.log_s[0], self.time_s)
+        return Cure((f'phases=[{{ name = "all", start_s = {shown(start_s)}, end_s = {shown(end_s)} }}]',))
 
 
-def border(look: Look) -> Border | None:
-    """Where leaving out the first or the last cycles leaves nothing but noise, of a look that leaves more; None where it doesn't."""
+def border(look: Look, end_s: float) -> Border | None:
+    """Where leaving out the first or the last cycles leaves nothing but noise, of a look that leaves more; None where it doesn't.
+
+    ``end_s`` is when the whole log ends, of which the look may have but a stretch.
+    """
     plain, count = _plainly(look, look.piece), look.piece.stop - look.piece.start
     if plain is None:
         return None
@@ -70,7 +75,7 @@ def border(look: Look) -> Border | None:
         return None
     sides = [_fewest(look, most, begins) for begins in (True, False)]
     found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
-    return None if found is None else _placed(look, *found)
+    return None if found is None else _placed(look, *found, end_s)
 
 
 def _beyond_noise(look: Look) -> float:
@@ -115,8 +120,8 @@ def _fewest(look: Look, enough: int, begins: bool) -> tuple[int, bool, Look] | N
     return enough, begins, found
 
 
-def _placed(look: Look, cut: int, begins: bool, found: Look) -> Border | None:
-    """In the vehicle file; None where the stretch that was looked at begins elsewhere than its phase."""
+def _placed(look: Look, cut: int, begins: bool, found: Look, end_s: float) -> Border | None:
+    """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
     log, vehicle, timing, _ = look.case
     executed = timing.of(log, vehicle).executed
     period = vehicle.cycle.period_s
@@ -130,6 +135,7 @@ def _placed(look: Look, cut: int, begins: bool, found: Look) -> Border | None:
     known = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
     if begins and float(executed.start_s[look.piece.start]) > known + NEAR * period:
         return None
-    if not begins and phase is not None and float(ends[look.piece.stop - 1]) < min(phase.end_s, float(ends[-1])) - NEAR * period:
+    last = end_s if phase is None else min(phase.end_s, end_s)
+    if not begins and float(ends[look.piece.stop - 1]) < last - NEAR * period:
         return None
-    return Border(phase, number or 0, begins, round(time, 6), cut, found)
+    return Border(phase, number or 0, begins, round(time, 6), cut, (log.origin_s, end_s), found)

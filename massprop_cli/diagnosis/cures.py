@@ -331,6 +331,11 @@ def _jet_keys(before: Vehicle, after: Vehicle) -> list[tuple[int, str, Any]]:
     return [(i, key, getattr(other, key)) for i, (one, other) in pairs for key in keys if getattr(one, key) != getattr(other, key)]
 
 
+def shown(time_s: float) -> str:
+    """A time of the log to a microsecond, however far from 0 it is."""
+    return f"{time_s:.6f}".rstrip("0").rstrip(".")
+
+
 def _literal(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_literal(part) for part in value) + "]"

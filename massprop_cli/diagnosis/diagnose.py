@@ -107,7 +107,7 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     look = about_its_body(look)
     alone, wandering = _alone(look), beside_a_torque(look)
     found = _instead(look, alone, wandering) or _chosen(look, alone)
-    found = found if any(map(_whole, alone)) else _for_a_time(look, found)
+    found = found if any(map(_whole, alone)) else _for_a_time(look, looks, found)
     # a torque that wanders may explain it too, or with what goes with it
     with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
     least = min([wandering.cost, *with_it]) - CLEAR
@@ -118,9 +118,9 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
         found = search(look)
     if found is not None and found.score < least:
         return found
-    at = next((placed for one in looks if (placed := border(one)) is not None), None)
+    at = next((placed for one in looks if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
-        return Diagnosis((Explanation("phase-border", at.words, at.cure),), score=at.look.cost)
+        return Diagnosis((Explanation("phase-border", at.words, at.cure),))
     if not moved and look.loud:
         return Diagnosis(unknown=UNANSWERED)
     return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
@@ -143,9 +143,9 @@ def _whole(trial: Trial) -> bool:
     return trial.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
-def _for_a_time(look: Look, found: Diagnosis | None) -> Diagnosis | None:
+def _for_a_time(look: Look, looks: Sequence[Look], found: Diagnosis | None) -> Diagnosis | None:
     """A jet that fails for a time, where that explains more than what was ``found``."""
-    each = episodes(look)
+    each = episodes(look, looks)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
     best, vehicle = each[0], look.case.vehicle

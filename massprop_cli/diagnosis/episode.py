@@ -6,13 +6,14 @@ the window is looked for again, until both stand.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.cures import NEAR, Cure
+from massprop_cli.diagnosis.cures import NEAR, Cure, shown
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, looked
 from massprop_cli.diagnosis.trial import PART
@@ -57,9 +58,9 @@ class Episode(NamedTuple):
         """That go on "the log fits if …"."""
         jet, start_s, end_s = self.failure.jet, self.failure.start_s, self.failure.end_s
         if start_s is None:
-            when = "" if end_s is None else f" until {end_s:.6g} s"
+            when = "" if end_s is None else f" until {shown(end_s)} s"
         else:
-            when = f" from {start_s:.6g} s on" if end_s is None else f" from {start_s:.6g} to {end_s:.6g} s"
+            when = f" from {shown(start_s)} s on" if end_s is None else f" from {shown(start_s)} to {shown(end_s)} s"
         if self.code == "jet-dead":
             return f"jet {jet} does not push at all{when}"
         if self.code == "jet-sign":
@@ -75,12 +76,15 @@ class Episode(NamedTuple):
 def _literal(failure: Failure) -> str:
     """As TOML."""
     name = failure.jet.replace("\\", "\\\\").replace('"', '\\"')
-    span = "".join(f", {key} = {value:.9g}" for key in ("start_s", "end_s") if (value := getattr(failure, key)) is not None)
+    span = "".join(f", {key} = {shown(value)}" for key in ("start_s", "end_s") if (value := getattr(failure, key)) is not None)
     return f'{{ jet = "{name}", thrust = {failure.thrust:.9g}{span} }}'
 
 
-def episodes(look: Look) -> list[Episode]:
-    """The failures of a jet for a time with which the log fits, the likeliest first: those that are about as likely."""
+def episodes(look: Look, others: Sequence[Look] = ()) -> list[Episode]:
+    """The failures of a jet for a time with which the log fits, the likeliest first: those that are about as likely.
+
+    One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
+    """
     if look.case.log.command_kind != "jets" or not len(look.free.fired):
         return []
     found: list[Episode] = []
@@ -89,7 +93,27 @@ def episodes(look: Look) -> list[Episode]:
             made = _tested(look, window, beside)
             found += [] if made is None else [made]
     found.sort(key=lambda one: one.score)
-    return [one for one in found if one.score < found[0].score + CLEAR]
+    return [_bordered(one, look, others) for one in found if one.score < found[0].score + CLEAR]
+
+
+def _bordered(one: Episode, look: Look, others: Sequence[Look]) -> Episode:
+    """With an edge at the border to another piece of the log in which the jet fires and everything is as stated."""
+    (first_s, last_s), failure, period_s = _lasts(look), one.failure, look.case.vehicle.cycle.period_s
+    for other in others:
+        begin_s, end_s = _lasts(other)
+        if not other.close or failure.jet not in other.names:
+            continue
+        if failure.end_s is None and begin_s > last_s - period_s:
+            failure = failure.model_copy(update={"end_s": round(last_s, 6)})
+        if failure.start_s is None and end_s < first_s + period_s:
+            failure = failure.model_copy(update={"start_s": round(first_s, 6)})
+    return one._replace(failure=failure)
+
+
+def _lasts(look: Look) -> tuple[float, float]:
+    """When a look's piece begins and ends."""
+    start_s, duration_s = cycle_edges(look.case.log, slice(look.piece.start, look.piece.stop))
+    return float(start_s[0]), float(start_s[-1] + duration_s[-1])
 
 
 def _windows(look: Look, beside: Disturbance) -> list[Window]:
@@ -166,6 +190,7 @@ def _mended(look: Look, window: Window, beside: Disturbance, theta: Array) -> _M
     half = vehicle.cycle.period_s / 2
     design = (look.case.designs or Designs()).of(*look.case[:3], look.piece)
     edges = np.append(design.start_s, design.start_s[-1] + design.duration_s[-1])[[window.first, window.stop]]
+    edges = by_commands_clock(look.case.log, vehicle, edges)
     first, stop = (int(n) for n in np.searchsorted(begin_s, edges - half))
     first, stop = 0 if window.first == 0 else first, len(begin_s) if window.stop == len(design.start_s) else stop
     if stop <= first or stop - first == len(begin_s):
@@ -180,9 +205,8 @@ def _mended(look: Look, window: Window, beside: Disturbance, theta: Array) -> _M
 
 
 def _pulses(look: Look, channel: int) -> Array:
-    """(n,) when each of a channel's pulses begins."""
+    """(n,) when each of a channel's pulses begins, by the commands' clock."""
     log, vehicle, timing, _ = look.case
-    start_s, _ = cycle_edges(log, slice(0, log.cycles))
-    begin_s = by_commands_clock(log, vehicle, start_s) + timing.delay * vehicle.cycle.period_s
+    begin_s = cycle_edges(log, slice(0, log.cycles))[0] + timing.delay * vehicle.cycle.period_s
     found: Array = begin_s[log.command[:, look.free.fired[channel]] > 0]
     return found

@@ -128,7 +128,9 @@ class Failure(Section):
 
     jet: str
     thrust: FiniteFloat = Field(0.0, description="factor on its thrust: 0 dead, 0.8 weak, -1 mounted the wrong way")
-    start_s: FiniteFloat | None = Field(None, description="of pulses that begin from then on, by the log's clock; absent: from its start")
+    start_s: FiniteFloat | None = Field(
+        None, description="of pulses that begin to act from then on, their delay included, by the log's clock; absent: from its start"
+    )
     end_s: FiniteFloat | None = Field(None, description="... and before then; absent: to its end")
 
     @model_validator(mode="after")

@@ -285,8 +285,8 @@ def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_
         if away.size:
             first = int(away[0])
             raise InputError(
-                f"{source.table.path}: imu.{key} has {times[first]:.9g} s, at which no record is; the nearest is at "
-                f"{time_s[row[first]]:.9g} s. State times of this log's records, or leave the key out to have them found"
+                f"{source.table.path}: imu.{key} has {times[first]:.15g} s, at which no record is; the nearest is at "
+                f"{time_s[row[first]]:.15g} s. State times of this log's records, or leave the key out to have them found"
             )
 
 

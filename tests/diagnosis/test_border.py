@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES, flow
 from massprop_cli.diagnosis.border import border
+from massprop_cli.diagnosis.look import looked
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
@@ -42,10 +45,11 @@ def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -
         assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
 
 
-def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
-    """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands."""
+@pytest.mark.parametrize("origin_s", [0.0, 1763000000.0])
+def test_a_vehicle_that_is_held_as_its_log_begins_is_named(origin_s: float) -> None:
+    """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. By a clock that counts from 1970, too."""
     flown = simulate.fly(scenario.load("free-flyer", PLAN), [6])
-    held = flown.log(0)
+    held = replace(flown.log(0), time_s=flown.log(0).time_s + origin_s)
     turned, felt = held.delta_theta_imu_rad.copy(), held.delta_v_imu_m_s.copy()
     rng = np.random.default_rng(6)
     noise = flown.vehicle.imu.gyro_noise_rad_s or 0.0, flown.vehicle.imu.accel_noise_m_s2 or 0.0
@@ -56,7 +60,8 @@ def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
     assert "the log fits without the first " in said
     (mended,) = found.mended
     (setting,) = mended.settings
-    assert setting.startswith('phases=[{ name = "all", start_s = 1.')
+    start_s = float(setting.split("start_s = ")[1].split(",")[0])
+    assert 0.9 < start_s - origin_s < 1.5
     true = scenario.load("free-flyer").scenario.truth.values
     for name, expected in zip(QUANTITIES, true, strict=True):
         one = mended.conclusions[0].estimates[name]
@@ -65,4 +70,17 @@ def test_a_vehicle_that_is_held_as_its_log_begins_is_named() -> None:
 
 @pytest.mark.parametrize("key", ["", 'actuators.failures=[{jet="yaw_p1", thrust=0.8}]', "actuators.delay_cycles=2.5"])
 def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
-    assert border(look_at("free-flyer", 3, *PLAN, *([key] if key else []))) is None
+    assert border(look_at("free-flyer", 3, *PLAN, *([key] if key else [])), 20.0) is None
+
+
+def test_of_a_long_log_nothing_is_left_out_that_was_not_looked_at() -> None:
+    """The stretch that is looked at ends amid the log, in somebody's hands; what comes then is good."""
+    look = look_at("free-flyer", 6, *PLAN, "disturbance.constant_n_m=[0.0, 0.0, 0.0]")
+    log = look.case.log
+    turned = log.delta_theta_imu_rad.copy()
+    turned[-25:] = 0.0
+    case = look.case._replace(log=faulty.with_increments(log, turned, log.delta_v_imu_m_s), designs=None)
+    held = looked(case, look.piece)
+    assert held is not None
+    assert border(held, float(log.time_s[-1])) is not None
+    assert border(held, float(log.time_s[-1]) + 60.0) is None

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from massprop_cli import flow
-from massprop_cli.diagnosis import design
+from massprop_cli.base.arrays import Array
+from massprop_cli.diagnosis import design, episode
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.look import Look
 from massprop_cli.diagnosis.windows import Reduced, edges_of
 from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare import actuators, align
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
-from tests.diagnosis.test_look import PLAN, look_at
+from tests.diagnosis.test_look import PLAN, look_at, look_of
 
 NONE = Disturbance(0.0, 0.0)
 
@@ -81,10 +86,42 @@ def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said() -> Non
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_what_is_wrong_all_along_or_not_at_all_is_no_failure_for_a_time() -> None:
-    for key in ((), (failing("yaw_p1", 0.8),), ("actuators.delay_cycles=2.6",)):
-        for one in episodes(look_at("free-flyer", 3, *PLAN, *key)):
-            assert one.failure.jet == "yaw_p1"
+@pytest.mark.parametrize("key", ["", "actuators.delay_cycles=2.6"])
+def test_what_is_wrong_all_along_or_not_at_all_is_no_failure_for_a_time(key: str) -> None:
+    assert episodes(look_at("free-flyer", 3, *PLAN, *([key] if key else []))) == []
+
+
+def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
+    """Dead until the vehicle docks, whole again afterwards: nothing of the first phase tells when it ends."""
+    plan = [
+        "duration_cycles=900",
+        'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=900}]',
+        'events=[{kind="dock", cycle=400, motion="rates_kept", phase="combined"}]',
+    ]
+    flown = simulate.fly(scenario.load("docking", [*plan, failing("yaw_p1", 0.0, 9.0, 20.0)]), [4])
+    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    (mended,) = found.mended
+    (stated,) = mended.settings
+    assert float(stated.split("end_s = ")[1].split(" ")[0]) == pytest.approx(20.0, abs=0.3)
+    for number, conclusion in enumerate(mended.conclusions):
+        for one, true in zip(conclusion.estimates.values(), flown.truth[0, number], strict=True):
+            assert abs((one.value or 0.0) - true) < 4.5 * (one.sigma or 0.0)
+
+
+def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
+    """Under a clock that drifts by two cycles in sixty seconds."""
+    flown = simulate.fly(scenario.load("free-flyer"), [3])
+    look = look_of(replace(flown, vehicle=faulty.stated(flown.vehicle, "imu.clock_drift_ppm=2000.0")))
+    log, vehicle, timing, _ = look.case
+    begun = list[Array]()
+
+    def seen(start_s: Array, _: Vehicle) -> None:
+        begun.append(start_s)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(actuators, "strengths", seen)
+        align.impulses(log, vehicle, timing.delay, 0.0)
+    np.testing.assert_allclose(episode._pulses(look, 0), begun[0][: log.cycles][log.command[:, look.free.fired[0]] > 0])
 
 
 @pytest.mark.parametrize(

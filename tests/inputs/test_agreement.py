@@ -65,3 +65,18 @@ def test_a_right_gyro_is_taken_beside_a_poor_attitude(axes: tuple[float, ...]) -
 def test_a_scale_that_a_noisy_attitude_does_not_tell_is_left_to_the_estimate() -> None:
     rate, turns = turning(AXES["of a table"])
     check(rate * 1.05, turns * Rotation.from_rotvec(np.random.default_rng(6).normal(0, 0.015, (ROWS, 3))))
+
+
+@pytest.mark.parametrize("rows", [2, 3, 5])
+def test_a_few_rows_tell_no_scale(rows: int) -> None:
+    rate, turns = turning(AXES["of a free flyer"])
+    quaternions = turns.as_quat()[:rows, [3, 0, 1, 2]]
+    agreement.check(Path("x.csv"), Made("m.toml", "0", ()), VEHICLE, rate[:rows] * STEP_S, np.zeros((rows, 3)), quaternions)
+
+
+def test_a_right_gyro_of_a_steady_spin_is_taken_beside_a_noisy_attitude() -> None:
+    """Less its mean such a spin is nothing but noise: of 60 right ones 4 to 21 were refused."""
+    rate = np.tile([0.0, 0.0, 0.4], (ROWS, 1))
+    turns = Rotation.from_rotvec(np.outer(np.arange(1, ROWS + 1) * STEP_S, [0.0, 0.0, 0.4]))
+    for seed in range(40):
+        check(rate, turns * Rotation.from_rotvec(np.random.default_rng(seed).normal(0, 0.005, (ROWS, 3))))

@@ -109,11 +109,15 @@ def _scale(angle: Array, attitude: Array) -> tuple[float, float]:
     which it lies whichever is noisy and whichever comes late. The nearer to 1 is told.
     """
     turned, wanted = np.diff(angle, axis=0), _turns(attitude)
+    if len(turned) < _LEAST:
+        return 1.0, np.inf
     turned, wanted = turned - turned.mean(0), wanted - wanted.mean(0)
     left, _, right = np.linalg.svd(wanted.T @ turned)
     turned = turned @ (left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right).T
     least, sigma = _part(turned, wanted)
     part, of_part = _part(wanted, turned)
+    if part < _SURE * of_part or least < _SURE * sigma:
+        return 1.0, np.inf  # a steady turn is a drift's, and what is left of it noise
     if least > 1:
         return least, sigma
     return (1 / part, of_part / part**2) if part > 1 else (1.0, sigma)
