@@ -22,7 +22,7 @@ DOCKING = [
 ]
 
 
-@pytest.mark.parametrize("cycles", [-18, -6, 6, 30])
+@pytest.mark.parametrize("cycles", [-18, 30, *(pytest.param(n, marks=pytest.mark.thorough) for n in (-6, 6))])
 def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -> None:
     flown = simulate.fly(scenario.load("docking", DOCKING), [4])
     log, used = flown.log(0), flown.vehicle

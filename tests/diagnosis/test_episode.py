@@ -67,9 +67,10 @@ def test_what_a_window_explains_is_what_regression_says(channel: int, monkeypatc
     assert found.gain == pytest.approx(len(rest) * np.log(before / after[0]), rel=0.02)
 
 
-def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said() -> None:
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 16), marks=pytest.mark.thorough)])
+def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said(seeds: range) -> None:
     z = []
-    for seed in range(12):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         jet, thrust, start = (
             str(rng.choice(["divert_xp", "divert_yn", "yaw_p1", "pitch_n2", "roll_p2"])),
@@ -83,7 +84,8 @@ def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said() -> Non
         assert first - 0.1 < (found.failure.start_s or 0.0) <= first
         z.append((found.failure.thrust - thrust) / found.sigma)
     assert np.abs(z).max() < 4
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+    # of n squares of standard normals the mean is within four of its sigmas
+    assert np.mean(np.square(z)) < 1 + 4 * np.sqrt(2 / len(z))
 
 
 @pytest.mark.parametrize("key", ["", "actuators.delay_cycles=2.6"])
