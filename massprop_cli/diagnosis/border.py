@@ -49,7 +49,7 @@ class Border(NamedTuple):
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
         return (
             f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {shown(self.time_s)} s: {other}, "
-            f"or the vehicle was held; mend {fix} under [[phases]]"
+            f"the vehicle was held, or a jet failed; mend {fix} under [[phases]]"
         )
 
     @property
