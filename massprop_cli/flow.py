@@ -22,8 +22,6 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 
 USUAL = (1, 0, 2)
 """Cycles; delays of most testbeds."""
-TIMES = ("delay-mismatch", "clock-drift", "thrust-lag", "thrust-rise", "gyro-filter", "accel-filter")
-"""Codes of what makes motion late, which another delay than the right one may look like."""
 
 
 def analyse(
@@ -65,7 +63,12 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 
 
 def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
-    """What is wrong with a log that can't tell its delay, if it is named under one of a few: then its commands explain the motion again."""
+    """What is wrong with a log that can't tell its delay, if it is named under one of a few: then its commands explain the motion again.
+
+    Not what makes motion late: another delay than the right one looks like that.
+    """
+    from massprop_cli.diagnosis.search import LATE  # nine modules that a clean log does without
+
     for delay in USUAL:
         settings = [f"cycle.command_delay_cycles={delay}"] + ["thrust.lag_s=0"] * (source.vehicle.thrust.lag_s == "auto")
         try:
@@ -73,7 +76,7 @@ def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
         except (InputError, np.linalg.LinAlgError):
             continue
         told = [*(fault.notice for fault in found.faults), *(notice for notice in found.notices if notice.code == "outliers")]
-        named = next((notice for notice in told if notice.code not in TIMES), None)
+        named = next((notice for notice in told if notice.code not in LATE), None)
         if named is not None:
             return f". With {delay} cycles {named.message}"
     return ""

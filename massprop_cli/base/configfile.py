@@ -27,6 +27,8 @@ _SHOWN = 40
 _QUOTED = re.compile(r"""\"{3}[\s\S]*?(?:\"{3}|\Z)|'{3}[\s\S]*?(?:'{3}|\Z)|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""")
 """Quoted keys, texts and comments of TOML."""
 _DOTTED = re.compile(r"(?<![\w-])[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""Keys that TOML takes without quotes."""
 _KEY = re.compile(r"""^\s*["']?([\w.\-]+)["']?\s*=""")
 
 
@@ -110,7 +112,8 @@ def written(value: object) -> str:
     if isinstance(value, (str, Path)):
         return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{written(str(key))} = {written(child)}" for key, child in value.items()) + "}"
+        names = (key if _BARE.fullmatch(key) else written(key) for key in map(str, value))
+        return "{" + ", ".join(f"{name} = {written(child)}" for name, child in zip(names, value.values(), strict=True)) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(written, value)) + "]"
     raise InputError(f"{value!r}: no number, text, list or mapping; give one, or leave the key out")

@@ -12,6 +12,10 @@ class InputError(Exception):
         self.option = option
 
 
+class MachineError(InputError):
+    """Input that this machine doesn't take: a limit of its environment, a package that isn't there. Another run may."""
+
+
 class UntoldError(InputError):
     """Where a log can't tell its own delay or lag, which may have a cause that it tells under another one."""
 

@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 from massprop_cli.base import spill
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.base.spill import Content
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
@@ -32,18 +32,18 @@ class Limit:
 
     @property
     def most(self) -> int:
-        """The limit in force; :class:`InputError` where the environment holds none that can be read."""
+        """The limit in force; :class:`MachineError` where the environment holds none that can be read."""
         said = os.environ.get(self.variable)
         if said is None:
             return self.default
         if not (said.isascii() and said.isdecimal() and 0 < len(said) <= 18 and int(said) > 0):
-            raise InputError(f"{self.variable}={said}: not a limit; give a whole number above 0, or unset it (then {self.default})")
+            raise MachineError(f"{self.variable}={said}: not a limit; give a whole number above 0, or unset it (then {self.default})")
         return int(said)
 
     def check(self, place: str, found: int) -> None:
-        """:class:`InputError` where there is more than that."""
+        """:class:`MachineError` where there is more than that."""
         if found > self.most:
-            raise InputError(
+            raise MachineError(
                 f"{place}: {found} {self.of}, at most {self.most} are taken; is it the right file? {self.variable} sets the limit"
             )
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from massprop_cli.base import limits
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, MachineError
 
 Answer = TypeVar("Answer")
 EXTRA = "pip install 'massprop[remote]'"
@@ -20,7 +20,7 @@ def store(url: str) -> tuple[Any, str]:
     try:
         import fsspec
     except ImportError:
-        raise InputError(f"{url}: reading and writing URLs needs the package fsspec; {EXTRA}") from None
+        raise MachineError(f"{url}: reading and writing URLs needs the package fsspec; {EXTRA}") from None
     with told(url, "URL"):
         found: tuple[Any, str] = fsspec.core.url_to_fs(url)
         return found
@@ -34,7 +34,7 @@ def told(url: str, what: str) -> Iterator[None]:
     except InputError:
         raise
     except ImportError as error:
-        raise InputError(f"{url}: {_line(error)}; {EXTRA} has what s3:// needs, other stores the package named here") from None
+        raise MachineError(f"{url}: {_line(error)}; {EXTRA} has what s3:// needs, other stores the package named here") from None
     except FileNotFoundError as error:
         more = f" ({_line(error)})" if "bucket" in str(error).lower() and "/" not in str(error) else ""
         raise InputError(f"{url}: no such {what}{more}; check the URL") from None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from massprop_cli import __version__
 from massprop_cli.base import exits, files
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.base.escape import line
 from massprop_cli.campaign import location, outcome
 from massprop_cli.campaign.outcome import Outcome
@@ -27,10 +27,6 @@ if TYPE_CHECKING:
     from massprop_cli.inputs.tablefile import Table
     from massprop_cli.inputs.vehiclefile import VehicleSource
     from massprop_cli.job import Judged
-
-
-OF_MACHINE = re.compile(r"MASSPROP_MAX_[A-Z_]+|pip install 'massprop\[")
-"""A remedy that mends no file: a limit that the environment sets, a package that isn't there."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +68,7 @@ def process(job: Job, known: str | None = None, sent: Mapping[str, bytes] | None
             return None
         return _checked(job, inputs, mark) if job.settings.check else _worked(job, inputs, mark)
     except InputError as error:
-        return failed(job, exits.INPUT, str(error), outcome.UNKEPT if OF_MACHINE.search(str(error)) else mark, sha256)
+        return failed(job, exits.INPUT, str(error), outcome.UNKEPT if isinstance(error, MachineError) else mark, sha256)
     except Exception as error:
         return failed(job, exits.BUG, f"internal error (a bug in massprop): {type(error).__name__}: {error}", input_sha256=sha256)
 

@@ -38,7 +38,7 @@ REPEATED = 2
 SWINGS, SIZED = 4.0, 3.0
 """Sigmas from which on something swings: of a hundred periods, sensors and ``ANSWERS``, as if each were by itself, by chance in one of 300
 phases; and for a sensor's own answers in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is
-known to be amiss. Of 144 phases of clean logs the largest was 3.7."""
+known to be amiss."""
 ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
 """Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is held against: its own; and
 those across. For these ``SWINGS`` counts also where disturbances were sized."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_cli.base.configfile import written
 from massprop_cli.diagnosis.contest import TINY
 from massprop_cli.diagnosis.cures import Cure, shown
 from massprop_cli.diagnosis.design import Designs
@@ -41,25 +42,29 @@ class Border(NamedTuple):
     """At the others."""
 
     @property
+    def key(self) -> str:
+        """Of the phase, that is to be mended."""
+        return "start_s" if self.begins else "end_s"
+
+    @property
     def words(self) -> str:
         """For the reader."""
         name = "" if self.phase is None else f" of phase {self.phase.name}"
         which, side = ("first", "from") if self.begins else ("last", "until")
-        fix = "start_s" if self.begins else "end_s"
         other = "until then something else was docked" if self.begins else "from then on something else is docked"
         return (
             f"the log fits without the {which} {self.left_out} cycles{name}, that is {side} {shown(self.time_s)} s: {other}, "
-            f"the vehicle was held, or a jet failed; mend {fix} under [[phases]]"
+            f"the vehicle was held, or a jet failed; mend {self.key} under [[phases]]"
         )
 
     @property
     def cure(self) -> Cure:
         """The key that mends it."""
-        key = "start_s" if self.begins else "end_s"
         if self.phase is not None:
-            return Cure((f"phases.{self.number}.{key}={shown(self.time_s)}",))
-        start_s, end_s = (self.time_s, self.log_s[1]) if self.begins else (self.log_s[0], self.time_s)
-        return Cure((f'phases=[{{ name = "all", start_s = {shown(start_s)}, end_s = {shown(end_s)} }}]',))
+            return Cure((f"phases.{self.number}.{self.key}={self.time_s}",))
+        begin_s, end_s = self.log_s
+        only = {"name": "all", "start_s": begin_s, "end_s": end_s} | {self.key: self.time_s}
+        return Cure((f"phases={written([only])}",))
 
 
 def border(look: Look, end_s: float) -> Border | None:

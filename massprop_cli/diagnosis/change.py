@@ -12,6 +12,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.diagnosis.stretch import edges_of
 from massprop_cli.estimate.regression import STEPS, STILL
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.model import handed
@@ -24,9 +25,8 @@ from massprop_cli.prepare.compensate import Source
 
 SHORTEST = 40
 """Least cycles on each side."""
-BLOCKS = 32
-"""Stretches whose edges are tried first; then every ``FINER``-th part of two of them, and so on down to single cycles."""
 FINER = 8
+"""Parts of two stretches that are tried next, and so on down to single cycles."""
 
 
 def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
@@ -44,7 +44,7 @@ def likeliest(samples: Source, piece: slice, reference: Reference, vehicle: Reso
         left = least(np.stack([*before, *after]), reference, vehicle).reshape(2, -1).sum(0)
         return moments[int(np.argmin(left))]
 
-    edges = [int(k) for k in np.unique(np.linspace(piece.start, piece.stop, BLOCKS + 1).astype(int))]
+    edges = edges_of(piece.start, piece.stop).tolist()
     parts = [told(first, end) for first, end in pairwise(edges)]
     before, after = list(accumulate(parts, joined)), list(accumulate(reversed(parts), joined))[::-1]
     roomy = [i for i, k in enumerate(edges[1:-1]) if _has_room(k, piece)]

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.configfile import written
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.cures import NEAR, Cure, shown
-from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, looked
 from massprop_cli.diagnosis.trial import PART
-from massprop_cli.diagnosis.windows import Reduced, Window, edges_of, finer
+from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.model.plant.plant import J
@@ -70,14 +70,7 @@ class Episode(NamedTuple):
     def cure(self, vehicle: Resolved, sigmas: float = 0.0) -> Cure:
         """The key that mends it, with its thrust so many sigmas further on."""
         further = self.failure.model_copy(update={"thrust": self.failure.thrust + sigmas * self.sigma})
-        return Cure((f"thrust.failures=[{', '.join(map(_literal, (*vehicle.thrust.failures, further)))}]",))
-
-
-def _literal(failure: Failure) -> str:
-    """As TOML."""
-    name = failure.jet.replace("\\", "\\\\").replace('"', '\\"')
-    span = "".join(f", {key} = {shown(value)}" for key in ("start_s", "end_s") if (value := getattr(failure, key)) is not None)
-    return f'{{ jet = "{name}", thrust = {failure.thrust:.9g}{span} }}'
+        return Cure((f"thrust.failures={written([one.model_dump(exclude_none=True) for one in (*vehicle.thrust.failures, further)])}",))
 
 
 def episodes(look: Look, others: Sequence[Look] = ()) -> list[Episode]:
@@ -119,8 +112,7 @@ def _lasts(look: Look) -> tuple[float, float]:
 def _windows(look: Look, beside: Disturbance) -> list[Window]:
     """The likeliest of a few jets, the likeliest first."""
     reduced = Reduced(look, look, beside)
-    edges = edges_of(len(reduced.mean))
-    each = (reduced.likeliest(i, edges) for i in range(len(look.free.fired)))
+    each = (reduced.likeliest(i) for i in range(len(look.free.fired)))
     windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]
     most = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * most), key=lambda one: -one.gain)[:LIKELY]
@@ -171,7 +163,7 @@ def _led(look: Look, window: Window, beside: Disturbance) -> _Mended | None:
         if found is None:
             break
         reduced, theta, thrust = Reduced(look, found.look, beside), found.look.stated.value("theta"), found.failure.thrust
-        then = reduced.likeliest(window.channel, finer(len(reduced.mean), found.window))
+        then = reduced.likeliest(window.channel, found.window)
         if then is None or not LITTLE < abs(then.thrust - 1) < MOST:
             return None
         near = next((value for value in EXACT if abs(then.thrust - value) < max(NEAR, SURE * then.sigma)), then.thrust)
@@ -187,12 +179,8 @@ def _led(look: Look, window: Window, beside: Disturbance) -> _Mended | None:
 def _mended(look: Look, window: Window, beside: Disturbance, theta: Array) -> _Mended | None:
     """With a failure in the pulses of a window; None where these are none or all, or the log can't be reduced."""
     begin_s, vehicle = _pulses(look, window.channel), look.case.vehicle
-    half = vehicle.cycle.period_s / 2
-    design = (look.case.designs or Designs()).of(*look.case[:3], look.piece)
-    edges = np.append(design.start_s, design.start_s[-1] + design.duration_s[-1])[[window.first, window.stop]]
-    edges = by_commands_clock(look.case.log, vehicle, edges)
-    first, stop = (int(n) for n in np.searchsorted(begin_s, edges - half))
-    first, stop = 0 if window.first == 0 else first, len(begin_s) if window.stop == len(design.start_s) else stop
+    half, edges = vehicle.cycle.period_s / 2, np.array([window.begin_s, window.end_s])
+    first, stop = (int(n) for n in np.searchsorted(begin_s, by_commands_clock(look.case.log, vehicle, edges) - half))
     if stop <= first or stop - first == len(begin_s):
         return None
     start_s, end_s = (None if n in (0, len(begin_s)) else round(float(begin_s[n]) - half, 6) for n in (first, stop))

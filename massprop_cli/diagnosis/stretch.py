@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.timing import Timing
 
+BLOCKS = 32
+"""Parts of a stretch at whose edges something is taken to begin, or end, first."""
 MEMORY = 64
 """Cycles before a stretch that commands may come from, under any delay that is tried."""
 
@@ -30,6 +32,12 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
     begin = 0 if integrated else max(first - MEMORY - int(timing.delay + LAGS_FORGOTTEN * timing.lag), 0)
     end = min(stop + 1, log.cycles)
     return log.part(begin, end), slice(first - begin, stop - begin)
+
+
+def edges_of(first: int, stop: int) -> IntArray:
+    """(≤ BLOCKS + 1,) edges of equal parts of these cycles, both ends among them."""
+    found: IntArray = np.unique(np.linspace(first, stop, BLOCKS + 1).astype(int))
+    return found
 
 
 def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:

@@ -16,22 +16,15 @@ from massprop_cli.diagnosis.channelwise import SLOW, waves
 from massprop_cli.diagnosis.contest import TINY
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.look import CLEAR, Look
+from massprop_cli.diagnosis.stretch import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import plant_of
 
-BLOCKS = 32
-"""Parts of a stretch at whose edges windows begin and end first."""
 OWN = 1e-9
 """Part of a window's column that is its own, not another body's, below which it is none."""
 STEP = 1e-4
 """Of each of θ's natural size, the step of a derivative."""
-
-
-def edges_of(count: int) -> IntArray:
-    """Edges of equal parts of so many cycles."""
-    found: IntArray = np.unique(np.linspace(0, count, BLOCKS + 1).astype(int))
-    return found
 
 
 class Window(NamedTuple):
@@ -41,19 +34,16 @@ class Window(NamedTuple):
     """Among those that fired."""
     first: int
     stop: int
+    begin_s: float
+    """When the first of these cycles begins; −∞ where it is the first of all."""
+    end_s: float
+    """When the last of them ends; ∞ where it is the last of all."""
     thrust: float
+    """What of its stated thrust it gives in them."""
     sigma: float
+    """Of that."""
     gain: float
-    """−2 log likelihood that it leaves less than what is stated does, or one part all along."""
-
-
-def finer(count: int, window: Window) -> IntArray:
-    """Edges of all parts, and every cycle near those of a window."""
-    edges = edges_of(count)
-    at = np.searchsorted(edges, [window.first, window.stop])
-    near = [np.arange(edges[max(i - 2, 0)], edges[min(i + 2, BLOCKS)] + 1) for i in at if 0 < edges[min(i, BLOCKS)] < count]
-    found: IntArray = np.unique(np.concatenate([edges, *near]))
-    return found
+    """−2 log likelihood that it leaves less than one part all along does."""
 
 
 class Reduced:
@@ -62,9 +52,8 @@ class Reduced:
     def __init__(self, look: Look, by: Look, beside: Disturbance) -> None:
         case, theta = look.case, by.stated.value("theta")
         self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, look.piece, theta)
-        self.mean = self.design.mean
         self._beside = beside._replace(white=beside.white + self.design.driven.coupling)
-        self._slow = waves(len(self.mean), SLOW if "east" in self.design.places else 0)
+        self._slow = waves(len(self.design.mean), SLOW if "east" in self.design.places else 0)
         rates, turning = self._white(self.design.growth)
         force = self._heard(self.design.mean)
         measured = turning, self._heard(self.design.force)
@@ -103,16 +92,19 @@ class Reduced:
         found: Array = rows - base @ (base.T @ rows)
         return found
 
-    def likeliest(self, channel: int, edges: IntArray) -> Window | None:
-        """The window of one channel, between two edges, that leaves least; None where one part all along leaves no more."""
+    def likeliest(self, channel: int, near: Window | None = None) -> Window | None:
+        """The window of one channel that leaves least, between edges of equal parts, and any cycles near those of another window.
+
+        None where one part all along leaves no more.
+        """
+        edges = self._edges(near)
         size, told = self._parts(channel, edges)
         ahead = np.pad(size, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
         own = np.diag(ahead)[None, :] + np.diag(ahead)[:, None] - ahead - ahead.T
         sums = np.pad(told, (1, 0)).cumsum()
         clear = np.triu(own > OWN * max(float(np.diag(size).max()), TINY), 1)
-        own = np.where(clear, own, np.inf)
-        by = (sums[None, :] - sums[:, None]) / own
-        gain = -self.count * np.log1p(-np.minimum(np.where(clear, by**2 * np.where(clear, own, 0.0), 0.0) / self.chi_square, 1 - OWN))
+        own, said = np.where(clear, own, np.inf), sums[None, :] - sums[:, None]
+        gain = -self.count * np.log1p(-np.minimum(said**2 / own / self.chi_square, 1 - OWN))
         ends = max(gain[0, :].max(), gain[:, -1].max())
         first, stop = divmod(int(np.argmax(gain)), len(edges))
         if gain[first, stop] < ends + CLEAR:  # one edge alone
@@ -120,11 +112,27 @@ class Reduced:
         gained = float(gain[first, stop] - max(gain[0, -1], 0.0))
         if gained < CLEAR:
             return None
-        return Window(channel, int(edges[first]), int(edges[stop]), 1 + float(by[first, stop]), float(own[first, stop] ** -0.5), gained)
+        by, sigma = float(said[first, stop] / own[first, stop]), float(own[first, stop] ** -0.5)
+        return Window(channel, *self._cycles(int(edges[first]), int(edges[stop])), 1 + by, sigma, gained)
+
+    def _edges(self, near: Window | None) -> IntArray:
+        edges = edges_of(0, len(self.design.mean))
+        if near is None:
+            return edges
+        at = [int(np.searchsorted(edges, edge)) for edge in (near.first, near.stop) if 0 < edge < edges[-1]]
+        around = [np.arange(edges[max(i - 2, 0)], edges[min(i + 2, len(edges) - 1)] + 1) for i in at]
+        found: IntArray = np.unique(np.concatenate([edges, *around]))
+        return found
+
+    def _cycles(self, first: int, stop: int) -> tuple[int, int, float, float]:
+        """A window's cycles, and when they begin and end."""
+        start_s, duration_s = self.design.start_s, self.design.duration_s
+        begin_s = -np.inf if first == 0 else float(start_s[first])
+        return first, stop, begin_s, np.inf if stop == len(start_s) else float(start_s[stop - 1] + duration_s[stop - 1])
 
     def _parts(self, channel: int, edges: IntArray) -> tuple[Array, Array]:
         """(B, B) products of a channel's parts between each two edges, and (B,) their products with what is left, less another body's."""
-        cycle = np.arange(len(self.mean))[:, None]
+        cycle = np.arange(len(self.design.mean))[:, None]
         within = (cycle >= edges[:-1]) & (cycle < edges[1:])
         rising, falling = (part[:, channel, None] * within for part in self.design.acted)
         rates, _ = self._white(rising[:-1] + falling[1:])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from massprop_cli.campaign import work
 from massprop_cli.campaign.plan import Job, Settings
 from massprop_cli.campaign.work import Inputs
+from massprop_cli.inputs.formats import apart, recording
 
 
 def message(log: str, shown: str, said: str) -> str:
@@ -56,9 +58,24 @@ def test_what_the_machine_does_not_take_is_no_fault_of_the_log_and_is_tried_agai
     assert len(again.outcome.fingerprint) == 64
 
 
-def test_a_package_that_is_not_there_is_no_fault_of_the_log() -> None:
-    assert work.OF_MACHINE.search("a.mf4: reading a MDF4 file needs the package asammdf; pip install 'massprop[formats]'")
-    assert not work.OF_MACHINE.search("a.csv: lacks column time_s; state it under [columns]")
+def test_a_package_that_is_not_there_is_no_fault_of_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor is what the process that reads a recording refuses by a limit."""
+    (tmp_path / "log.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
+    (tmp_path / "vehicle.toml").write_text('schema = 1\nname = "v"\n')
+
+    def refusing(told: dict[str, Any]) -> str:
+        def read(path: Path, *_: Any) -> Any:
+            return apart._read(path, next(iter(recording.KINDS.values())), told, tmp_path)
+
+        monkeypatch.setattr(apart, "read", read)
+        produced = work.process(Job("log", str(tmp_path / "log.mf4"), "log.mf4"))
+        assert produced is not None
+        assert produced.outcome.exit_code == 3
+        return produced.outcome.fingerprint
+
+    assert refusing({"missing": "asammdf"}) == ""
+    assert refusing({"refused": "too large", "by_machine": True}) == ""
+    assert len(refusing({"refused": "no numbers", "by_machine": False})) == 64
 
 
 def mark(report: bool) -> str:

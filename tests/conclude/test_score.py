@@ -89,7 +89,7 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 2))])
 def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
-    """With thrust.pulse_sigma stated nothing was tested: pitch jets at 95 % left iyy 28 sigma off and converged."""
+    """With thrust.pulse_sigma stated nothing was tested: pitch jets at 90 % left iyy over eight sigma off and converged."""
     keys = [*PLAN, "vehicle.thrust.pulse_sigma=0.02"]
     clean = simulate.fly(scenario.load("free-flyer", keys), [seed])
     found = examined(clean.log(0), clean.vehicle)

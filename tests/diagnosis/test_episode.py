@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis import design, episode
 from massprop_cli.diagnosis.episode import episodes
 from massprop_cli.diagnosis.look import Look
-from massprop_cli.diagnosis.windows import Reduced, edges_of
+from massprop_cli.diagnosis.windows import Reduced
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -43,11 +43,11 @@ def test_what_a_window_explains_is_what_regression_says(channel: int, monkeypatc
     monkeypatch.setattr(design, "COUPLING", 0.0)  # no white noise by the rates' products
     look = look_at("free-flyer", 4, *PLAN, failing("divert_xp", 0.7, 12.0))
     reduced = Reduced(look, look, NONE)
-    edges = edges_of(len(reduced.mean))
-    found = reduced.likeliest(channel, edges)
+    found = reduced.likeliest(channel)
     assert found is not None
     root = np.sqrt(reduced.weight)
-    within = (np.arange(len(reduced.mean)) >= found.first) & (np.arange(len(reduced.mean)) < found.stop)
+    cycle = np.arange(len(reduced.design.mean))
+    within = (cycle >= found.first) & (cycle < found.stop)
     rising, falling = (part[:, channel] * within for part in reduced.design.acted)
     own = reduced.by[reduced.design.places["channels"].start + channel] * root
     # rates without a disturbance are sums of their growth, less their own mean; specific force is as it stands
@@ -104,7 +104,7 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
     found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
     (mended,) = found.mended
     (stated,) = mended.settings
-    assert float(stated.split("end_s = ")[1].split(" ")[0]) == pytest.approx(20.0, abs=0.3)
+    assert float(stated.split("end_s = ")[1].split("}")[0]) == pytest.approx(20.0, abs=0.3)
     for number, conclusion in enumerate(mended.conclusions):
         for one, true in zip(conclusion.estimates.values(), flown.truth[0, number], strict=True):
             assert abs((one.value or 0.0) - true) < 4.5 * (one.sigma or 0.0)
@@ -133,20 +133,20 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
             (failing("yaw_p1", 0.0, 12.0),),
             "jet-dead",
             "jet yaw_p1 does not push at all from 1",
-            '{ jet = "yaw_p1", thrust = 0, start_s = 1',
+            '{jet = "yaw_p1", thrust = 0.0, start_s = 1',
         ),
         (
             (failing("divert_zn", -1.0, 14.0),),
             "jet-sign",
             "jet divert_zn pushes the other way than stated from 1",
-            'jet = "divert_zn", thrust = -1, ',
+            'jet = "divert_zn", thrust = -1.0, ',
         ),
         ((failing("pitch_p1", 0.7, None, 10.0),), "thrust-scale", "of the stated thrust until ", 'jet = "pitch_p1", thrust = 0.'),
         (
             (failing("divert_yp", 0.0, 9.0, 13.0), "disturbance.walk_n_m=1e-4"),
             "jet-dead",
             "jet divert_yp does not push at all from ",
-            'jet = "divert_yp", thrust = 0, start_s = ',
+            'jet = "divert_yp", thrust = 0.0, start_s = ',
         ),
     ],
 )

@@ -75,7 +75,7 @@ def test_a_few_rows_tell_no_scale(rows: int) -> None:
 
 
 def test_a_right_gyro_of_a_steady_spin_is_taken_beside_a_noisy_attitude() -> None:
-    """Less its mean such a spin is nothing but noise: of 60 right ones 4 to 21 were refused."""
+    """Less its mean such a spin is nothing but noise, by which no scale is told."""
     rate = np.tile([0.0, 0.0, 0.4], (ROWS, 1))
     turns = Rotation.from_rotvec(np.outer(np.arange(1, ROWS + 1) * STEP_S, [0.0, 0.0, 0.4]))
     for seed in range(40):

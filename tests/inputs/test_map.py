@@ -2,70 +2,20 @@ from __future__ import annotations
 
 import random
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
 from massprop_cli.inputs.formats import mapfile, mapped, pathpattern, resample
-from massprop_cli.inputs.formats.recording import Numbers, Recording, stream
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.inputs.tablefile import Table
-from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.vehiclefile import load, parse
+from massprop_cli.inputs.vehiclefile import parse
+from tests.streams import RECORDS, SIX, WRENCH_MAP, made, motion, values
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
-WRENCH_MAP = """
-schema = 1
-[gyro]
-paths = "imu/w?"
-values = "sample"
-[accelerometer]
-paths = "imu/a?"
-values = "sample"
-[torque]
-paths = "cmd/t?"
-[force]
-paths = "cmd/f?"
-"""
-
-
-def recording(streams: dict[str, tuple[Numbers, str, str]]) -> Recording:
-    """A recording in memory: values, clock and unit by path."""
-    return Recording(Path("x.h5"), "0", "recording", {path: stream(path, *said) for path, said in streams.items()})
-
-
-def made(streams: dict[str, tuple[Numbers, str, str]], text: str) -> Table:
-    return mapped.of(recording(streams), mapfile.parse(text, "m.toml"))
-
-
-def values(table: Table, names: tuple[str, ...]) -> Array:
-    return np.stack([table.columns[name].numbers() for name in names], 1)
-
-
-def motion(
-    seconds: float = 20.0, imu_hz: float = 200.0, command_hz: float = 20.0, begin: float = 0.0
-) -> dict[str, tuple[Numbers, str, str]]:
-    """Rates and forces of sines, commands of steps, each with a clock of its own."""
-    t = begin + np.arange(round(seconds * imu_hz)) / imu_hz
-    late = begin + 0.0013 + np.arange(round(seconds * imu_hz / 2)) / imu_hz * 2
-    issued = begin + 0.0207 + np.arange(round(seconds * command_hz)) / command_hz
-    steps = np.random.default_rng(3).normal(size=(6, len(issued)))
-    streams = {"imu/t": (t, "", "s"), "acc/t": (late, "", "s"), "cmd/t": (issued, "", "s")}
-    streams |= {f"imu/w{axis}": (np.sin((n + 1) * t), "imu/t", "rad/s") for n, axis in enumerate("xyz")}
-    streams |= {f"imu/a{axis}": (np.cos((n + 1) * late), "acc/t", "m/s^2") for n, axis in enumerate("xyz")}
-    streams |= {f"cmd/{kind}{axis}": (steps[n], "cmd/t", unit) for n, (kind, axis, unit) in enumerate(_SIX)}
-    return streams
-
-
-_SIX = [(kind, axis, unit) for kind, unit in (("t", "N m"), ("f", "N")) for axis in "xyz"]
-RECORDS = "[records]\ninterval_s = 0.01\nper_cycle = 5\n"
 
 
 def test_records_are_the_integrals_of_what_was_sampled() -> None:
@@ -86,7 +36,7 @@ def test_cycles_begin_with_the_commands_and_hold_one_each() -> None:
     assert table.rows % 5 == 0
     assert table.columns["time_s"].numbers()[0] == pytest.approx(0.0207 + 0.01)
     commands = values(table, columns.WRENCH)
-    stated = np.stack([streams[f"cmd/{kind}{axis}"][0] for kind, axis, _ in _SIX], 1)
+    stated = np.stack([streams[f"cmd/{kind}{axis}"][0] for kind, axis, _ in SIX], 1)
     np.testing.assert_allclose(commands[::5], stated[: table.rows // 5], atol=1e-9)
     assert table.made is not None
     said = "\n".join(table.made.said)
@@ -142,20 +92,6 @@ def test_no_impulse_is_lost_where_commands_and_cycles_differ() -> None:
     assert (table.columns["cmd_torque_x_n_m"].numbers()[::5] * np.diff(edges)).sum() == pytest.approx(
         held.sum() * (fine[1] - fine[0]), rel=1e-4
     )
-
-
-def test_clocks_of_the_epoch_keep_their_nanoseconds() -> None:
-    plain, epoch = motion(), motion()
-    for path in ("imu/t", "acc/t", "cmd/t"):
-        whole = np.round(plain[path][0] * 1e9).astype(np.int64) + 1_760_000_000_123_456_789
-        epoch[path] = (whole, "", "ns")
-    text = WRENCH_MAP + RECORDS + 'zero = "start"\n'
-    first, second = made(plain, text), made(epoch, text)
-    assert first.rows == second.rows
-    for name in first.columns:
-        np.testing.assert_allclose(second.columns[name].numbers(), first.columns[name].numbers(), atol=3e-9)
-    assert second.made is not None
-    assert "time_s counts from 1760000000" in "\n".join(second.made.said)
 
 
 def test_axes_signs_scales_and_units_are_applied() -> None:
@@ -221,67 +157,6 @@ def test_speeds_of_wheels_that_come_slower_than_control_cycles_are_told_of(hz: f
     assert not slow or told[0].startswith(wanted)
 
 
-def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
-    """A log as three streams: each sensor and the commands with a clock of its own."""
-    streams: dict[str, tuple[Numbers, str, str]] = {"g/t": (log.time_s, "", "s"), "a/t": (log.time_s * 1e3 + 250, "", "ms")}
-    streams |= {f"g/{a}": (log.delta_theta_imu_rad[:, n], "g/t", "rad") for n, a in enumerate("xyz")}
-    streams |= {f"a/{a}": (log.delta_v_imu_m_s[:, n], "a/t", "m/s") for n, a in enumerate("xyz")}
-    begin = log.time_s[:: log.records_per_cycle] - log.interval_s[:: log.records_per_cycle]
-    streams |= {"c/t": (begin, "", "s")}
-    return streams | {f"c/{jet.name}": (log.command[:, n], "c/t", "s") for n, jet in enumerate(vehicle.jets)}
-
-
-def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
-    vehicle = load(SAMPLES / "high-rate" / "vehicle.toml").vehicle
-    log = telemetry.read(read_table(SAMPLES / "high-rate" / "log.parquet"), vehicle).part(0, 60)
-    jets = "".join(f'[jets.{jet.name}]\npath = "c/{jet.name}"\n' for jet in vehicle.jets)
-    text = (
-        'schema = 1\n[gyro]\npaths = ["g/x", "g/y", "g/z"]\nvalues = "increment"\n[accelerometer]\npaths = "a/[xyz]"\n'
-        f'values = "increment"\nclock = {{ path = "a/t", offset_s = -0.25 }}\n{jets}[records]\nsamples = 1\nper_cycle = 20\n'
-    ).replace('"a/[xyz]"', '["a/x", "a/y", "a/z"]')
-    again = telemetry.read(made(_as_streams(log, vehicle), text), vehicle)
-    assert again.cycles == 60
-    for one in fields(Log):
-        stated, found = getattr(log, one.name), getattr(again, one.name)
-        if isinstance(stated, np.ndarray):
-            np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
-
-
-def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
-    streams = motion()
-    plain = made(streams, WRENCH_MAP + RECORDS)
-    # of all, where the gyro alone has none: the commands' is their own, though it is as long
-    bare = streams | {path: (streams[path][0], "", "rad/s") for path in ("imu/wx", "imu/wy", "imu/wz")}
-    common = WRENCH_MAP.replace("schema = 1", 'schema = 1\nclock = { path = "imu/t", unit = "s" }') + RECORDS
-    late = {"cmd/t": (streams["cmd/t"][0] * 1e3, "", "ms"), "other/t": (streams["cmd/t"][0] + 0.3, "", "s")}
-    for found in (made(bare | late, common), made(streams, common), made(streams, common.replace("imu/t", "cmd/t"))):
-        for name in columns.WRENCH + columns.DELTA_THETA:
-            np.testing.assert_allclose(found.columns[name].numbers(), plain.columns[name].numbers(), atol=1e-12)
-    with pytest.raises(InputError, match=r"its clock 'imu/t'|clock 'other/t' 400|has 4000 samples and its clock 'other/t' 400"):
-        made(bare | late, common.replace("imu/t", "other/t"))
-
-
-INCREMENTS = WRENCH_MAP.replace('paths = "imu/w?"\nvalues = "sample"', 'paths = "imu/w?"\nvalues = "increment"')
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("", 1e6), ("us", 1e6), ("", 1.0), ("ms", 1e3)])
-def test_increments_must_cover_their_interval_where_the_file_says_what_they_cover(unit: str, factor: float) -> None:
-    streams = motion()
-    streams |= {path: (streams[path][0] * 0.005, "imu/t", "rad") for path in ("imu/wx", "imu/wy", "imu/wz")}
-    scatter = 1 + 0.01 * np.random.default_rng(1).normal(size=4000)
-    whole = made(streams | {"imu/w_dt": (0.005 * factor * scatter, "imu/t", unit)}, INCREMENTS + RECORDS)
-    np.testing.assert_array_equal(
-        whole.columns["delta_theta_x_rad"].numbers(), made(streams, INCREMENTS + RECORDS).columns["delta_theta_x_rad"].numbers()
-    )
-    # every second one was logged
-    half = {"imu/w_dt": (np.full(4000, 0.0025 * factor), "imu/t", unit)}
-    said = rf"'imu/wx': an increment covers {0.0025 * factor:g} by 'imu/w_dt', and they come every 0.005 s.*\[gyro\] of m.toml"
-    with pytest.raises(InputError, match=said):
-        made(streams | half, INCREMENTS + RECORDS)
-    # of another length it is no companion of theirs
-    made(streams | {"imu/w_dt": (np.full(40, 0.0025 * factor), "", unit)}, INCREMENTS + RECORDS)
-
-
 REFUSED = {
     "no such path": (
         WRENCH_MAP.replace('"imu/w?"', '["imu/wx", "imu/wy", "imu/zz"]'),
@@ -323,17 +198,6 @@ REFUSED = {
 def test_a_wrong_map_is_refused_with_file_path_and_remedy(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         made(motion(), text)
-
-
-def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
-    streams = motion()
-    kept = np.delete(np.arange(4000), [1000, 1001])
-    streams |= {path: (streams[path][0][kept], *streams[path][1:]) for path in streams if path.startswith("imu/w") or path == "imu/t"}
-    text = WRENCH_MAP + RECORDS.replace("0.01", "0.025").replace("5\n", "2\n")
-    whole, bridged = made(motion(), text), made(streams, text)
-    np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
-    assert bridged.made is not None
-    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
 
 
 def test_streams_that_are_not_right_are_refused() -> None:

@@ -16,7 +16,7 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import listing, propose, reading, units
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.tablefile import Table
-from tests.inputs.test_map import motion
+from tests.streams import motion
 
 MAP = """
 schema = 1

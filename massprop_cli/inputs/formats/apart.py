@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base import limits
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.inputs.formats import recording
 from massprop_cli.inputs.formats.recording import Kind, Numbers, Read, Stream
 
@@ -36,7 +36,7 @@ def read(path: Path, data: bytes, found: Kind) -> Read:
         index = Path(folder) / _INDEX
         if code or not index.exists():
             spent = f"{allowed[0]} s or {allowed[1] / 2**20:.0f} MiB"
-            raise InputError(
+            raise MachineError(
                 f"{path}: not a readable {found.name} (its reader crashed, or took more than {spent}); copy it again from the recorder, or "
                 f"if it is whole, set {limits.READER_SECONDS.variable} and {limits.READER_MEMORY.variable}"
             )
@@ -69,9 +69,9 @@ def _limits_are_the_systems() -> bool:
 
 def _read(path: Path, found: Kind, told: dict[str, Any], numbers: Path) -> Read:
     if "refused" in told:
-        raise InputError(told["refused"])
+        raise (MachineError if told["by_machine"] else InputError)(told["refused"])
     if "missing" in told:
-        raise InputError(f"{path}: reading a {found.name} needs the package {told['missing']}; pip install 'massprop[{found.extra}]'")
+        raise MachineError(f"{path}: reading a {found.name} needs the package {told['missing']}; pip install 'massprop[{found.extra}]'")
     streams, at = [], 0
     for one in told["streams"]:
         if "problem" in one:
@@ -96,7 +96,7 @@ def main(path: Path, module: str, folder: Path, seconds: int, memory: int) -> No
     try:
         told = _told(path, module, folder / _NUMBERS)
     except InputError as error:
-        told = {"refused": str(error)}
+        told = {"refused": str(error), "by_machine": isinstance(error, MachineError)}
     except ImportError as error:
         told = {"missing": error.name}
     (folder / "whole").write_text(json.dumps(told), encoding="ascii")

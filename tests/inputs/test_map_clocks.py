@@ -1,0 +1,106 @@
+"""Clocks of a map's streams: their own, the map's, of the epoch, with a gap; and what an increment covers."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns, telemetry
+from massprop_cli.inputs.formats.recording import Numbers
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import load
+from tests.streams import RECORDS, WRENCH_MAP, made, motion, values
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+
+
+def test_clocks_of_the_epoch_keep_their_nanoseconds() -> None:
+    plain, epoch = motion(), motion()
+    for path in ("imu/t", "acc/t", "cmd/t"):
+        whole = np.round(plain[path][0] * 1e9).astype(np.int64) + 1_760_000_000_123_456_789
+        epoch[path] = (whole, "", "ns")
+    text = WRENCH_MAP + RECORDS + 'zero = "start"\n'
+    first, second = made(plain, text), made(epoch, text)
+    assert first.rows == second.rows
+    for name in first.columns:
+        np.testing.assert_allclose(second.columns[name].numbers(), first.columns[name].numbers(), atol=3e-9)
+    assert second.made is not None
+    assert "time_s counts from 1760000000" in "\n".join(second.made.said)
+
+
+def _as_streams(log: Log, vehicle: Vehicle) -> dict[str, tuple[Numbers, str, str]]:
+    """A log as three streams: each sensor and the commands with a clock of its own."""
+    streams: dict[str, tuple[Numbers, str, str]] = {"g/t": (log.time_s, "", "s"), "a/t": (log.time_s * 1e3 + 250, "", "ms")}
+    streams |= {f"g/{a}": (log.delta_theta_imu_rad[:, n], "g/t", "rad") for n, a in enumerate("xyz")}
+    streams |= {f"a/{a}": (log.delta_v_imu_m_s[:, n], "a/t", "m/s") for n, a in enumerate("xyz")}
+    begin = log.time_s[:: log.records_per_cycle] - log.interval_s[:: log.records_per_cycle]
+    streams |= {"c/t": (begin, "", "s")}
+    return streams | {f"c/{jet.name}": (log.command[:, n], "c/t", "s") for n, jet in enumerate(vehicle.jets)}
+
+
+def test_streams_with_clocks_of_their_own_give_the_log_they_are_of() -> None:
+    vehicle = load(SAMPLES / "high-rate" / "vehicle.toml").vehicle
+    log = telemetry.read(read_table(SAMPLES / "high-rate" / "log.parquet"), vehicle).part(0, 60)
+    jets = "".join(f'[jets.{jet.name}]\npath = "c/{jet.name}"\n' for jet in vehicle.jets)
+    text = (
+        'schema = 1\n[gyro]\npaths = ["g/x", "g/y", "g/z"]\nvalues = "increment"\n[accelerometer]\npaths = "a/[xyz]"\n'
+        f'values = "increment"\nclock = {{ path = "a/t", offset_s = -0.25 }}\n{jets}[records]\nsamples = 1\nper_cycle = 20\n'
+    ).replace('"a/[xyz]"', '["a/x", "a/y", "a/z"]')
+    again = telemetry.read(made(_as_streams(log, vehicle), text), vehicle)
+    assert again.cycles == 60
+    for one in fields(Log):
+        stated, found = getattr(log, one.name), getattr(again, one.name)
+        if isinstance(stated, np.ndarray):
+            np.testing.assert_allclose(found, stated, atol=1e-12, err_msg=one.name)
+
+
+def test_the_maps_own_clock_is_of_the_streams_that_have_none() -> None:
+    streams = motion()
+    plain = made(streams, WRENCH_MAP + RECORDS)
+    # of all, where the gyro alone has none: the commands' is their own, though it is as long
+    bare = streams | {path: (streams[path][0], "", "rad/s") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    common = WRENCH_MAP.replace("schema = 1", 'schema = 1\nclock = { path = "imu/t", unit = "s" }') + RECORDS
+    late = {"cmd/t": (streams["cmd/t"][0] * 1e3, "", "ms"), "other/t": (streams["cmd/t"][0] + 0.3, "", "s")}
+    for found in (made(bare | late, common), made(streams, common), made(streams, common.replace("imu/t", "cmd/t"))):
+        for name in columns.WRENCH + columns.DELTA_THETA:
+            np.testing.assert_allclose(found.columns[name].numbers(), plain.columns[name].numbers(), atol=1e-12)
+    with pytest.raises(InputError, match=r"its clock 'imu/t'|clock 'other/t' 400|has 4000 samples and its clock 'other/t' 400"):
+        made(bare | late, common.replace("imu/t", "other/t"))
+
+
+INCREMENTS = WRENCH_MAP.replace('paths = "imu/w?"\nvalues = "sample"', 'paths = "imu/w?"\nvalues = "increment"')
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("", 1e6), ("us", 1e6), ("", 1.0), ("ms", 1e3)])
+def test_increments_must_cover_their_interval_where_the_file_says_what_they_cover(unit: str, factor: float) -> None:
+    streams = motion()
+    streams |= {path: (streams[path][0] * 0.005, "imu/t", "rad") for path in ("imu/wx", "imu/wy", "imu/wz")}
+    scatter = 1 + 0.01 * np.random.default_rng(1).normal(size=4000)
+    whole = made(streams | {"imu/w_dt": (0.005 * factor * scatter, "imu/t", unit)}, INCREMENTS + RECORDS)
+    np.testing.assert_array_equal(
+        whole.columns["delta_theta_x_rad"].numbers(), made(streams, INCREMENTS + RECORDS).columns["delta_theta_x_rad"].numbers()
+    )
+    # every second one was logged
+    half = {"imu/w_dt": (np.full(4000, 0.0025 * factor), "imu/t", unit)}
+    said = rf"'imu/wx': an increment covers {0.0025 * factor:g} by 'imu/w_dt', and they come every 0.005 s.*\[gyro\] of m.toml"
+    with pytest.raises(InputError, match=said):
+        made(streams | half, INCREMENTS + RECORDS)
+    # of another length it is no companion of theirs
+    made(streams | {"imu/w_dt": (np.full(40, 0.0025 * factor), "", unit)}, INCREMENTS + RECORDS)
+
+
+def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
+    streams = motion()
+    kept = np.delete(np.arange(4000), [1000, 1001])
+    streams |= {path: (streams[path][0][kept], *streams[path][1:]) for path in streams if path.startswith("imu/w") or path == "imu/t"}
+    text = WRENCH_MAP + RECORDS.replace("0.01", "0.025").replace("5\n", "2\n")
+    whole, bridged = made(motion(), text), made(streams, text)
+    np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
+    assert bridged.made is not None
+    assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
