@@ -58,8 +58,8 @@ beginning of that log is chaotic, so that a change of 1e-13 of what is measured 
 
 NumPy alone runs what the kernel's causal pass doesn't hold: environments other than `free` and `air_bearing`, [drift], damping that is
 looked for, wheels, rotors, jets or an IMU with uncertain places or thrust, more than 16 bins a cycle, and delay or lag with a sigma (also
-one that was found in the log). Of a log with a thrust lag, thrust that sags, a drifting clock, a low-pass within a sensor, more than 64
-jets or a delay beyond 19 cycles only the alignment is NumPy's.
+one that was found in the log). Of a log with a thrust lag, thrust that sags or fails for a time, a drifting clock, a low-pass within a
+sensor, more than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
 
 `massprop export-flight` writes the sources with a vehicle's tables for a flight computer, and a test vector that must come back to the
 last bit: it does on x86-64 with and without sanitizers, and on 32-bit ARM (gcc-arm-linux-gnueabihf under qemu-user). `massprop live`

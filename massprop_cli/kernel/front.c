@@ -263,7 +263,7 @@ static void bias_seen(mp_front *front, const mp_cycle *cycle, const mp_real mean
     mp_solved(weighted, count, bias);
     size = MP_SQRT(mp_dot(bias, bias));
     for (i = 0; i < 3; i++) bias[i] *= mp_min(R(1), FARTHEST * sigma / mp_max(size, sigma));
-    mp_times((const mp_real(*)[3])front->window, bias, front->off);
+    for (i = 0; i < 3; i++) front->off[i] = mp_dot(front->window[i], bias);
 }
 
 /* Where the attitude may be at the start of a cycle. */
