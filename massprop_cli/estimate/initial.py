@@ -20,6 +20,9 @@ from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
 SIGNIFICANT = 6.0
 """An axis' response to its command must exceed its own sigma this many times before anything is said."""
+COUPLE = 1e-3
+"""Part of the force of a couple, torque over the jets' reach, below which a force is what a couple has left, and tells no mass: the body
+turns about its CG, whose own acceleration exceeds what that force makes."""
 FIRST = 4096
 """Cycles in which most vehicles have moved."""
 _SPREAD = 30.0
@@ -41,7 +44,7 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     if plant.pivoted:
         load = _mean_step(_force_at(plant.pivot, here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
-    mu = _mu(here, vehicle)
+    mu = _mu(here, torque, vehicle)
     if scale is None:
         return None if mu is None else _unturned(mu, vehicle)
     mu = mu or _fallback_mu(vehicle, scale)
@@ -93,14 +96,18 @@ def _response(motion: Array, cause: Array, others: Array | None = None) -> float
     return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
 
 
-def _mu(samples: Samples, vehicle: Vehicle) -> float | None:
-    """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing."""
+def _mu(samples: Samples, torque: Array, vehicle: Vehicle) -> float | None:
+    """1/m by regressing acceleration on force (noise on the left), in the horizontal plane on a bearing.
+
+    ``torque`` (K − 1, 3), N m s: beside couples a force must be one, and not what rounding leaves of many jets'.
+    """
     force = samples.executed.impulse[:, 3:] / samples.executed.duration_s[:, None]
     felt = acceleration(samples, vehicle)
     if plant_of(vehicle).pivoted:
         up = samples.up_b[:-1]
         force, felt = (v - (v * up).sum(1, keepdims=True) * up for v in (force, felt))
-    return _response(felt, force)
+    couple = (torque**2).sum() / (samples.executed.duration_s.mean() * reach(vehicle)) ** 2
+    return _response(felt, force) if (force**2).sum() > COUPLE**2 * couple else None
 
 
 def fallback(vehicle: Vehicle) -> Reference:

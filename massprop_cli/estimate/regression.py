@@ -25,6 +25,8 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import drift
 from massprop_cli.prepare.compensate import Source
 
+ROUNDED = 1e3 * float(np.finfo(float).eps)
+"""Information on 1/m beside that of what draws it, as 1, below which it is rounding."""
 PASSES = 4
 """How often in a row cycles are taken in anew."""
 CHECKPOINT = 64
@@ -157,7 +159,7 @@ class Regression(Triangle):
             alone = right * (own / left)[..., None]
             alone[..., 0] -= drawn[MU] / left
             told = scale[MU] < faint * (theta[MU] * left + scale[MU] * alone[..., 0])
-        told &= self.weighed is None
+        told &= (self.weighed is None) & (left**2 > ROUNDED)
         return np.where(told, left / own, 1.0), np.where(told[..., None], alone, right)
 
     def _lightest(self, theta: Array, centre: Array, scale: Array, triangle: Array, solved: float) -> float:

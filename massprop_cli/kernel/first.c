@@ -9,6 +9,7 @@
 
 #define SIGNIFICANT R(6) /* an axis' response must exceed its own sigma this many times before anything is said */
 #define SPREAD R(30)     /* largest ratio of a reference's principal moments to the common scale */
+#define COUPLE R(1e-3)   /* part of a couple's force below which a force is what it has left, and tells no mass */
 #define COLUMNS 16       /* load 3, products 6, duration 1; torque 3; growth 3 */
 #define TORQUE 10
 #define GROWTH 13
@@ -128,9 +129,14 @@ static mp_real turning(const mp_start *start) {
 }
 
 /* Response of accelerations to forces, 1/m; 0: none. */
-static mp_real pushing(const mp_start *start) {
-    mp_real cause[3][6], motion[3][6];
-    int i;
+static mp_real pushing(const mp_vehicle *vehicle, const mp_start *start) {
+    mp_real cause[3][6], motion[3][6], push = R(0), couple = R(0), arm = start->duration_s / R(start->cycles) * vehicle->reach;
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        push += start->push[i][0] * start->push[i][0];
+        for (k = 0; k <= TORQUE + i; k++) couple += at(start->triangle, k, TORQUE + i) * at(start->triangle, k, TORQUE + i);
+    }
+    if (!(push * arm * arm > COUPLE * COUPLE * couple)) return R(0);
     memset(cause, 0, sizeof cause);
     memset(motion, 0, sizeof motion);
     for (i = 0; i < 3; i++) {
@@ -192,7 +198,7 @@ void mp_fallback(const mp_vehicle *vehicle, mp_reference *out) {
 }
 
 int mp_start_found(const mp_vehicle *vehicle, const mp_start *start, mp_reference *out) {
-    mp_real scale = turning(start), mu = pushing(start), triangle[MP_PACKED(COLUMNS)], prior[GROWTH], fit[GROWTH][3];
+    mp_real scale = turning(start), mu = pushing(vehicle, start), triangle[MP_PACKED(COLUMNS)], prior[GROWTH], fit[GROWTH][3];
     mp_real mean[3][3], values[3], axes[3][3], inertia[3][3], couple[3][3], cg[3], reach;
     int i, j, k;
     if (!(scale > R(0))) {

@@ -152,7 +152,7 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
 static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real scale[10], mp_real own, mp_real *right,
                      mp_real drawn, mp_real faint) {
     mp_real left = own * own - R(1), alone;
-    if ((MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0)) || !(left > R(0))) return R(1);
+    if ((MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0)) || !(left > R(1000) * MP_EPSILON)) return R(1);
     left = MP_SQRT(left);
     alone = *right * (own / left) - drawn / left;
     if (!(scale[9] < faint * (theta[9] * left + scale[9] * alone))) return R(1);

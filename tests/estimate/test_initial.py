@@ -1,10 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from massprop_cli import flow
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate.initial import first_reference
+from massprop_cli.estimate.regression import Regression
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare.actuators import channel_wrench
 from tests import flight
 
 pytestmark = pytest.mark.numerical
@@ -43,3 +49,31 @@ def test_forces_alone_give_a_mass_to_start_from() -> None:
     found = first_reference(flown.samples(np.random.default_rng(0)), slice(2, 160), flown.used)
     assert found is not None
     assert 1 / found.mu == pytest.approx(22, rel=0.2)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-15])
+def test_what_rounding_leaves_of_a_couples_forces_tells_no_mass(size: float) -> None:
+    """It goes with how O moves as the body turns about its CG, so that 1/m seemed to be 1e9 times as large, and the log told nothing."""
+    stated = flight.vehicle(imu={"accel_noise_m_s2": 2e-3})
+    on = flight.CYCLE * (flight.pulses(500, seed=4) > 0)
+    on[:80, 12:] = 0.0
+    log = flight.fly(stated, on, flight.TRUTH).log(np.random.default_rng(3), accel=2e-3)
+    wrench = on / flight.CYCLE @ channel_wrench(log, stated)
+    wrench[:80, 3:] = size * np.cross(wrench[:80, :3], flight.TRUTH[6:9])
+    wrench[:80, 3:] *= -1 / flight.TRUTH[[0, 3, 5]]
+    used = flight.vehicle(imu={"accel_noise_m_s2": 2e-3}, jets=[])
+    found = flow.examine(replace(log, command_kind="wrench", command=wrench), VehicleSource(used, "t", "")).conclusions[0]
+    assert {item.verdict for item in found.estimates.values()} == {"converged"}
+    assert np.abs((found.values - flight.TRUTH) / found.sigmas).max() < 4
+
+
+def test_information_that_is_rounding_frees_no_mass() -> None:
+    """Divided by, it is without bound: the triangle was singular then, and of a clean log with wheels and jets nothing was told."""
+    regression = Regression.__new__(Regression)
+    regression.weighed = None
+    one, right = np.ones(10), np.array([1e-7])
+    for own in (1.0, 1.0 + 1e-15, 1.0 - 1e-15):
+        factor, kept = regression._freed(one, one, np.array(own), right, np.zeros(10), 0.3)
+        assert (float(factor), float(kept[0])) == (1.0, 1e-7)
+    factor, _ = regression._freed(one, one, np.array(10.0), right, np.zeros(10), 0.3)
+    assert factor == pytest.approx(np.sqrt(99.0) / 10.0)
