@@ -4,7 +4,8 @@ Three things contradict: a fault that has a name (a unit, a jet, the delay, a sa
 does not bear out, and a misfit without a name: what the model leaves still follows the commands or the motion after all noise was sized
 (:mod:`massprop_cli.diagnosis.lackoffit`). A value is touched
 
-- by a named fault, unless the log, mended, contradicts nothing any more and gives the same value and the same sigma;
+- by a named fault, unless the log, mended, contradicts nothing any more, tells as much as it seemed to, and gives the same value and
+  sigma;
 - by a contradicted known value, if it is proportional to the thrust as that one is (mass, inertia), or all for a known CG;
 - by a misfit that no named fault stands for, if the log claims to tell it and what the misfit may have done to it exceeds its sigma by far.
 """
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from massprop_cli import CG, INERTIA, QUANTITIES
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
@@ -42,6 +43,8 @@ MATTERS = 1e-3
 """Part of its own size below which an error of a quantity is none."""
 AGREES, ALIKE = 1.0, 1.5
 """Sigmas within which a mended value is the same, and the ratio within which its sigma is."""
+STRAINED = 3.0
+"""By how much wider most of the mended sigmas may be."""
 LOST = 3.0
 """Sigmas by which the causal estimate of a whole phase may differ from the off-line fit of the same data. They use the same measurements,
 so where both hold they differ by much less than one."""
@@ -85,11 +88,24 @@ def by_faults(
         return None
     touched = np.ones(10, dtype=bool)
     for found in mended:
-        if found is not None and all(fault.cure is not None for fault in faults):
+        if found is not None and all(fault.cure is not None for fault in faults) and _settles(conclusion, found):
             touched &= ~_agree(conclusion, found)
     for values in rivals:
         touched |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
     return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
+
+
+def _settles(stated: Conclusion, mended: Conclusion) -> bool:
+    """Whether the log, mended, contradicts nothing and tells most of what it seemed to as sharply.
+
+    Else there is more, or a torque stands for what is left.
+    """
+    if mended.contradiction:
+        return False
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wider = mended.sigmas / stated.sigmas
+    wider = wider[np.isfinite(wider)]
+    return not wider.size or median(wider) < STRAINED
 
 
 def _agree(stated: Conclusion, mended: Conclusion) -> BoolArray:
@@ -100,6 +116,8 @@ def _same(one: Estimate, other: Estimate) -> bool:
     if one.value is None or other.value is None or not one.sigma or not other.sigma or other.verdict not in TOLD:
         return False
     sigma = min(one.sigma, other.sigma)
+    if one.verdict == "converged" != other.verdict:
+        return False  # a doubt of the mended log's is one of the log's
     return abs(one.value - other.value) <= AGREES * sigma and max(one.sigma, other.sigma) <= ALIKE * sigma
 
 

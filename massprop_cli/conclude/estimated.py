@@ -74,7 +74,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 
 
 def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Resolved], Checked]:
-    """By the default method; with ``check`` the causes of a misfit are looked for, and what the values rest on is examined."""
+    """By the default method, and what the values rest on is examined; with ``check`` the causes of a misfit are looked for."""
     plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
     diagnosis = _diagnosis(begun, plain.used, say) if check and (plain.dubious or plain.quiet) else None
     if diagnosis is not None and not plain.dubious and not diagnosis.explanations:
@@ -84,12 +84,12 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
-    if not check:
-        return answer, Checked(detected=begun.detected)
     say("what the numbers rest on", 1.0)
     more = sized(used, begun.stated)
     examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)
     doubted = _doubted(examination, begun, answer)
+    if not check:
+        return answer, Checked(doubts=doubted, detected=begun.detected)
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
