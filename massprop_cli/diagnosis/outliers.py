@@ -213,8 +213,12 @@ def _precession(here: Samples, rate: Array) -> Array:
 
 
 def _usual(rate: Array) -> Array:
-    """(K, 3) the middle one of each rate and its neighbours, so that an outlier explains nothing by what it makes of the regressors."""
-    before, after = np.vstack([rate[1:2], rate[:-1]]), np.vstack([rate[1:], rate[-2:-1]])
+    """(K, 3) the middle one of each rate and its neighbours, so that an outlier explains nothing by what it makes of the regressors.
+
+    At an end, where one neighbour is missing, the line through the next two stands for it.
+    """
+    first, last = (2 * rate[[1, -2]] - rate[[2, -3]])[:, None] if len(rate) > RUN else rate[[1, -2], None]
+    before, after = np.vstack([first, rate[:-1]]), np.vstack([rate[1:], last])
     middle: Array = np.sort(np.stack([before, rate, after]), axis=0)[1]
     return middle
 

@@ -20,6 +20,7 @@ from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
 from tests import faulty
+from tests import flight as other
 
 ROWS = [61, 62, 150, 233, 399]
 """Two in a row, and the last."""
@@ -132,3 +133,10 @@ def searched(flown: Flight, member: int) -> bool:
     phases = used.phases or (Phase(name="all", start_s=0.0, end_s=1e9),)
     pieces = [phase_cycles(phase, log.cycle_end_s, log.cycle_end_s > samples.usable_s + 0.01) for phase in phases]
     return bool(outliers.screened(log, used, samples, pieces)[1])
+
+
+def test_the_ends_of_a_fast_spin_are_motion() -> None:
+    """Its rate changes by a part of itself in a cycle: the one before had stood for the last, which looked 50 sigma out."""
+    stated = changed(other.vehicle(), ["imu.gyro_noise_rad_s=2e-5", "imu.accel_noise_m_s2=2e-3"])
+    flown = other.fly(stated, other.pulses(300, seed=2), other.TRUTH, rate=np.array([6.3, 0.9, -0.7]), step_s=other.STEP / 4)
+    assert examined(flown.log(np.random.default_rng(1), gyro=2e-5, accel=2e-3), stated).notices == ()
