@@ -21,7 +21,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
-FINER = ((0.3, 16), (0.15, 8))
+FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 """Angles, rad, by which a body turns in a cycle, from which on so many bins are to follow the motion within it
 (tests/estimate/test_fast_turns.py)."""
 SELDOM = 0.98

@@ -42,8 +42,8 @@ class EstimatorSettings(Section):
         4,
         ge=2,
         le=200,
-        description="resolution of motion within a control cycle; left out, the default method takes 8 or 16 where the log turns by 0.15 "
-        "or 0.3 rad in one",
+        description="resolution of motion within a control cycle; left out, the default method takes 8, 16, 32 or 64 where the log turns "
+        "by 0.15, 0.3, 0.6 or 1.2 rad in one",
     )
     prior_scale: Positive = Field(100.0, le=1e6, description="prior sigma over the vehicle's natural size; larger pulls less")
     accel_noise_scale: tuple[Positive, Positive, Positive] = Field(

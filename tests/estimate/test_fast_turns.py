@@ -83,3 +83,18 @@ def test_finer_bins_would_change_nothing_and_four_do(member: int, flights: Fligh
     coarse = np.abs(sigmas(examined("estimator.bins_per_cycle=4"), exact)).max()
     assert coarse > 0.3
     assert np.abs(sigmas(examined(), exact)).max() < 0.15 * coarse
+
+
+@pytest.mark.numerical
+def test_a_body_that_turns_by_more_than_half_a_radian_in_a_cycle_is_followed_in_finer_bins_still() -> None:
+    slower = [value for value in PLAN if not value.startswith(("duration_s", "vehicle.cycle.period_s"))]
+    flown = simulate.fly(scenario.load("free-flyer", (*slower, "duration_s=76.8", "vehicle.cycle.period_s=0.32")), [1])
+
+    def examined(*settings: str) -> Analysis:
+        return flow.examine(flown.log(0), VehicleSource(changed(flown.vehicle, settings), "", ""))
+
+    assert finer(flown.log(0), flown.vehicle).estimator.bins_per_cycle == 32
+    found, exact = examined(), examined("estimator.bins_per_cycle=128").conclusions[0].values
+    assert {item.verdict for item in found.conclusions[0].estimates.values()} == {"converged"}
+    assert np.abs(sigmas(examined("estimator.bins_per_cycle=16"), exact)).max() > 0.5
+    assert np.abs(sigmas(found, exact)).max() < 0.3
