@@ -10,7 +10,7 @@ from massprop_cli.conclude import docking
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.estimate.quantities import by_scale_beside
 from massprop_cli.result.build import matrix
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo
+from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo, WarningItem
 
 
 def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, combined: PhaseItem) -> DockedObject:
@@ -39,9 +39,20 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     reason = {"converged": "both sides converged", "contradicted": "a side is contradicted"}.get(
         verdict, "not every quantity of both sides converged"
     )
+    contradictions = [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
+    if less := docking.weighs_less("what --after names", "what --before names", float(found[9]), float(np.sqrt(covariance[9, 9]))):
+        verdict, reason = "contradicted", f"{less}: were the two swapped?"
+        contradictions.append(reason)
     told = docking.estimates_of(found, covariance, verdict, reason)
     estimates = {name: EstimateItem(**asdict(estimate)) for name, estimate in told.items()}
-    contradiction = "; ".join(docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction)
     return DockedObject(
-        before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction=contradiction
+        before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction="; ".join(contradictions)
     )
+
+
+def backwards(docked: DockedObject | None) -> list[WarningItem]:
+    """That the object has less than no mass."""
+    mass = None if docked is None else docked.estimates["mass"].value
+    if mass is None or mass > 0:
+        return []
+    return [WarningItem(code="docked-mass", message=f"the docked object's mass is {mass:.4g} kg: were --before and --after swapped?")]

@@ -15,7 +15,7 @@ from massprop_cli import __version__
 from massprop_cli.base import files
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import logs, twice
-from massprop_cli.combine.docked import docked_object
+from massprop_cli.combine.docked import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, together_phase
 from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.report.labels import labels
@@ -75,7 +75,8 @@ def together_docked(before: Sequence[Recorded], after: Sequence[Recorded], ready
     alone, joined = parts[: len(before)], parts[len(before) :]
     twice.refuse_across(*([(part.recorded, part.phase) for part in side] for side in (alone, joined)))
     single, combined = together_phase("before", alone), together_phase("after", joined)
-    return _result(recorded, names, [single, combined], docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item))
+    docked = docked_object((alone[0].vehicle, joined[0].vehicle), single.item, combined.item)
+    return _result(recorded, names, [single, combined], docked)
 
 
 def _check_exact(recorded: Sequence[Recorded]) -> None:
@@ -127,7 +128,7 @@ def _check_alike(recorded: Sequence[Recorded], bearing: bool) -> None:
 
 
 def _result(recorded: Sequence[Recorded], names: Sequence[str], found: Sequence[Phased], docked: DockedObject | None) -> Result:
-    notes = [note for one in found for note in one.notes]
+    notes = [*backwards(docked), *(note for one in found for note in one.notes)]
     explained = frozenset(names) & frozenset.intersection(*(one.explained for one in found))
     first, logs = recorded[0].result, [one.result.log for one in recorded]
     digest = hashlib.sha256("".join(sorted(one.sha256 for one in recorded)).encode()).hexdigest()

@@ -303,6 +303,28 @@ def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_pa
         assert found[name]["sigma"] == pytest.approx(own[name]["sigma"], rel=1e-4)
 
 
+def test_sides_that_are_swapped_give_no_object(tmp_path: Path) -> None:
+    done = massprop(
+        tmp_path,
+        "estimate",
+        SAMPLES / "docking" / "log.parquet",
+        "--set",
+        "docking.before=combined",
+        "--set",
+        "docking.after=single",
+        "--out",
+        "r",
+        "-q",
+    )
+    assert done.returncode == 0
+    done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d")
+    assert done.returncode == 0, done.stderr
+    assert "kg: were --before and --after swapped? [docked-mass]" in done.stderr
+    told = json.loads((tmp_path / "d" / "result.json").read_text())["docked_object"]
+    assert {item["verdict"] for item in told["estimates"].values()} == {"contradicted"}
+    assert "what --after names weighs less than what --before names" in told["contradiction"]
+
+
 def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: Path) -> None:
     """The thesis's proposal (5.3): the vehicle alone on one bearing, then joined with the object on one at their common CG."""
     for name in ("testbed", "testbed-joined"):

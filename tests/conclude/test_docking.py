@@ -8,6 +8,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude import docking
+from tests import faulty
 from tests.analysed import SAMPLES, analysed
 
 
@@ -59,3 +60,20 @@ def test_covariance_is_that_of_sampled_phases() -> None:
     sigma = np.sqrt(np.diag(sampled))
     np.testing.assert_allclose(np.sqrt(np.diag(analysis.docked.covariance)) / sigma, 1, atol=0.03)
     np.testing.assert_allclose(analysis.docked.covariance / np.outer(sigma, sigma), sampled / np.outer(sigma, sigma), atol=0.05)
+
+
+def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
+    log, used = faulty.sample("docking")
+    found = faulty.examined(log, faulty.stated(used, "docking.before=combined", "docking.after=single"))
+    assert found.docked is not None
+    assert {item.verdict for item in found.docked.estimates.values()} == {"contradicted"}
+    assert "single weighs less than combined, and no object does; mend [docking]" in found.docked.contradiction
+    assert [notice.code for notice in found.notices] == ["docked-mass"]
+    # each phase by itself is as it was
+    assert "contradicted" not in {item.verdict for one in found.conclusions for item in one.estimates.values()}
+
+
+def test_what_may_be_nothing_at_all_is_no_contradiction() -> None:
+    assert docking.weighs_less("b", "a", -0.2, 0.1) == ""
+    assert docking.weighs_less("b", "a", -0.4, 0.1) != ""
+    assert docking.weighs_less("b", "a", float("nan"), float("nan")) == ""
