@@ -124,6 +124,9 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
         for begin in (0.0, -1.0):
             start = {model.place("thrust").start + i: begin for i in group}
             yield Supposition("thrust-scale", subject, column, start=start, suspects=group)
+    if len(names) > 1:  # how much all give together nothing tells, but which way
+        start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
+        yield Supposition("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)
     seen = {tuple(range(len(names)))}
     for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
         for key in dict.fromkeys(keys):

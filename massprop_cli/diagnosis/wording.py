@@ -82,6 +82,14 @@ def _thrust(said: Said) -> tuple[str, str]:
     several = len(said.subject) > 1
     listed = ", ".join(said.subject)
     who = listed if not by_jets else f"jets {listed}" if several else f"jet {listed}"
+    if abs(factor + 1) < NEAR and several and len(said.subject) == len(said.names):
+        way = (
+            "force_n is what pushes the vehicle, not the plume"
+            if by_jets
+            else "commands are what acts on the vehicle, not what it reacts to"
+        )
+        remedy = "mend the sign of every force_n" if by_jets else "mend their signs under [columns]"
+        return "jet-sign" if by_jets else "command-sign", f"all {'jets push' if by_jets else 'commands act'} the other way: {way}; {remedy}"
     if abs(factor + 1) < NEAR:
         remedy = "mend force_n" if by_jets else "mend the sign under [columns]"
         return "jet-sign" if by_jets else "command-sign", f"{who} {'push' if several else 'pushes'} the other way than stated; {remedy}"

@@ -81,6 +81,12 @@ def swapped(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     return log, Vehicle.model_construct(**{**dict(used), "jets": tuple(jets)})
 
 
+def reversed_all(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
+    """The file has the direction of each plume."""
+    jets = tuple(jet.model_copy(update={"force_n": tuple(-x for x in jet.force_n)}) for jet in used.jets)
+    return log, Vehicle.model_construct(**{**dict(used), "jets": jets})
+
+
 def failure(jets: list[str], thrust: float) -> list[str]:
     return ["actuators.failures=[" + ", ".join(f'{{jet="{jet}", thrust={thrust}}}' for jet in jets) + "]"]
 
@@ -106,6 +112,7 @@ def failure(jets: list[str], thrust: float) -> list[str]:
         pytest.param([], one_axis, "gyro-scale", "the gyro's z axis shows 1.03", marks=pytest.mark.numerical),
         ([], biased, "gyro-bias", "the gyro has a bias of ("),
         ([], misplaced, "jet-position", "jet divert_xp sits"),
+        ([], reversed_all, "jet-sign", "all jets push the other way: force_n is what pushes the vehicle, not the plume"),
         ([], swapped, "jets-swapped", "jets roll_n2 and divert_yp are swapped"),
         (["disturbance.constant_n_m=[0.0, 0.0, 0.02]"], nothing, "steady-torque", "N m acts beside the commands"),
     ],
