@@ -8,7 +8,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.check.finding import Finding, rows
-from massprop_cli.inputs.telemetry import GAP, JITTER, LONG, jitter
+from massprop_cli.inputs.logtable import GAP, LONG
+from massprop_cli.inputs.telemetry import JITTER, jitter
 
 Place = Callable[[int], str]
 

@@ -8,12 +8,12 @@ from typing import Any, Literal
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array, frozen, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import SUPPLY, WRENCH, jet, rotor_command, rotor_of, rotor_speed, wheel_of, wheel_speed, wheel_torque
 from massprop_cli.inputs.equipment import Cycle
-from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.logtable import LONG, LogTable
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel, WheelLog
 
@@ -21,6 +21,8 @@ CommandKind = Literal["jets", "wrench", "rotors"]
 ROUNDED = 1e-6
 BRIEF, SHORTEST_S = 0.015, 2e-3
 """Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
+FULL = 5
+"""On-times of just one record, and none longer, are no chance if so many are: each record was a cycle."""
 IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
 
@@ -48,6 +50,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
     command = _each(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
     _check_unit(source, known, command, records, vehicle.cycle)
+    _check_once(source, known, command, records, vehicle.cycle.period_s)
     return "jets", command
 
 
@@ -73,7 +76,7 @@ def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
         raise source.error(
             int(missing[0]) * records,
             column,
-            "no command in the first row of its control cycle; write one (0 for none), or cut the log where a record before it was lost",
+            "no command in the first row of its control cycle; write one (0 for none)" + _lost(source, int(missing[0]) * records),
         )
     differs = np.argwhere(~np.isnan(grid) & (grid != first))
     if differs.size:
@@ -82,9 +85,21 @@ def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
             cycle * records + row,
             column,
             f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
-            "commands change at cycle starts only: check cycle.period_s and the first row",
+            "commands change at cycle starts only: check cycle.period_s and the first row" + _lost(source, cycle * records + row),
         )
     return np.ascontiguousarray(first[:, 0])
+
+
+def _lost(source: LogTable, row: int) -> str:
+    """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
+    steps = np.diff(source.required("time_s")[: row + 1])
+    long = np.flatnonzero(steps > LONG * median(steps)) if len(steps) else steps
+    if not len(long):
+        return ""
+    at = int(long[0]) + 1
+    return (
+        f"; or a record was lost before {source.place(at)}, which comes {steps[at - 1]:.6g} s after the one above it: split the log there"
+    )
 
 
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
@@ -122,6 +137,25 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
             f"{idle:g} s is the on-time of most jets in most cycles, and none is ever shorter; an idle jet's is 0: take that off "
             "(offset under its table in a map file)",
         )
+
+
+def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
+    """On-times that stand in every record of a cycle, and are at their longest just one record: each was executed, not one of them."""
+    record_s = period_s / records
+    if records == 1 or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
+        return
+    full = np.argwhere(on_s >= record_s * (1 - ROUNDED))
+    cycle, number = (int(i) for i in full[0])
+    first = cycle * records
+    if len(full) < FULL or np.isnan(source.optional(jet(names[number]))[first : first + records]).any():
+        return
+    raise source.error(
+        first,
+        jet(names[number]),
+        f"{on_s[cycle, number]:g} s is the longest on-time of the log and just one record, and it stands in each of the {records} "
+        f"records of a control cycle of {period_s:g} s, in which it counts once: mass and inertia would be up to {records} times too "
+        f"small. If each was executed, state cycle.period_s = {record_s:g}; if one a cycle was, leave the cells of the others empty",
+    )
 
 
 def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:

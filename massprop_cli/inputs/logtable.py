@@ -15,6 +15,9 @@ from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import Column
 
+GAP, LONG = 2.5, 1.5
+"""Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
+
 
 class LogTable:
     """Contract columns of a table, under this log's own names and scales."""
@@ -54,11 +57,12 @@ class LogTable:
         name = self.name(column)
         if name not in self.table.columns:
             used = {self.name(known) for known in FIXED if self.has(known)} | {n for n in self.table.columns if n.startswith("jet_")}
-            spare = [present for present in self.table.columns if present not in used - {name}] or list(self.table.columns)
-            hint = nearest(name, spare, "the nearest present is")
-            raise InputError(
-                f"{self.table.path}: column {name!r} is missing{hint}; rename it, or map it under [columns] of the vehicle file"
-            )
+            spare = [present for present in self.table.columns if present not in used - {name}]
+            hint = nearest(name, spare, "the nearest that is not in use is")
+            cure = "rename it, or map it under [columns] of the vehicle file" if spare else "no other is left to be it; add it"
+            if name.startswith("jet_"):
+                cure += "; if that jet never fired, with 0 in each row" if not spare else "; or add it with 0 where that jet never fired"
+            raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {cure}")
         numbers: Array = self.table.columns[name].numbers()
         scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))
         # what underflows when it is squared is a zero that was calculated

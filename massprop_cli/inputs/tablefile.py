@@ -157,9 +157,10 @@ def _read_csv(path: Path, data: Content) -> _File:
     if not any(names):
         raise InputError(f"{top}: no header; the first line names the columns")
     if len(names) == 1:
+        spaced = len(names[0].split()) > 1 and len(lines) > 1
+        cure = "write a comma for each space, or delete what stands above it" if spaced else "delete what stands above it"
         raise InputError(
-            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs; delete "
-            "what stands above it"
+            f"{top}: one column only, {names[0][:40]!r}; the first line names the columns, separated by commas, semicolons or tabs; {cure}"
         )
     if all(map(_NUMBER.match, names)):
         raise InputError(f"{top}: numbers, and no names; write a line above them that names the columns")

@@ -19,13 +19,12 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.formats import agreement
-from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import WheelLog
 
 CommandKind = commands.CommandKind
-GAP, LONG = 2.5, 1.5
 ABSURD = 1e6
 """No vehicle turns at 1e6 rad/s or accelerates at 1e6 m/s²."""
 AT_ONCE = 1e-3

@@ -10,7 +10,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
-from massprop_cli.inputs.telemetry import ABSURD, GAP, LONG
+from massprop_cli.inputs.logtable import GAP, LONG
+from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.live.records import Columns, Record, RecordError
 
 STARTS, SPAN = 3, 1.5

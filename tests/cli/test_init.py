@@ -175,6 +175,33 @@ def test_ticks_are_only_found_where_there_are_some() -> None:
     assert traits.tick_s(np.zeros(5)) is None
 
 
+def alternating(tmp_path: Path, longest: float) -> Path:
+    """50 ms records of on-times that change each second time only."""
+    rng = np.random.default_rng(8)
+    on = np.repeat(np.where(np.arange(200) < 150, rng.integers(0, 5, 200) * longest / 4, 0.0), 2)
+    held = {"time_s": 0.05 * np.arange(1, 401), "jet_a_s": on, "jet_b_s": np.roll(on, 2)}
+    held |= {name: 1e-3 * rng.standard_normal(400) for name in (*columns.GYRO, *columns.ACCEL)}
+    pq.write_table(pa.table(held), tmp_path / "own.parquet")
+    return tmp_path / "own.parquet"
+
+
+def test_a_cycle_that_on_times_leave_open_is_asked_for(tmp_path: Path) -> None:
+    """Each counts once a cycle: drafted as two records, mass and inertia came out at half, and converged."""
+    found = traits.traits(read_table(alternating(tmp_path, 0.05)))
+    assert (found.choices, found.records) == ((1, 2), 1)
+    text = draft.draft("own", found, {})
+    assert 'period_s = "?"   # 0.05 (1) or 0.1 (2) record(s), which the log can\'t tell' in text
+    assert "gyro_noise_rad_s" not in tomllib.loads(text)["imu"]
+    with pytest.raises(InputError, match=r"cycle.period_s"):
+        vehiclefile.parse(text, "own")
+
+
+def test_an_on_time_longer_than_a_record_tells_the_cycle(tmp_path: Path) -> None:
+    found = traits.traits(read_table(alternating(tmp_path, 0.08)))
+    assert (found.choices, found.records) == ((2,), 2)
+    assert "period_s = 0.1   # 2 record(s)" in draft.draft("own", found, {})
+
+
 def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
     path, map_file = written.written("ulog", tmp_path)
     run = massprop(tmp_path, "init", path, "--map", str(map_file))

@@ -34,7 +34,7 @@ BAD = {
         WHEEL, added(wheel_w1_rad_s=1.0, wheel_w2_rad_s=1.0), ("'wheel_w2_rad_s'", "the nearest wheel is 'w1'", "Add it")
     ),
     "wheels in the log alone": Bad("", SPEED, ("'wheel_w1_rad_s'", "it has no [[wheels]] at all", "Add it to the vehicle file")),
-    "no column": Bad(WHEEL, added(), ("'wheel_w1_rad_s' is missing", "rename it")),
+    "no column": Bad(WHEEL, added(), ("'wheel_w1_rad_s' is missing", "add it")),
     "speed stated, torque there": Bad(WHEEL, TORQUE, ("'wheel_w1_n_m'", 'state column = "torque"')),
     "torque stated, speed there": Bad(BY_TORQUE, SPEED, ("'wheel_w1_rad_s'", 'state column = "speed"')),
     "torque without a start": Bad(BY_TORQUE, TORQUE, ("'w1'", "start_rad_s", "first cell of column 'wheel_w1_rad_s'")),
@@ -81,7 +81,7 @@ BAD_ROTORS = {
     ),
     "jets beside rotors": Bad(ROTOR, added(rotor_r1_command=0.5), ("[[rotors]]", "'jet_roll_p1_s'", "keep the one kind that pushed")),
     "command stated, speed there": Bad(ROTOR, both(NO_JETS, added(rotor_r1_rad_s=9.0)), ("'rotor_r1_rad_s'", 'state column = "speed"')),
-    "no column": Bad(ROTOR, NO_JETS, ("'rotor_r1_command' is missing", "rename it")),
+    "no column": Bad(ROTOR, NO_JETS, ("'rotor_r1_command' is missing", "add it")),
     "voltage that is not logged": Bad(ROTOR + "nominal_v = 11.1\n", TOLD, ("'supply_v' is missing",)),
     "momentum without a speed": Bad(
         ROTOR + "spin_inertia_kg_m2 = 1e-5\n", TOLD, ("rotors.0", "needs the rotor's speed", 'column = "speed"')

@@ -7,6 +7,7 @@ import random
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -51,14 +52,14 @@ BAD_LOGS = {
         ("'delta_v_y_m_s' is missing", "nearest", "'delta_v_y_ms'", "rename it", "[columns]"),
     ),
     "misses the time": BadLog(renamed("time_s", "time"), None, ("'time_s' is missing", "nearest", "'time'", "rename it", "[columns]")),
-    "misses the column of a jet": BadLog(without("jet_yaw_p2_s"), None, ("'jet_yaw_p2_s' is missing", "nearest", "[columns]")),
+    "misses the column of a jet": BadLog(without("jet_yaw_p2_s"), None, ("'jet_yaw_p2_s' is missing", "add it", "never fired")),
     "misses a component of its wrench": BadLog(
         both(
             lambda table: table.select([name for name in table.column_names if not name.startswith("jet_")]),
             added(cmd_torque_x_n_m=0.0, cmd_torque_y_n_m=0.0, cmd_torque_z_n_m=0.0, cmd_force_x_n=0.0, cmd_force_y_n=0.0),
         ),
         None,
-        ("'cmd_force_z_n' is missing", "nearest"),
+        ("'cmd_force_z_n' is missing", "add it"),
     ),
     "has a column for a jet that the vehicle lacks": BadLog(
         added(jet_roll_p3_s=0.0), None, ("'jet_roll_p3_s'", "vehicle file lacks", "nearest", "Add it to the vehicle file")
@@ -167,6 +168,40 @@ def test_on_times_a_hundredth_as_long_are_refused_by_their_longest(factor: float
         refused(tmp_path, log, names=[log, "is the longest on-time of the log", why, "is it in seconds?"])
     else:  # a valve may open for 1 ms at most
         assert massprop(tmp_path, "estimate", log).returncode == 0
+
+
+def test_on_times_of_whole_records_in_each_of_a_cycle_are_refused(tmp_path: Path) -> None:
+    """Counted once a cycle they make a vehicle of half the mass; where the cells of the other records are empty, one was executed."""
+    save_vehicle(tmp_path, vehicle_text().replace("period_s = 0.05", "period_s = 0.1"))
+    table = flight(rows=200)
+    for name in [name for name in table.column_names if name.startswith("jet_")]:
+        held = np.repeat(table.column(name).to_numpy()[::2], 2)
+        table = replaced(table, name, held.tolist(), pa.float64())
+    log = save(table, tmp_path / "log.parquet")
+    once = ("just one record", "in each of the 2 records", "state cycle.period_s = 0.05", "leave the cells of the others empty")
+    refused(tmp_path, log, names=[log, "0.05 s is the longest on-time", *once])
+    for name in [name for name in table.column_names if name.startswith("jet_")]:
+        table = replaced(table, name, [on if i % 2 == 0 else None for i, on in enumerate(table.column(name).to_pylist())], pa.float64())
+    assert "just one record" not in massprop(tmp_path, "estimate", save(table, log)).stderr
+
+
+def test_a_command_out_of_place_is_traced_to_the_record_that_was_lost(tmp_path: Path) -> None:
+    save_vehicle(tmp_path, vehicle_text("high-rate"))
+    table = flight("high-rate", 1600)
+    log = save(pa.concat_tables([table.slice(0, 1205), table.slice(1206)]), tmp_path / "log.parquet")
+    refused(
+        tmp_path, log, names=[log, "or a record was lost before row 1205, which comes 0.005 s after the one above it: split the log there"]
+    )
+
+
+def test_a_jet_without_a_column_takes_no_other_jets(tmp_path: Path) -> None:
+    save_vehicle(tmp_path)
+    log = save(flight().drop_columns(["jet_divert_zn_s"]), tmp_path / "log.parquet")
+    refused(
+        tmp_path,
+        log,
+        names=["'jet_divert_zn_s' is missing; no other is left to be it", "add it; if that jet never fired, with 0 in each row"],
+    )
 
 
 def test_jets_that_are_never_off_are_refused_with_what_they_idle_at(tmp_path: Path) -> None:

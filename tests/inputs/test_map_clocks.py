@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns, telemetry
+from massprop_cli.inputs.formats import clocks
 from massprop_cli.inputs.formats.recording import Numbers
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log
@@ -104,3 +106,23 @@ def test_a_gap_within_a_record_is_bridged_and_told_of() -> None:
     np.testing.assert_allclose(values(bridged, columns.DELTA_THETA), values(whole, columns.DELTA_THETA), atol=2e-5)
     assert bridged.made is not None
     assert "gyro: 1 gap(s) of up to 0.015 s, shorter than a record, are bridged evenly; the first after 4.995 s" in bridged.made.said
+
+
+EVEN = 0.005 * np.arange(4000)
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (np.repeat(EVEN, np.where(np.arange(4000) == 3000, 2, 1)), "drop the row that stands twice, or name another clock"),
+        (np.round(EVEN, 2), "its times are rounded: state even = true, or name another clock"),
+        (np.where(EVEN < 10, 604790.0 + EVEN, EVEN - 10.0), "a week of GPS time ends: add 604800 s to all that follows"),
+        ((1e6 * EVEN[::4] % 2**24) * 1e-6, "its counter wraps: add 2^24 us to all that follows"),
+        (np.where(EVEN < 10, EVEN, EVEN + 600.0), ""),
+        (EVEN, ""),
+    ],
+)
+def test_times_that_are_none_have_a_cure_each_and_a_pause_is_no_second_sensor(times: Array, said: str) -> None:
+    told = clocks.problem(times, lambda row: f"line {row}", 0.0, True)
+    assert told.endswith(said)
+    assert bool(told) == bool(said)

@@ -19,12 +19,17 @@ TOGETHER = 0.1
 _PAIRED, _SEVERAL = 0.3, 20
 """... the part of them that do, of sensors that take turns or of bursts, and how many samples tell."""
 _WRAPPED = 1e-3
+_ROUNDED = 0.01
+"""Part of the times that stand still, from which on it is no row that stands twice."""
+_USUAL = 0.98
+"""Part of the steps, the shortest, that tell the usual one."""
 _WRAPS = {
     **{
         2.0**bits * factor: f"its counter wraps: add 2^{bits} {unit} to all that follows"
-        for bits in (16, 31, 32)
+        for bits in (16, 24, 31, 32)
         for unit, factor in units.TIME.items()
     },
+    604800.0: "a week of GPS time ends: add 604800 s to all that follows",
     86400.0: "it passes midnight: add a day to all that follows, or write dates",
     1.0: "it holds the part of a second: name the whole seconds as path, and nanoseconds = this one",
 }
@@ -65,9 +70,14 @@ def problem(times_s: Array, place: Callable[[int], str], zero_s: float, sensor: 
         fallen = median(np.abs(steps)) - float(steps[first])
         wrapped = next((cure for length, cure in _WRAPS.items() if abs(fallen / length - 1) < _WRAPPED), None)
         cure = wrapped or "name another clock, or sort and cut the recording"
+        if (steps >= 0).all():
+            cure = "drop the row that stands twice, or name another clock"
+            if len(back) > _ROUNDED * len(steps):
+                cure = "its times are rounded: state even = true, or name another clock"
         fall = f"from {times_s[first] + zero_s:.13g} to {times_s[first + 1] + zero_s:.13g} s"
         return f"time stands still or goes back at {place(first + 1)}, {fall}; {cure}"
-    together = steps < TOGETHER * steps.mean()
+    # a pause makes no pairs of all that is not
+    together = steps < TOGETHER * np.sort(steps)[: 1 + int(_USUAL * (len(steps) - 1))].mean()
     if not sensor or len(steps) < _SEVERAL or float(together.mean()) <= _PAIRED:
         return ""
     return (

@@ -34,6 +34,13 @@ def _cycle(found: Traits) -> list[str]:
             f"# {jitter}; no command changes, so the log doesn't say how many are a control cycle",
             f"period_s = {found.period_s:.6g}   # one record",
         ]
+    elif len(found.choices) > 1:
+        own = " or ".join(f"{n * float(np.median(steps)):.6g} ({n})" for n in found.choices)
+        lines = [
+            f"# {jitter}",
+            f'period_s = "?"   # {own} record(s), which the log can\'t tell: on-times change at multiples of the last only,',
+            "# and each counts once a control cycle, so that mass and inertia are proportional to it: ask who made the controller",
+        ]
     else:
         lines = [f"# {jitter}", f"period_s = {found.period_s:.6g}   # {found.records} record(s): commands change at multiples of that only"]
     ticks = [tick for column, values in found.commands.items() if column.startswith("jet_") and (tick := tick_s(values)) is not None]
@@ -54,8 +61,8 @@ def _imu(found: Traits) -> list[str]:
             continue
         axes = ", ".join(f"{value:.2g}" for value in noise)
         line = f"{key} = {float(np.sqrt((noise**2).mean())):.3g}   # one sigma of a cycle's mean {said}; by axis {axes}"
-        few = found.quiet < TOLD
-        lines.append(f"# {line}: too few to state, so it is estimated from the log; to measure it, {_AT_REST}" if few else line)
+        unsure = "too few to state" if found.quiet < TOLD else "of the shortest cycle that it may be" if len(found.choices) > 1 else ""
+        lines.append(f"# {line}: {unsure}, so it is estimated from the log; to measure it, {_AT_REST}" if unsure else line)
     if found.gyro_mean is not None:
         mean = ", ".join(f"{value:.3g}" for value in found.gyro_mean)
         lines.append(

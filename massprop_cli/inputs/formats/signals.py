@@ -229,7 +229,7 @@ class Signals:
         if bad.size:
             where = stream.place(int(bad[0]))
             raise self.error(
-                key, stream.path, f"{values[bad[0]]} at {where} is not a finite number; mend it, or cut the rows around it out"
+                key, stream.path, f"{values[bad[0]]} at {where} is not a finite number; interpolate it, or split the recording there"
             )
         return values
 

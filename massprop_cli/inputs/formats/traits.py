@@ -33,7 +33,9 @@ class Traits:
     interval_s: Array
     """(n - 1,) from record to record."""
     records: int | None
-    """Of a control cycle: commands change at its multiples only."""
+    """Of a control cycle: commands change at its multiples only. The fewest of ``choices``; None where no command changes."""
+    choices: tuple[int, ...]
+    """How many records a control cycle may be: on-times that change together say no more than what it is a divisor of."""
     commands: Mapping[str, Array]
     """By column: the command of each cycle, or of each record where cycles aren't known."""
     wheels: Mapping[str, str]
@@ -76,7 +78,8 @@ def traits(table: Table) -> Traits:
     jets = {name for name in table.columns if name.startswith("jet_") and name.endswith("_s")}
     names = [name for name in table.columns if name in columns.WRENCH or name in told | jets]
     raw = {name: table.columns[name].numbers() for name in names}
-    records = _records(raw)
+    choices = _records(raw, median(steps))
+    records = choices[0] if choices else None
     count = records or 1
     whole = len(time_s) // count * count
     weight = interval[:whole].reshape(-1, count, 1)
@@ -86,6 +89,7 @@ def traits(table: Table) -> Traits:
     return Traits(
         interval_s=steps,
         records=records,
+        choices=choices,
         commands=commands,
         wheels=_wheels(table),
         rotors=rotors,
@@ -151,15 +155,24 @@ def _rates(table: Table, increments: tuple[str, ...], rates: tuple[str, ...], in
     return _numbers(table, rates)
 
 
-def _records(raw: Mapping[str, Array]) -> int | None:
-    """The greatest number of records at whose multiples alone commands stand or change."""
-    found = 0
-    for values in raw.values():
+def _records(raw: Mapping[str, Array], record_s: float) -> tuple[int, ...]:
+    """How many records a control cycle may be, the fewest first; none where no command changes.
+
+    Commands stand or change at its multiples alone, and no jet is on for longer than it. What is held goes on as well through several
+    cycles; an on-time that stands in each of several records counts once if these are one cycle, and each time if they are several.
+    """
+    found, longest, repeated = 0, 0.0, False
+    for name, values in raw.items():
         held = np.flatnonzero(~np.isnan(values))
+        whole = len(held) == len(values)
         # of a column with empty cells the others are cycle starts; else those where it changes are some of them
-        starts = held if len(held) < len(values) else np.flatnonzero(np.diff(values)) + 1
+        starts = np.flatnonzero(np.diff(values)) + 1 if whole else held
         found = math.gcd(found, *map(int, starts)) if len(starts) else found
-    return found or None
+        if name.startswith("jet_") and len(held):
+            longest, repeated = max(longest, float(values[held].max())), repeated or whole
+    if not found or not repeated:
+        return (found,) * (found > 0)
+    return tuple(n for n in range(1, found + 1) if found % n == 0 and (n == found or longest <= n * record_s * (1 + _ROUNDED)))
 
 
 def _quiet(commands: Mapping[str, Array], count: int) -> BoolArray:
