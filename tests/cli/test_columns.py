@@ -107,6 +107,10 @@ def without(*parts: str) -> dict[str, tuple[Numbers, str, str]]:
         ("accelerometer", "acc", "imu/B_*", "mG"),
         ("accelerometer", "acc", "imu/ang_acc_*", ""),
         ("accelerometer", "acc", "imu/acc_setpoint_*", "m/s^2"),
+        ("gyro", "gyro", "imu/omega_world_*", "rad/s"),
+        ("gyro", "gyro", "imu/omega_hat_*", "rad/s"),
+        ("gyro", "gyro", "imu/chief_angular_velocity_*", "rad/s"),
+        ("accelerometer", "acc", "imu/FreeAcc_*", "m/s^2"),
     ],
 )
 def test_a_unit_beats_no_name_and_what_a_name_excludes_is_no_sensor(key: str, own: str, other: str, unit: str) -> None:
@@ -126,6 +130,7 @@ def test_a_unit_beats_no_name_and_what_a_name_excludes_is_no_sensor(key: str, ow
         (["torque_*", "unallocated_torque_*", "torque_est_*"], "own/torque_x"),
         (["allocated_torque_*", "torqueCmd_*"], "own/torqueCmd_x"),
         (["disturbance_torque_*", "gg_torque_*", "measuredTorque_*"], None),
+        (["torque_*", "wheel_torque_*", "aero_torque_*", "gripper_ft_torque_*", "tauHat_*"], "own/torque_x"),
         (["torque_ref_*"], None),
         (["torque_1_*", "torque_2_*"], None),
     ],
@@ -137,6 +142,17 @@ def test_a_command_is_what_was_told_not_what_was_felt(others: list[str], taken: 
     told = section(propose.draft(recording(**streams)), "torque")
     assert (f'paths = ["{taken}"' if taken else 'paths = ["?", "?", "?"]') in told
     assert ("could be it" in told) == (taken is None and "measuredTorque_*" not in others)
+
+
+def test_what_is_told_of_a_jet_beside_its_command_is_no_jet() -> None:
+    told = {f"own/jet_{name}_s": (np.zeros(500), "cmd/t", "") for name in ("left", "temp", "enabled")}
+    text = propose.draft(recording(**without("torque", "force"), **told))
+    assert "[jets.left]" in text
+    assert "[jets.temp]" not in text
+    assert "[jets.enabled]" not in text
+    asked = {"own/duty_3": (np.zeros(500), "cmd/t", ""), "own/thr0_ontime_ms": (np.zeros(500), "cmd/t", "")}
+    text = propose.draft(recording(**without("torque", "force"), **asked))
+    assert all(f'# path = "{path}"' in text for path in asked)
 
 
 def test_a_change_of_attitude_is_none() -> None:

@@ -14,6 +14,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.tablefile import Made
 from massprop_cli.inputs.vehiclefile import parse
+from tests import flight
 
 STEP_S, ROWS = 0.01, 4000
 VEHICLE = parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle
@@ -80,3 +81,13 @@ def test_a_right_gyro_of_a_steady_spin_is_taken_beside_a_noisy_attitude() -> Non
     turns = Rotation.from_rotvec(np.outer(np.arange(1, ROWS + 1) * STEP_S, [0.0, 0.0, 0.4]))
     for seed in range(40):
         check(rate, turns * Rotation.from_rotvec(np.random.default_rng(seed).normal(0, 0.005, (ROWS, 3))))
+
+
+def test_an_accelerometer_that_feels_gravity_the_other_way_is_told_so() -> None:
+    rate, turns = turning(AXES["of a free flyer"])
+    quaternions = turns.as_quat()[:, [3, 0, 1, 2]]
+    felt = turns.inv().apply([0.0, 0.0, 9.80665])
+    made, bearing = Made("m.toml", "0", ()), flight.vehicle("air_bearing")
+    agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, felt, quaternions)
+    with pytest.raises(InputError, match=r"the other way round: state scale = -1.0 under \[accelerometer\]"):
+        agreement.check(Path("x.csv"), made, bearing, rate * STEP_S, -felt, quaternions)

@@ -85,6 +85,8 @@ def _compare(path: Path, made: Made, key: str, measured: Array, wanted: Array, l
     if best < _TOGETHER:
         wrong = [f"axes = {list(axes)} beyond those it has"] * (axes != ("x", "y", "z")) + [f"unit = {unit!r}"] * (factors[unit] != 1.0)
         problem = f"it agrees with {' and '.join(wrong)}: mend that under [{key}], or the attitude's own axes, turns and world ([attitude])"
+    elif apart(-np.eye(3)) < _TOGETHER:
+        problem = f"it agrees the other way round: state scale = -1.0 under [{key}], or mend the attitude's turns and world ([attitude])"
     else:
         problem = f"no order of axes and no unit mends that; are the quaternion's order, turns and world right ([attitude]), and [{key}]?"
     raise InputError(

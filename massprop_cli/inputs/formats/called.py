@@ -26,9 +26,13 @@ _NEVER = re.compile(
 """What no quantity is."""
 _NO_SENSOR = re.compile(
     r"(?i:setpoint|desired|command|reference|target|demand|(?<![a-z])mag|euler|wheel|ang(?:ular)?_?acc|dot(?![a-z]))|"
-    + _words("sp|des|ref|cmd|rw|esc|alpha")
+    + r"(?i:(?<=[_.])world(?![a-z/])|relative|chief|free_?acc)|(?<=[a-z])World|"
+    + _words("sp|des|ref|cmd|rw|esc|alpha|hat|rel|eci|ned|enu")
 )
-_NO_COMMAND = re.compile(r"(?i:measured|unallocated|estimate|actual|feedback|external|gravity|friction)|" + _words("meas|est|ext|gg"))
+_NO_COMMAND = re.compile(
+    r"(?i:measured|unallocated|estimate|actual|feedback|external|gravity|friction|residual|wheel|gripper|contact|aero|(?<![a-z])drag|magnet|dipole)|"
+    + _words("meas|est|ext|gg|hat|rw|mtq|ft")
+)
 _COMMANDED = re.compile(r"(?i:setpoint|desired|command|demand)|" + _words("sp|des|cmd"))
 _IN_DOUBT = re.compile(r"(?i:reference|target)|" + _words("ref"))
 """What may be a command, or what a controller was told to reach."""

@@ -31,6 +31,8 @@ _VALUES = {
     "linear_acceleration": ("sample", "a sensor_msgs/Imu is of its stamp"),
 }
 """What a number is, where a standard says so."""
+_NO_VALVE = re.compile(r"temp|enable|press|count|status|fault|volt|current", re.IGNORECASE)
+"""What is told of a jet beside its command."""
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
@@ -42,7 +44,7 @@ def draft(read: Recording) -> str:
     lines = ["schema = 1", f'# drafted from {read.path.name} ({read.kind}); answer every "?", and drop what is not wanted', ""]
     for quantity in SENSORS:
         lines += _section(clocks, quantity, found, chosen)
-    jets = [path for path in read.streams if re.fullmatch(r"jet_.+_s", listing.leaf(path))]
+    jets = [path for path in read.streams if re.fullmatch(r"jet_.+_s", listing.leaf(path)) and not _NO_VALVE.search(path)]
     if jets:
         for path in jets:
             lines += _jet(clocks, path)
@@ -192,8 +194,12 @@ def _jet(clocks: listing.Clocks, path: str) -> list[str]:
 
 def _valves(read: Recording) -> list[str]:
     """Streams that may command jets, for whoever has those instead of a wrench."""
-    may = re.compile(r"jet|valve|thruster|solenoid|actuator|motor|pwm", re.IGNORECASE)
-    some = [path for path in read.streams if may.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")]
+    may = re.compile(r"jet|valve|thr(uster)?(?![a-z])|solenoid|actuator|motor|pwm|duty|on_?time", re.IGNORECASE)
+    some = [
+        path
+        for path in read.streams
+        if may.search(path) and not _NO_VALVE.search(path) and listing.leaf(path) not in ("timestamp", "timestamp_sample")
+    ]
     if not some:
         return []
     lines = ["# or, instead of [torque] and [force], for each jet of the vehicle file a table such as", "# [jets.NAME]"]
