@@ -150,6 +150,8 @@ class Expectations:
     docked: dict[str, Wanted]
     required: tuple[Requirement, ...] = ()
     """What must converge in every phase, and how precisely."""
+    true: bool = False
+    """Whether it is a truth.json: it has all ten, and what has no part in the motion is asked of nobody."""
 
 
 def load(path: Path) -> Expectations:
@@ -178,7 +180,7 @@ def parse(text: str, path: Path) -> Expectations:
     bodies: tuple[PhaseBody | TruthPhase, ...] = file.phases
     phases = tuple((phase.name, wanted(phase, f"phases.{number}")) for number, phase in enumerate(bodies))
     digest, required = hashlib.sha256(text.encode()).hexdigest(), (file.require or ()) if isinstance(file, ExpectFile) else ()
-    found = Expectations(str(path), digest, wanted(every, "all"), phases, wanted(file.docked, "docked"), required)
+    found = Expectations(str(path), digest, wanted(every, "all"), phases, wanted(file.docked, "docked"), required, truth)
     if not (found.required or found.every or found.docked or any(expected for _, expected in phases)):
         raise InputError(f'{path}: expects nothing; write for instance [all] and below it mass = {{ value = 22.0, tolerance = "2 %" }}')
     return found

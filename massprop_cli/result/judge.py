@@ -19,7 +19,7 @@ def judge(found: Result, expectations: Expectations) -> Result:
     """The result with every estimate held against its expectation; :class:`InputError` where it lacks a phase that is expected."""
     names = [phase.name for phase in found.phases]
     own = _by_name(expectations, names)
-    phases = [_phase(phase, expectations.every | own.get(phase.name, {})) for phase in found.phases]
+    phases = [_phase(phase, _asked(expectations, phase.estimates, expectations.every | own.get(phase.name, {}))) for phase in found.phases]
     docked = found.docked_object
     if expectations.docked and docked is None:
         raise InputError(
@@ -27,9 +27,16 @@ def judge(found: Result, expectations: Expectations) -> Result:
             "name the phases before and after docking in the vehicle file ([docking] before, after), or leave out docked"
         )
     if docked is not None:
-        docked = docked.model_copy(update={"estimates": _estimates(docked.estimates, expectations.docked)})
+        docked = docked.model_copy(
+            update={"estimates": _estimates(docked.estimates, _asked(expectations, docked.estimates, expectations.docked))}
+        )
     file = ExpectationFile(path=Path(expectations.source).name, sha256=expectations.sha256)
     return found.model_copy(update={"phases": phases, "docked_object": docked, "expectations": file})
+
+
+def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, Wanted]:
+    """All of it; of a truth, which has all ten, only what has a part in the motion."""
+    return {name: one for name, one in wanted.items() if not (expectations.true and estimates[name].verdict == "unobservable")}
 
 
 def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:

@@ -47,6 +47,16 @@ def test_what_has_no_part_in_the_motion_is_unobservable_and_null(folder: Path) -
     assert {estimates[name]["verdict"] for name in ("izz", "cg_x", "cg_y", "mass")} == {"converged"}
 
 
+def test_a_truth_asks_for_no_more_than_has_a_part_in_it(folder: Path) -> None:
+    done = massprop(folder, "estimate", "flown/log.parquet", "--expect", "flown/truth.json", "--out", "expected", "-q")
+    assert done.returncode == 0, done.stderr
+    found = json.loads((folder / "expected/result.json").read_text(encoding="utf-8"))["phases"][0]["estimates"]
+    assert {name for name, item in found.items() if item["expected"] is not None} == {"izz", "cg_x", "cg_y", "mass"}
+    (folder / "wants.toml").write_text("[all]\nixx = 0.2\n")
+    done = massprop(folder, "estimate", "flown/log.parquet", "--expect", "wants.toml", "--out", "wanted", "-q")
+    assert done.returncode == exits.NOT_EXPECTED
+
+
 def test_every_report_says_so(folder: Path) -> None:
     done = massprop(folder, "report", "result", "--format", "html,md,csv,junit", "--out", "report", "-q")
     assert done.returncode == 0, done.stderr
