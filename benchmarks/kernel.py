@@ -57,7 +57,7 @@ the filter and the predictions of off-line fits, what a lag makes of commands, a
 beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in either.
 
 NumPy alone runs what the kernel's causal pass doesn't hold: environments other than `free` and `air_bearing`, [drift], damping that is
-looked for, wheels, rotors, jets or an IMU with uncertain places or thrust, more than 16 bins a cycle, and delay or lag with a sigma (also
+looked for, wheels, rotors, jets or an IMU with uncertain places or thrust, more than 64 bins a cycle, and delay or lag with a sigma (also
 one that was found in the log). Of a log with a thrust lag, thrust that sags or fails for a time, a drifting clock, a low-pass within a
 sensor, more than 64 jets or a delay beyond 19 cycles only the alignment is NumPy's.
 

@@ -18,7 +18,7 @@ CHOICE = "MASSPROP_KERNEL"
 """Environment variable; "numpy" keeps the compiled kernel out."""
 INTERFACE = 4
 """Of the library's calls, as ``mp_host_interface`` says it."""
-BINS, COMMANDS, PENDING = 16, 64, 24
+BINS, COMMANDS, PENDING = 64, 64, 24
 """MP_BINS, MP_COMMANDS, MP_PENDING"""
 
 

@@ -23,7 +23,7 @@ typedef double mp_real;
 
 /* Limits. A smaller one may be given to the compiler; a vehicle beyond one is refused. */
 #ifndef MP_BINS
-#define MP_BINS 16 /* parts of a cycle in which its motion is resolved */
+#define MP_BINS 64 /* parts of a cycle in which its motion is resolved */
 #endif
 #ifndef MP_CHANNELS
 #define MP_CHANNELS 15 /* columns of the response: 12 in free flight, 15 on a bearing */

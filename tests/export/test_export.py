@@ -130,7 +130,7 @@ def test_tables_say_the_vehicle_to_the_last_bit() -> None:
         ('cycle.command_delay_cycles="auto"', "cycle.command_delay_cycles must be stated"),
         ("imu.gyro_noise_rad_s=0", "imu.gyro_noise_rad_s must be stated"),
         ("cycle.command_delay_cycles=40", "a delay of 40 cycles, and the kernel holds 19"),
-        ("estimator.bins_per_cycle=20", "estimator.bins_per_cycle is 20, and the kernel holds 16"),
+        ("estimator.bins_per_cycle=80", "estimator.bins_per_cycle is 80, and the kernel holds 64"),
         ("drift.mass=0.1", "[drift] is stated"),
         ("thrust.lag_s=0.01", "thrust.lag_s is not 0"),
         ("thrust.droop=0.01", "thrust.droop or thrust.cycle_droop is not 0"),
