@@ -21,8 +21,9 @@ CommandKind = Literal["jets", "wrench", "rotors"]
 ROUNDED = 1e-6
 BRIEF, SHORTEST_S = 0.015, 2e-3
 """Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
-FULL = 5
-"""On-times of just one record, and none longer, are no chance if so many are: each record was a cycle."""
+FULL, FEW = 5, 4
+"""On-times of just one record, and none longer, are no chance if so many are, and of so few records a cycle: each record was one. Of more
+a pulse as short may be all that was wanted."""
 IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
 
@@ -142,7 +143,7 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
 def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
     """On-times that stand in every record of a cycle, and are at their longest just one record: each was executed, not one of them."""
     record_s = period_s / records
-    if records == 1 or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
+    if not 1 < records <= FEW or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
         return
     full = np.argwhere(on_s >= record_s * (1 - ROUNDED))
     cycle, number = (int(i) for i in full[0])
