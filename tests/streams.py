@@ -24,6 +24,8 @@ paths = "cmd/t?"
 [force]
 paths = "cmd/f?"
 """
+SIX = [(kind, axis, unit) for kind, unit in (("t", "N m"), ("f", "N")) for axis in "xyz"]
+RECORDS = "[records]\ninterval_s = 0.01\nper_cycle = 5\n"
 
 
 def recording(streams: dict[str, tuple[Numbers, str, str]]) -> Recording:
@@ -52,7 +54,3 @@ def motion(
     streams |= {f"imu/a{axis}": (np.cos((n + 1) * late), "acc/t", "m/s^2") for n, axis in enumerate("xyz")}
     streams |= {f"cmd/{kind}{axis}": (steps[n], "cmd/t", unit) for n, (kind, axis, unit) in enumerate(SIX)}
     return streams
-
-
-SIX = [(kind, axis, unit) for kind, unit in (("t", "N m"), ("f", "N")) for axis in "xyz"]
-RECORDS = "[records]\ninterval_s = 0.01\nper_cycle = 5\n"

@@ -40,8 +40,8 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
         verdict, "not every quantity of both sides converged"
     )
     contradictions = [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
-    if less := docking.weighs_less("what --after names", "what --before names", float(found[9]), float(np.sqrt(covariance[9, 9]))):
-        verdict, reason = "contradicted", f"{less}: were the two swapped?"
+    if docking.backwards(found, covariance):
+        verdict, reason = "contradicted", _swapped(float(found[9]))
         contradictions.append(reason)
     told = docking.estimates_of(found, covariance, verdict, reason)
     estimates = {name: EstimateItem(**asdict(estimate)) for name, estimate in told.items()}
@@ -53,6 +53,8 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
 def backwards(docked: DockedObject | None) -> list[WarningItem]:
     """That the object has less than no mass."""
     mass = None if docked is None else docked.estimates["mass"].value
-    if mass is None or mass > 0:
-        return []
-    return [WarningItem(code="docked-mass", message=f"the docked object's mass is {mass:.4g} kg: were --before and --after swapped?")]
+    return [] if mass is None or mass > 0 else [WarningItem(code="docked-mass", message=_swapped(mass))]
+
+
+def _swapped(mass: float) -> str:
+    return docking.lighter(mass, "what --after names", "what --before names", "were the two swapped?")

@@ -47,13 +47,13 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
     contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.contradiction]
-    less = weighs_less(pair[1].phase.name, pair[0].phase.name, float(found[9]), float(np.sqrt(covariance[9, 9])))
+    less = backwards(found, covariance)
     verdict: Verdict = "contradicted" if contradictions or less else "converged" if settled else "not_converged"
     reason = "both phases converged" if settled else "not every quantity of both phases converged"
     if contradictions:
         reason = f"log and vehicle file contradict each other in {' and '.join(c.phase.name for c in pair if c.contradiction)}"
     elif less:
-        reason = f"{less}; mend [docking]"
+        reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "mend [docking]")
         contradictions = [reason]
     estimates = estimates_of(found, covariance, verdict, reason)
     estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
@@ -61,11 +61,14 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
 
 
-def weighs_less(after: str, before: str, mass: float, sigma: float) -> str:
-    """That the object has less than no mass, by more than chance: the two were taken for each other. Empty where it hasn't."""
-    if not mass < -SIGNIFICANT * sigma:
-        return ""
-    return f"the docked object's mass is {mass:.4g} ± {sigma:.2g} kg: {after} weighs less than {before}, and no object does"
+def backwards(found: Array, covariance: Array) -> bool:
+    """Whether an object (10,) with its covariance (10, 10) has less than no mass, beyond chance: its sides were swapped."""
+    return bool(found[9] < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
+
+
+def lighter(mass: float, after: str, before: str, cure: str) -> str:
+    """That an object of ``mass``, kg, below 0 is none, in words."""
+    return f"the docked object's mass is {mass:.4g} kg: {after} weighs less than {before}; {cure}"
 
 
 def of_phase(name: str, cause: str) -> str:

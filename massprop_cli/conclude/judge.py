@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
-from massprop_cli.conclude.docking import Docked, docked_object, masses_apart
+from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.swing import swinging
@@ -86,8 +86,7 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     mass = docked.estimates["mass"].value if docked else None
     if docked is None or mass is None or mass > 0:
         return []
-    message = f"the docked object's mass is {mass:.4g} kg: phase {docked.after} weighs less than phase {docked.before}; mend [docking]"
-    return [Notice("docked-mass", message)]
+    return [Notice("docked-mass", lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "mend [docking]"))]
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

@@ -150,7 +150,7 @@ class Expectations:
     docked: dict[str, Wanted]
     required: tuple[Requirement, ...] = ()
     """What must converge in every phase, and how precisely."""
-    true: bool = False
+    of_truth: bool = False
     """Whether it is a truth.json: it has all ten, and what has no part in the motion is asked of nobody."""
 
 

@@ -59,9 +59,8 @@ class LogTable:
             used = {self.name(known) for known in FIXED if self.has(known)} | {n for n in self.table.columns if n.startswith("jet_")}
             spare = [present for present in self.table.columns if present not in used - {name}]
             hint = nearest(name, spare, "the nearest that is not in use is")
-            cure = "rename it, or map it under [columns] of the vehicle file" if spare else "no other is left to be it; add it"
-            if name.startswith("jet_"):
-                cure += "; if that jet never fired, with 0 in each row" if not spare else "; or add it with 0 where that jet never fired"
+            cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "no other is left to be it; add it"
+            cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
             raise InputError(f"{self.table.path}: column {name!r} is missing{hint}; {cure}")
         numbers: Array = self.table.columns[name].numbers()
         scaled = np.multiply(numbers, self.columns[column].scale if column in self.columns else 1.0, out=spill.empty(len(numbers)))

@@ -14,6 +14,7 @@
 #define KNOWN R(0.1)        /* relative sigma below which an axis' response counts as known */
 #define HEAVIER R(10)       /* factor on the mass that no step of the search may exceed; of a mass that isn't told, beside where it began */
 #define BALANCED R(0.02)    /* of what turns on a bearing, the CG's distance from there over its natural size */
+#define ROUNDED (R(1000) * MP_EPSILON) /* information on 1/m beside that of what draws it, as 1, below which it is rounding */
 #define STEPS 6
 #define STUCK R(3)          /* sigmas of a step that leads to no body: so far from where it should be its values mean nothing */
 #define STILL R(0.1)        /* a step of fewer sigmas is the last */
@@ -152,7 +153,7 @@ static void pulled(const mp_pass *pass, const mp_real theta[10], mp_real out[10]
 static mp_real freed(const mp_vehicle *vehicle, const mp_real theta[10], const mp_real scale[10], mp_real own, mp_real *right,
                      mp_real drawn, mp_real faint) {
     mp_real left = own * own - R(1), alone;
-    if ((MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0)) || !(left > R(1000) * MP_EPSILON)) return R(1);
+    if ((MP_ON_BEARING(vehicle) && vehicle->known_mass > R(0)) || !(left > ROUNDED)) return R(1);
     left = MP_SQRT(left);
     alone = *right * (own / left) - drawn / left;
     if (!(scale[9] < faint * (theta[9] * left + scale[9] * alone))) return R(1);

@@ -36,7 +36,7 @@ def judge(found: Result, expectations: Expectations) -> Result:
 
 def _asked(expectations: Expectations, estimates: dict[str, EstimateItem], wanted: dict[str, Wanted]) -> dict[str, Wanted]:
     """All of it; of a truth, which has all ten, only what has a part in the motion."""
-    return {name: one for name, one in wanted.items() if not (expectations.true and estimates[name].verdict == "unobservable")}
+    return {name: one for name, one in wanted.items() if not (expectations.of_truth and estimates[name].verdict == "unobservable")}
 
 
 def _phase(phase: PhaseItem, wanted: dict[str, Wanted]) -> PhaseItem:

@@ -304,22 +304,12 @@ def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_pa
 
 
 def test_sides_that_are_swapped_give_no_object(tmp_path: Path) -> None:
-    done = massprop(
-        tmp_path,
-        "estimate",
-        SAMPLES / "docking" / "log.parquet",
-        "--set",
-        "docking.before=combined",
-        "--set",
-        "docking.after=single",
-        "--out",
-        "r",
-        "-q",
-    )
+    swapped = ("--set", "docking.before=combined", "--set", "docking.after=single")
+    done = massprop(tmp_path, "estimate", SAMPLES / "docking" / "log.parquet", *swapped, "--out", "r", "-q")
     assert done.returncode == 0
     done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d")
     assert done.returncode == 0, done.stderr
-    assert "kg: were --before and --after swapped? [docked-mass]" in done.stderr
+    assert "what --before names; were the two swapped? [docked-mass]" in done.stderr
     told = json.loads((tmp_path / "d" / "result.json").read_text())["docked_object"]
     assert {item["verdict"] for item in told["estimates"].values()} == {"contradicted"}
     assert "what --after names weighs less than what --before names" in told["contradiction"]

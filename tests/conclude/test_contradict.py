@@ -307,25 +307,25 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
     assert "--refine" in against.cause
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged(seed: int) -> None:
-    """The accelerometer's bias was named, and as it moves no inertia, these stayed converged, 60 to 280 sigma off."""
+    """The accelerometer's bias alone was named, and as it moves no inertia, this stayed converged, 11 to 16 sigma off."""
     plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=30.0}]'
-    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=30.0", plan]), [seed])
+    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=30.0", plan, "vehicle.imu.gyro_noise_rad_s=2e-3"]), [seed])
     log = flown.log(0)
     wrong = replace(
         log,
         delta_theta_imu_rad=1.01 * log.delta_theta_imu_rad,
-        delta_v_imu_m_s=log.delta_v_imu_m_s + np.array([0.03, -0.03, 0.03]) * log.interval_s[:, None],
+        delta_v_imu_m_s=log.delta_v_imu_m_s + np.array([0.05, -0.05, 0.05]) * log.interval_s[:, None],
     )
     found = faulty.examined(wrong, flown.vehicle)
-    truth = np.array([flown.truth[0][0]]).ravel()
-    assert faulty.looks_good_and_is_wrong(found, truth) == []
     assert "accel-bias" in [notice.code for notice in found.notices]
+    verdicts, z = faulty.verdicts(found), faulty.z_scores(found, flown.truth[0][0])
+    assert [name for name in QUANTITIES if verdicts[name] == "converged" and abs(z[name]) > 4] == []
 
 
 def test_on_times_of_another_scale_leave_no_mass_converged() -> None:
-    """They look like thrust that rises and falls later, which moves no mass: it was converged, and a fifth too small."""
+    """They look like commands that act later, which moves no mass: it was converged, and a fifth too small."""
     log, used = faulty.sample("free-flyer")
     found = faulty.examined(replace(log, command=0.8 * log.command), used)
     assert faulty.verdicts(found)["mass"] == "contradicted"

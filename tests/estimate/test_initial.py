@@ -53,7 +53,7 @@ def test_forces_alone_give_a_mass_to_start_from() -> None:
 
 @pytest.mark.parametrize("size", [1e-9, 1e-15])
 def test_what_rounding_leaves_of_a_couples_forces_tells_no_mass(size: float) -> None:
-    """It goes with how O moves as the body turns about its CG, so that 1/m seemed to be 1e9 times as large, and the log told nothing."""
+    """It goes with how O moves as the body turns about its CG, so that it told a mass about which nothing else was told any more."""
     stated = flight.vehicle(imu={"accel_noise_m_s2": 2e-3})
     on = flight.CYCLE * (flight.pulses(500, seed=4) > 0)
     on[:80, 12:] = 0.0
@@ -71,9 +71,9 @@ def test_information_that_is_rounding_frees_no_mass() -> None:
     """Divided by, it is without bound: the triangle was singular then, and of a clean log with wheels and jets nothing was told."""
     regression = Regression.__new__(Regression)
     regression.weighed = None
-    one, right = np.ones(10), np.array([1e-7])
+    one, right, drawn = np.ones(10), np.array([1e-6]), np.full(10, -1e-9)
     for own in (1.0, 1.0 + 1e-15, 1.0 - 1e-15):
-        factor, kept = regression._freed(one, one, np.array(own), right, np.zeros(10), 0.3)
-        assert (float(factor), float(kept[0])) == (1.0, 1e-7)
-    factor, _ = regression._freed(one, one, np.array(10.0), right, np.zeros(10), 0.3)
+        factor, kept = regression._freed(one, one, np.array(own), right, drawn, 0.3)
+        assert (float(factor), float(kept[0])) == (1.0, 1e-6)
+    factor, _ = regression._freed(one, one, np.array(10.0), right, drawn, 0.3)
     assert factor == pytest.approx(np.sqrt(99.0) / 10.0)

@@ -31,7 +31,7 @@ _NO_SENSOR = re.compile(
 )
 _NO_COMMAND = re.compile(
     r"(?i:measured|unallocated|estimate|actual|feedback|external|gravity|friction|residual|wheel|gripper|contact|aero|(?<![a-z])drag|magnet|dipole)|"
-    + _words("meas|est|ext|gg|hat|rw|mtq|ft")
+    + _words("meas|est|ext|gg|hat|rw|mtq")
 )
 _COMMANDED = re.compile(r"(?i:setpoint|desired|command|demand)|" + _words("sp|des|cmd"))
 _IN_DOUBT = re.compile(r"(?i:reference|target)|" + _words("ref"))

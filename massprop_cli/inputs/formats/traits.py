@@ -32,10 +32,8 @@ class Traits:
 
     interval_s: Array
     """(n - 1,) from record to record."""
-    records: int | None
-    """Of a control cycle: commands change at its multiples only. The fewest of ``choices``; None where no command changes."""
     choices: tuple[int, ...]
-    """How many records a control cycle may be: on-times that change together say no more than what it is a divisor of."""
+    """How many records a control cycle may be, the fewest first: on-times that change together say no more than what it is a divisor of."""
     commands: Mapping[str, Array]
     """By column: the command of each cycle, or of each record where cycles aren't known."""
     wheels: Mapping[str, str]
@@ -59,6 +57,11 @@ class Traits:
     accel_clipped: float | None
 
     @property
+    def records(self) -> int | None:
+        """Of a control cycle, the fewest that it may be: commands change at its multiples only. None where no command changes."""
+        return self.choices[0] if self.choices else None
+
+    @property
     def period_s(self) -> float:
         """Of a control cycle; of a record where cycles aren't known."""
         return median(self.interval_s) * (self.records or 1)
@@ -79,8 +82,7 @@ def traits(table: Table) -> Traits:
     names = [name for name in table.columns if name in columns.WRENCH or name in told | jets]
     raw = {name: table.columns[name].numbers() for name in names}
     choices = _records(raw, median(steps))
-    records = choices[0] if choices else None
-    count = records or 1
+    count = choices[0] if choices else 1
     whole = len(time_s) // count * count
     weight = interval[:whole].reshape(-1, count, 1)
     mean_rate, mean_force = ((v[:whole].reshape(-1, count, 3) * weight).sum(1) / weight.sum(1) for v in (rate, force))
@@ -88,7 +90,6 @@ def traits(table: Table) -> Traits:
     quiet = _quiet(commands, len(mean_rate))
     return Traits(
         interval_s=steps,
-        records=records,
         choices=choices,
         commands=commands,
         wheels=_wheels(table),
