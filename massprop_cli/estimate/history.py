@@ -94,7 +94,7 @@ def phases_of(log: Log, used: Vehicle, samples: Stream) -> list[tuple[Phase, sli
     begun, length = cycle_edges(log, slice(0, log.cycles))
     start, end = round(float(begun[0]), 9) + 0.0, round(float(begun[-1] + length[-1]), 9)  # + 0.0: no minus zero
     found = []
-    for phase in used.phases or (Phase(name="all", start_s=start, end_s=end),):
+    for phase in used.phases or (Phase.model_construct(name="all", start_s=start, end_s=end),):
         cycles = phase_cycles(phase, begun + length, begun >= samples.usable_s)
         if cycles.stop - cycles.start < 2:
             raise InputError(

@@ -1,8 +1,6 @@
 """What a vehicle file states of cycle, IMU, environment, thrust and jets."""
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat, field_validator, model_validator
@@ -96,13 +94,13 @@ class Environment(Section):
         return quaternion
 
     @model_validator(mode="after")
-    def _has_a_vertical(self) -> Environment:
+    def _has_a_vertical(self) -> Self:
         if self.kind == "air_bearing" and self.gravity_m_s2 == 0:
             raise ValueError('kind = "air_bearing" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity')
         return self
 
     @model_validator(mode="after")
-    def _stands_on_its_table(self) -> Environment:
+    def _stands_on_its_table(self) -> Self:
         if self.kind == "planar" and max(map(abs, self.initial_attitude_wxyz[1:3])) > 1e-6:
             raise ValueError("initial_attitude_wxyz turns the vehicle out of the table; give a turn about Z, or leave it out")
         return self
@@ -134,7 +132,7 @@ class Failure(Section):
     end_s: FiniteFloat | None = Field(None, description="... and before then; absent: to its end")
 
     @model_validator(mode="after")
-    def _is_ordered(self) -> Failure:
+    def _is_ordered(self) -> Self:
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise ValueError(
                 f"the failure of jet {self.jet!r} from {self.start_s:g} to {self.end_s:g} s never happens; mend start_s or end_s"

@@ -1,8 +1,6 @@
 """How the estimators are set: the default one, the thesis's, when a value is converged, what drifts."""
 
-from __future__ import annotations
-
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -26,7 +24,7 @@ class ThesisSettings(Section):
     initial: tuple[Real, ...] = Field((0.0,) * 10, description="the ten quantities at the start")
 
     @model_validator(mode="after")
-    def _has_sizes(self) -> ThesisSettings:
+    def _has_sizes(self) -> Self:
         for key, size in (("p1", 9), ("q1", 9), ("p1_again", 9), ("initial", 10)):
             values = getattr(self, key)
             if values is not None and len(values) != size:
@@ -52,7 +50,7 @@ class EstimatorSettings(Section):
     adapt_noise: bool = Field(True, description="size disturbances from a first pass where the stated noise can't explain the log")
     split_on_change: bool = Field(False, description="where the mass properties change at once within a phase, begin a new phase there")
     refine: bool = Field(False, description="report the off-line maximum-likelihood fit of each phase instead of its last causal row")
-    thesis: ThesisSettings = ThesisSettings()
+    thesis: ThesisSettings = ThesisSettings.unset()
 
 
 class ConvergenceSettings(Section):

@@ -125,7 +125,7 @@ class TruthFile(Section):
     docked_bound: JsonValue = None
     poi_convention: Convention | None = None
     phases: tuple[TruthPhase, ...]
-    docked: Body = Body()
+    docked: Body = Body.unset()
 
 
 @dataclass(frozen=True)

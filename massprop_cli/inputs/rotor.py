@@ -1,8 +1,6 @@
 """Rotors (propellers) as a vehicle file states them."""
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -45,7 +43,7 @@ class Rotor(Section):
         return axis
 
     @model_validator(mode="after")
-    def _fits_its_column(self) -> Rotor:
+    def _fits_its_column(self) -> Self:
         if self.column == "speed" and (self.lag_up_s or self.lag_down_s or self.nominal_v):
             raise ValueError("a measured speed has no lag and needs no voltage: drop lag_up_s, lag_down_s and nominal_v")
         if self.column == "command" and self.spin_inertia_kg_m2 is not None:

@@ -1,8 +1,6 @@
 """What the tables of all configuration files are made of: numbers within range, vectors, sections that refuse unknown keys."""
 
-from __future__ import annotations
-
-from typing import Annotated
+from typing import Annotated, Self, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -31,3 +29,8 @@ class Section(BaseModel):
     """A table of a configuration file: immutable, unknown keys refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, defer_build=True)
+
+    @classmethod
+    def unset(cls) -> Self:
+        """With every key at its default. It needs no validator of its own, to build which takes time: the file's model has one for all."""
+        return cast("Self", cls.model_construct())

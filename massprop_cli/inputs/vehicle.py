@@ -3,9 +3,6 @@
 The models below are the schema (``massprop schema vehicle``). Unknown keys are refused.
 """
 
-from __future__ import annotations
-
-import json
 import math
 from functools import cached_property
 from itertools import combinations
@@ -13,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, to_jsonable_python
 
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
@@ -50,7 +47,7 @@ class Nominal(Section):
         return -stated if flip and stated is not None else stated
 
     @model_validator(mode="after")
-    def _states_convention(self) -> Nominal:
+    def _states_convention(self) -> Self:
         if self.poi_convention is None and any(getattr(self, name) is not None for name in PRODUCTS):
             raise ValueError('a product of inertia needs poi_convention = "tensor" or "positive_integral" beside it')
         return self
@@ -83,12 +80,12 @@ class Phase(Section):
     known: KnownTable = Field({}, description="quantities of this phase that were measured elsewhere")
 
     @model_validator(mode="after")
-    def _is_ordered(self) -> Phase:
+    def _is_ordered(self) -> Self:
         if self.end_s <= self.start_s:
             raise ValueError(f"phase {self.name!r} ends at {self.end_s} s, not after its start at {self.start_s} s")
         return self
 
-    def overlaps(self, other: Phase) -> bool:
+    def overlaps(self, other: Self) -> bool:
         """Whether a cycle may be of both."""
         return max(self.start_s, other.start_s) < min(self.end_s, other.end_s)
 
@@ -108,7 +105,7 @@ class Column(Section):
     scale: Real = 1.0
 
     @model_validator(mode="after")
-    def _scales(self) -> Column:
+    def _scales(self) -> Self:
         if self.scale == 0:
             raise ValueError("scale is zero")
         return self
@@ -120,23 +117,23 @@ class Vehicle(Section):
     schema_: Literal[1] = Field(alias="schema")
     name: str = "vehicle"
     cycle: Cycle
-    imu: Imu = Imu()
-    environment: Environment = Environment()
-    thrust: Thrust = Thrust()
+    imu: Imu = Imu.unset()
+    environment: Environment = Environment.unset()
+    thrust: Thrust = Thrust.unset()
     jets: tuple[Jet, ...] = Field((), max_length=256)
     rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
-    nominal: Nominal = Nominal()
+    nominal: Nominal = Nominal.unset()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)
     docking: Docking | None = None
-    drift: Drift = Drift()
+    drift: Drift = Drift.unset()
     columns: dict[str, Column] = Field({}, description="this log's own name and scale of a contract column")
-    estimator: EstimatorSettings = EstimatorSettings()
-    convergence: ConvergenceSettings = ConvergenceSettings()
+    estimator: EstimatorSettings = EstimatorSettings.unset()
+    convergence: ConvergenceSettings = ConvergenceSettings.unset()
 
     @model_validator(mode="after")
-    def _is_coherent(self) -> Vehicle:
+    def _is_coherent(self) -> Self:
         for kind, named in (("jet", self.jets), ("rotor", self.rotors), ("wheel", self.wheels), ("phase", self.phases)):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
@@ -239,7 +236,10 @@ def schema() -> dict[str, Any]:
 def flat(section: Section, prefix: str) -> dict[str, Any]:
     """A section as dotted keys and JSON values, so that each can be given back as ``KEY=VALUE``."""
     found: dict[str, Any] = {}
-    for key, value in json.loads(section.model_dump_json(by_alias=True, exclude_none=True)).items():
-        child = getattr(section, key)
-        found |= flat(child, f"{prefix}.{key}") if isinstance(child, Section) else {f"{prefix}.{key}": value}
+    for name, stated in type(section).model_fields.items():
+        key, value = f"{prefix}.{stated.alias or name}", getattr(section, name)
+        if isinstance(value, Section):
+            found |= flat(value, key)
+        elif value is not None:
+            found[key] = to_jsonable_python(value, by_alias=True, exclude_none=True)
     return found

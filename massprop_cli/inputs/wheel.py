@@ -8,10 +8,8 @@ opposite of. All moments on body and wheels together:
     (I − J a aᵀ) ω̇ + a T + ω × ((I − J a aᵀ) ω + a h) = τ − c × F,   ḣ = T,  h = J (W + a · ω)          by torque T on the wheel
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -89,7 +87,7 @@ class WheelLog:
     start_rad_s: float | None
     """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
 
-    def part(self, rows: slice) -> WheelLog:
+    def part(self, rows: slice) -> Self:
         """Of some records; ValueError of a torque's log, whose speed follows from all that went before."""
         if self.speed_rad_s is None:
             raise ValueError("the speed of a wheel whose torque was logged follows from its whole log")

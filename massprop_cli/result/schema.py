@@ -1,7 +1,5 @@
 """result.json: the models below are the schema (``massprop schema result``)."""
 
-from __future__ import annotations
-
 import json
 from typing import Annotated, Any, Literal
 
