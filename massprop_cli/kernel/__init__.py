@@ -71,6 +71,14 @@ def opened(path: Path) -> ctypes.CDLL:
     return library
 
 
-def pointer(array: NDArray[np.floating | np.unsignedinteger]) -> ctypes.c_void_p:
-    """Where its numbers stand; the array must outlive the call."""
-    return ctypes.c_void_p(array.ctypes.data)
+class Pointer(ctypes.c_void_p):
+    """Where an array's numbers stand. A call has it among its arguments, and with it the array, which may have no other name."""
+
+    array: NDArray[np.floating | np.unsignedinteger]
+
+
+def pointer(array: NDArray[np.floating | np.unsignedinteger]) -> Pointer:
+    """Where its numbers stand; there they stay for as long as this is held."""
+    found = Pointer(array.ctypes.data)
+    found.array = array
+    return found

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
-from massprop_cli.kernel import Kernel, kernel
+from massprop_cli.kernel import Kernel, kernel, pointer
 from massprop_cli.prepare import signal
 from massprop_cli.prepare.signal import Signal, window_integrals
 
@@ -23,3 +26,16 @@ def test_integrals_and_moments_agree(events: int, lag_s: float, monkeypatch: pyt
     monkeypatch.setattr(signal, "kernel", lambda: Kernel(None, "none"))
     for mine, other in zip(own, window_integrals([driven, driven], edges, lag_s), strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-11, atol=1e-11 * max(float(np.abs(other).max()), 1.0))
+
+
+def test_what_a_call_is_handed_stays_for_as_long_as_the_call() -> None:
+    """An array without another name was given back before the call that read it began."""
+    numbers = np.arange(3.0)
+    there, place = weakref.ref(numbers), pointer(numbers)
+    del numbers
+    gc.collect()
+    assert there() is not None
+    assert place.value == there().ctypes.data  # type: ignore[union-attr]
+    del place
+    gc.collect()
+    assert there() is None
