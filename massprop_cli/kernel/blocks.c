@@ -27,7 +27,8 @@ SHARED int mp_host_bins(long events, const double *time, const double *step, con
                         const double *lag, double *integral, double *moment);
 
 SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
-                          long bins, const double *edges, const double *lag, double *room, double *integral, double *moment);
+                          double weight, long bins, const double *edges, const double *lag, double *room, double *integral,
+                          double *moment);
 
 SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
                          const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
@@ -40,6 +41,9 @@ SHARED int mp_host_windows(long count, long bins, long channels, long along, lon
                            const double *duration, double *rising, double *whole);
 SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
                        double *out);
+SHARED int mp_host_wrenches(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                            const double *duration, const double *rising, const double *whole, const double *wrench, const double *none,
+                            double *room, double *impulse, double *skew, double *begun, double *ended);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
@@ -282,14 +286,51 @@ static long put_event(double *events, long most, long count, double time, double
     return count + 1;
 }
 
-/* The same of jets' pulses (massprop_cli/prepare/actuators.py): on-times (jets, count) from `begin` (count) on, ramps (jets, 2) of rise and
- * fall; room: 12 count. */
-int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, long bins,
-                   const double *edges, const double *lag, double *room, double *integral, double *moment) {
-    long j, k, most = 4 * count;
-    for (j = 0; j < jets; j++, on += count, ramps += 2) {
+/* Adds `weight` times the integrals of one pulse, by its events in the order of time; it is nothing after the last, and `first`, from which
+ * bin on to look for it, goes on to the one in which it begins. */
+static void add_pulse(long events, long most, const double *room, double weight, long bins, const double *edges, long *first,
+                      double *integral, double *moment) {
+    const double *time = room, *step = room + most, *slope = room + 2 * most;
+    double value = 0, rise = 0, now = time[0];
+    long b, next = 0;
+    while (*first > 0 && edges[*first] > now) *first -= 1;
+    while (*first < bins && edges[*first + 1] <= now) *first += 1;
+    for (; next < events && time[next] < edges[0]; now = time[next++]) {
+        value += rise * (time[next] - now) + step[next];
+        rise += slope[next];
+    }
+    if (now < edges[0]) {
+        value += rise * (edges[0] - now);
+        now = edges[0];
+    }
+    for (b = *first; b < bins && next < events; b++) {
+        double sum = 0, late = 0;
+        for (;;) {
+            int inside = next < events && time[next] < edges[b + 1];
+            double until = inside ? time[next] : edges[b + 1], length = until - now, mean = value + rise * length / 2;
+            sum += length * mean;
+            late += length * ((now - edges[b]) * mean + length * (value / 2 + rise * length / 3));
+            value += rise * length;
+            now = until;
+            if (!inside) break;
+            value += step[next];
+            rise += slope[next++];
+            if (next == events) break;
+        }
+        integral[b] += weight * sum;
+        moment[b] += weight * late;
+    }
+}
+
+/* The same of jets' pulses (massprop_cli/prepare/actuators.py), `weight` times, added to what is there: on-times (jets, count) from `begin`
+ * (count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
+int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, double weight,
+                   long bins, const double *edges, const double *lag, double *room, double *integral, double *moment) {
+    long j, k, b, most = 4 * count;
+    double *lagging = room + 3 * most;
+    for (j = 0; j < jets; j++, on += count, ramps += 2, integral += bins, moment += bins) {
         double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0;
-        long events = 0;
+        long events = 0, first = 0;
         int open = 0;
         for (k = 0; k <= count; k++) {
             int last = k == count;
@@ -301,13 +342,22 @@ int mp_host_pulses(long jets, long count, const double *begin, const double *on,
                 events = put_event(room, most, events, end, fall > 0 ? 0.0 : -reached, fall > 0 ? -1 / fall : 0.0);
                 if (fall > 0) events = put_event(room, most, events, end + reached * fall, 0.0, 1 / fall);
                 open = 0;
+                if (!(*lag > 0)) { /* each by itself: most bins have none */
+                    add_pulse(events, most, room, weight, bins, edges, &first, integral, moment);
+                    events = 0;
+                }
             }
             if (last) break;
             if (!open) since = begin[k];
             open = 1;
             end = begin[k] + on[k];
         }
-        mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, integral + j * bins, moment + j * bins);
+        if (events == 0) continue;
+        mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, lagging, lagging + bins);
+        for (b = 0; b < bins; b++) {
+            integral[b] += weight * lagging[b];
+            moment[b] += weight * lagging[bins + b];
+        }
     }
     return MP_OK;
 }
@@ -332,25 +382,74 @@ int mp_host_windows(long count, long bins, long channels, long along, long acros
     return MP_OK;
 }
 
-/* (count, 6) what channels (channels, 6) make together; nothing where they cancel to the part `none` of what each makes alone. */
+/* Adds what a channel makes at x of its full wrench (6), and what that is alone. */
+static void add_wrench(double x, const double *wrench, double *sum, double *alone) {
+    int i;
+    if (x == 0.0) return;
+    for (i = 0; i < 6; i++) {
+        double made = x * wrench[i];
+        sum[i] += made;
+        alone[i] += fabs(made);
+    }
+}
+
+/* Nothing where they cancel to the part `none` of what each makes alone. */
+static void cancelled(long numbers, double none, const double *alone, double *sum) {
+    long i;
+    for (i = 0; i < numbers; i++)
+        if (fabs(sum[i]) < none * alone[i]) sum[i] = 0.0;
+}
+
+/* (count, 6) what channels (channels, 6) make together. */
 int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
                 double *out) {
     long k, c;
-    int i;
     for (k = 0; k < count; k++, part += along, out += 6) {
         double alone[6] = {0};
         memset(out, 0, 6 * sizeof out[0]);
+        for (c = 0; c < channels; c++) add_wrench(part[c * across], wrench + 6 * c, out, alone);
+        cancelled(6, *none, alone, out);
+    }
+    return MP_OK;
+}
+
+/* Cycles of which channels are gone through one by one: numbers of different channels stand far apart. */
+#define TOGETHER 32
+
+/* The same of bins and cycles (massprop_cli/prepare/align.py): (count, bins, 6) impulse, and skew: first moment about a bin's middle, over
+ * its length; (count, 6) impulse under the rising half of the window and under the falling one. Integrals and moments as of
+ * mp_host_windows, which gives rising and whole (count, channels); room: 2 x 32 x 6 (bins + 1). */
+int mp_host_wrenches(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                     const double *duration, const double *rising, const double *whole, const double *wrench, const double *none,
+                     double *room, double *impulse, double *skew, double *begun, double *ended) {
+    long first, last, k, b, c;
+    double *within = room, *later = within + TOGETHER * 6 * bins, *before = later + TOGETHER * 6 * bins, *after = before + TOGETHER * 6;
+    for (first = 0; first < count; first = last) {
+        last = first + TOGETHER < count ? first + TOGETHER : count;
+        memset(room, 0, (size_t)(TOGETHER * 12 * (bins + 1)) * sizeof room[0]);
+        memset(impulse + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof impulse[0]);
+        memset(skew + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof skew[0]);
+        memset(begun + first * 6, 0, (size_t)((last - first) * 6) * sizeof begun[0]);
+        memset(ended + first * 6, 0, (size_t)((last - first) * 6) * sizeof ended[0]);
         for (c = 0; c < channels; c++) {
-            double x = part[c * across];
-            if (x == 0.0) continue;
-            for (i = 0; i < 6; i++) {
-                double made = x * wrench[6 * c + i];
-                out[i] += made;
-                alone[i] += fabs(made);
+            const double *own = wrench + 6 * c;
+            for (k = first; k < last; k++) {
+                const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
+                double half = rising[k * channels + c], bin_s = duration[k] / (double)bins;
+                for (b = 0; b < bins; b++) {
+                    double x = each[b * along], y = late[b * along];
+                    if (x == 0.0 && y == 0.0) continue;
+                    add_wrench(x, own, impulse + (k * bins + b) * 6, within + ((k - first) * bins + b) * 6);
+                    add_wrench(y / bin_s - x / 2, own, skew + (k * bins + b) * 6, later + ((k - first) * bins + b) * 6);
+                }
+                add_wrench(half, own, begun + k * 6, before + (k - first) * 6);
+                add_wrench(whole[k * channels + c] - half, own, ended + k * 6, after + (k - first) * 6);
             }
         }
-        for (i = 0; i < 6; i++)
-            if (fabs(out[i]) < *none * alone[i]) out[i] = 0.0;
+        cancelled((last - first) * bins * 6, *none, within, impulse + first * bins * 6);
+        cancelled((last - first) * bins * 6, *none, later, skew + first * bins * 6);
+        cancelled((last - first) * 6, *none, before, begun + first * 6);
+        cancelled((last - first) * 6, *none, after, ended + first * 6);
     }
     return MP_OK;
 }

@@ -116,13 +116,10 @@ def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array,
     lasting = [(1.0, on_s)]
     for droop, while_open in ((thrust.droop, True), (thrust.cycle_droop, False)):
         lasting += [(-droop, beside_s) for beside_s in beside_others(on_s, while_open)] if droop else []
-    integral, moment = np.zeros((2, len(edges_s) - 1, len(on_s)))
-    for part, lasts_s in lasting:
-        for level in [1.0] if strength is None else np.unique(strength[strength != 0]).tolist():
-            own_s = lasts_s if strength is None else np.where(strength == level, lasts_s, 0.0)
-            one = pulse_integrals(start_s, own_s, vehicle.jets, touching_s, edges_s, lag_s)
-            integral, moment = integral + part * level * one[0], moment + part * level * one[1]
-    return integral, moment
+    if strength is not None:
+        levels = np.unique(strength[strength != 0]).tolist()
+        lasting = [(part * level, np.where(strength == level, lasts_s, 0.0)) for part, lasts_s in lasting for level in levels]
+    return pulse_integrals(start_s, lasting, vehicle.jets, touching_s, edges_s, lag_s)
 
 
 def strengths(start_s: Array, vehicle: Vehicle) -> Array | None:
@@ -163,18 +160,24 @@ def beside_others(on_s: Array, while_open: bool) -> Iterator[Array]:
 
 
 def pulse_integrals(
-    start_s: Array, on_s: Array, jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float
+    start_s: Array, lasting: Sequence[tuple[float, Array]], jets: Sequence[Jet], touching_s: float, edges_s: Array, lag_s: float
 ) -> tuple[Array, Array]:
-    """Integrals as of :func:`window_integrals`, of jets with on-times (jets, K) and :func:`pulses`."""
+    """Integrals as of :func:`window_integrals`, of jets with :func:`pulses`: a sum of parts of the thrust, each with on-times (jets, K)."""
     library = kernel().library
+    found = np.zeros((2, len(jets), len(edges_s) - 1))
     if library is None:
-        return window_integrals([pulses(start_s, on, jet, touching_s) for on, jet in zip(on_s, jets, strict=True)], edges_s, lag_s)
-    ramps = np.array([(jet.rise_s, jet.fall_s) for jet in jets])
-    given = (*(np.ascontiguousarray(part, dtype=float) for part in (start_s, on_s)), ramps, np.array([touching_s]))
-    edges, room = np.ascontiguousarray(edges_s), np.empty((3, 4, len(start_s)))
-    found = np.empty((2, len(jets), len(edges_s) - 1))
-    sizes = [ctypes.c_long(n) for n in (*on_s.shape, found.shape[2])]
-    library.mp_host_pulses(*sizes[:2], *map(pointer, given), sizes[2], *map(pointer, (edges, np.array([lag_s]), room, found[0], found[1])))
+        for part, on_s in lasting:
+            signals = [pulses(start_s, on, jet, touching_s) for on, jet in zip(on_s, jets, strict=True)]
+            found += part * np.swapaxes(window_integrals(signals, edges_s, lag_s), 1, 2)
+        return found[0].T, found[1].T
+    start, edges = np.ascontiguousarray(start_s, dtype=float), np.ascontiguousarray(edges_s)
+    ramps, touching, lag = np.array([(jet.rise_s, jet.fall_s) for jet in jets]), np.array([touching_s]), np.array([lag_s])
+    room = np.empty(12 * len(start) + (2 * found.shape[2] if lag_s > 0 else 0))
+    sizes = [ctypes.c_long(n) for n in (len(jets), len(start), found.shape[2])]
+    for part, on_s in lasting:
+        on, weight = np.ascontiguousarray(on_s, dtype=float), ctypes.c_double(part)
+        among = map(pointer, (edges, lag, room, found[0], found[1]))
+        library.mp_host_pulses(*sizes[:2], *map(pointer, (start, on, ramps, touching)), weight, sizes[2], *among)
     return found[0].T, found[1].T
 
 

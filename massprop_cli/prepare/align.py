@@ -21,7 +21,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sums import net, of_records, windows
+from massprop_cli.prepare.sums import of_records, windows, wrenches
 from massprop_cli.prepare.wheels import Stored, first_known_s, turned
 
 LAGS_FORGOTTEN = 5.0
@@ -168,7 +168,7 @@ def align(
     made = made or impulses(log, vehicle, delay_cycles, lag_s, cycles)
     wrench, duration = channel_wrench(log, vehicle), made.duration_s
     channels = Channels(made.rising, made.whole, wrench, made.thrusting)
-    bin_s = (duration / made.integral.shape[1])[:, None, None]
+    together = wrenches(made.integral, made.moment, duration, (made.rising, made.whole), wrench)
     each = slice(of.start * records, of.stop * records)
     return Aligned(
         start_s=frozen(made.labelled_s),
@@ -176,10 +176,7 @@ def align(
         rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / duration[:, None]),
         specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / duration[:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
-        impulse_bins=frozen(net(made.integral, wrench)),
-        skew_bins=frozen(net(made.moment / bin_s - made.integral / 2, wrench)),
-        rising=frozen(net(channels.rising, wrench)),
-        falling=frozen(net(channels.whole - channels.rising, wrench)),
+        **{name: frozen(part) for name, part in together._asdict().items()},
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),

@@ -6,6 +6,7 @@ A cycle's sum is the same whatever other cycles there are.
 from __future__ import annotations
 
 import ctypes
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from massprop_cli.kernel import kernel, pointer
 
 CANCELLED = 1e-12
 """Part of what each channel makes alone below which their sum is rounding."""
+TOGETHER = 32
+"""Cycles that ``mp_host_wrenches`` sums at once."""
 
 
 def of_records(each: Array, records: int) -> Array:
@@ -32,9 +35,7 @@ def windows(integral: Array, moment: Array, duration: Array) -> tuple[Array, Arr
     if library is None:
         whole = _over_bins(integral, np.ones(bins))
         return _over_bins(moment, np.ones(bins)) / duration[:, None] + _over_bins(integral, np.arange(bins) / bins), whole
-    flat = [each.reshape(count * bins, channels) for each in (integral, moment)]
-    if flat[0].strides != flat[1].strides:
-        flat = [np.ascontiguousarray(each) for each in flat]
+    flat = _alike(integral, moment)
     length, found = np.ascontiguousarray(duration), np.empty((2, count, channels))
     sizes = [ctypes.c_long(n) for n in (count, bins, channels, *_apart(flat[0]))]
     library.mp_host_windows(*sizes, *map(pointer, (*flat, length, found[0], found[1])))
@@ -59,6 +60,40 @@ def net(part: Array, wrench: Array) -> Array:
     sizes = [ctypes.c_long(n) for n in (*flat.shape, *_apart(flat))]
     library.mp_host_net(*sizes, *map(pointer, (flat, given, np.array([CANCELLED]), made)))
     return made
+
+
+class Wrenches(NamedTuple):
+    """What all channels make together. K cycles, B bins; torque about O and force."""
+
+    impulse_bins: Array
+    """(K, B, 6) N m s and N s."""
+    skew_bins: Array
+    """(K, B, 6) first moment of the same about the middle of its bin, over the bin's length."""
+    rising: Array
+    """(K, 6) impulse under the rising half of the triangular window."""
+    falling: Array
+    """(K, 6) under the falling half."""
+
+
+def wrenches(integral: Array, moment: Array, duration: Array, halves: tuple[Array, Array], wrench: Array) -> Wrenches:
+    """Of integrals, moments and ``duration`` as :func:`windows` takes them, and what it gives; :func:`net` of each."""
+    (count, bins, channels), (rising, whole) = integral.shape, halves
+    library = kernel().library
+    if library is None:
+        late = moment / (duration / bins)[:, None, None] - integral / 2
+        return Wrenches(net(integral, wrench), net(late, wrench), net(rising, wrench), net(whole - rising, wrench))
+    flat = _alike(integral, moment)
+    given = tuple(np.ascontiguousarray(each, dtype=float) for each in (duration, rising, whole, wrench))
+    made = Wrenches(*np.empty((2, count, bins, 6)), *np.empty((2, count, 6)))
+    sizes = [ctypes.c_long(n) for n in (count, bins, channels, *_apart(flat[0]))]
+    library.mp_host_wrenches(*sizes, *map(pointer, (*flat, *given, np.array([CANCELLED]), np.empty((2, TOGETHER, 6, bins + 1)), *made)))
+    return made
+
+
+def _alike(*parts: Array) -> list[Array]:
+    """(K B, C) each of (K, B, C), whose numbers stand equally far apart."""
+    flat = [each.reshape(-1, each.shape[2]) for each in parts]
+    return flat if flat[0].strides == flat[1].strides else [np.ascontiguousarray(each) for each in flat]
 
 
 def _apart(flat: Array) -> tuple[int, ...]:

@@ -68,3 +68,27 @@ def test_no_channel_makes_no_wrench() -> None:
 def test_records_add_up_to_cycles() -> None:
     each = np.arange(36.0).reshape(12, 3)
     assert np.array_equal(sums.of_records(each, 4), [[18, 22, 26], [66, 70, 74], [114, 118, 122]])
+
+
+@pytest.mark.usefixtures("either")
+@pytest.mark.parametrize("layout", [as_it_is, channels_first])
+@pytest.mark.parametrize("count", [CYCLES, 3 * sums.TOGETHER, 2 * sums.TOGETHER + 1])
+def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np.ndarray], np.ndarray], count: int) -> None:
+    """Some cycles are gone through at once: fewer than these, whole lots and a rest."""
+    rng = np.random.default_rng(count)
+    integral, moment = rng.normal(size=(2, count, BINS, CHANNELS))
+    duration, wrench = rng.uniform(0.5, 2.0, count), rng.normal(size=(CHANNELS, 6))
+    integral[1::2, :, 1:], moment[1::2, :, 1:] = 0.0, 0.0  # most channels do nothing in most cycles
+    wrench[:2, 0], integral[2], moment[2] = [0.1 * 3, -0.3], 0.0, 0.0
+    integral[2, 1, :2] = 1.0  # these cancel but for rounding
+    halves = sums.windows(integral, moment, duration)
+    made = sums.wrenches(layout(integral), layout(moment), duration, halves, wrench)
+    assert made.impulse_bins[2, 1, 0] == 0.0
+    for k, i in product((0, 1, 2, count - 1), range(6)):
+        by_channel = [wrench[c, i] for c in range(CHANNELS)]
+        for b in range(BINS):
+            late = [moment[k, b, c] / (duration[k] / BINS) - integral[k, b, c] / 2 for c in range(CHANNELS)]
+            assert made.impulse_bins[k, b, i] == pytest.approx(float(np.dot(integral[k, b], by_channel)), rel=1e-12, abs=1e-14)
+            assert made.skew_bins[k, b, i] == pytest.approx(float(np.dot(late, by_channel)), rel=1e-12, abs=1e-14)
+        assert made.rising[k, i] == pytest.approx(float(np.dot(halves[0][k], by_channel)), rel=1e-12, abs=1e-14)
+        assert (made.rising + made.falling)[k, i] == pytest.approx(float(np.dot(halves[1][k], by_channel)), rel=1e-12, abs=1e-14)
