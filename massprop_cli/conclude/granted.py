@@ -8,13 +8,14 @@ from typing import TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.conclude import supply
 from massprop_cli.conclude.taken import Taken, having
 from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel
-from massprop_cli.model.sensitivity import Side, Variant, late
+from massprop_cli.model.sensitivity import Reading, Side, Variant, late, reads_alone
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -37,11 +38,8 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: b
         yield Taken("imu-position", f"{words}; further along {axis}", f"1 mm along {axis}", "position_m" in stated, variant, 1e-3)
     words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
     for i, axis in enumerate(AXES):
-        mounted = _rotation(i, 0.1 * DEGREE) @ np.array(imu.body_from_imu)
-        used = having(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
-        variant = Variant(here, Side(samples.changed(used), used), 0.1 * DEGREE)
-        message = f"imu.body_from_imu is {words}; turned about {axis}"
-        yield Taken("imu-mounting", message, f"1 degree about {axis}", "body_from_imu" in stated, variant, DEGREE)
+        message, turned = f"imu.body_from_imu is {words}; turned about {axis}", _turned(vehicle, samples, i)
+        yield Taken("imu-mounting", message, f"1 degree about {axis}", "body_from_imu" in stated, turned, DEGREE)
     later = late(log, vehicle, timing, "delay")
     if later is not None:
         sigma = vehicle.cycle.command_delay_sigma_cycles
@@ -53,14 +51,32 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: b
         yield from supply.droop(log, vehicle, timing, here)
         yield from supply.memory(log, vehicle, timing, here) if more else ()
     for i, axis in enumerate(AXES):
-        scaled = Variant(here, Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[i])), 0.01)
-        yield Taken(f"{GYRO} {axis}", f"the gyro's scale along {axis} is taken as exact", "1 %", False, scaled, 0.01, part_of=GYRO)
+        message, scaled = f"the gyro's scale along {axis} is taken as exact", _scaled(vehicle, samples, i)
+        yield Taken(f"{GYRO} {axis}", message, "1 %", False, scaled, 0.01, part_of=GYRO)
     yield Taken(GYRO, "the gyro's scale is taken as exact", "1 %", False, None, 0.01)
     yield Taken(ACCELEROMETER, "the accelerometer's scale is taken as exact", "1 %", False, None, 0.01)
     if vehicle.spinning:
         yield _wheel_inertia(log, vehicle, timing, here)
     if vehicle.on_air_bearing:
         yield from _on_bearing(vehicle, here, samples)
+
+
+def _turned(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
+    """The IMU turned about a body axis, per rad."""
+    if reads_alone(vehicle):
+        turn = cross_matrix(np.eye(3)[axis])
+        return Reading(turn, turn)
+    mounted = _rotation(axis, 0.1 * DEGREE) @ np.array(vehicle.imu.body_from_imu)
+    used = having(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
+    return Variant(Side(samples), Side(samples.changed(used), used), 0.1 * DEGREE)
+
+
+def _scaled(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
+    """The gyro's scale along one of its axes, relative."""
+    if reads_alone(vehicle):
+        own = np.array(vehicle.imu.body_from_imu)[:, axis]
+        return Reading(np.outer(own, own), np.zeros((3, 3)))
+    return Variant(Side(samples), Side(samples.changed(gyro=1 + 0.01 * np.eye(3)[axis])), 0.01)
 
 
 def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Taken:

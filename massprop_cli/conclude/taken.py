@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.sensitivity import Variant
+from massprop_cli.model.sensitivity import Reading, Variant
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Taken:
     message: str
     step: str
     stated: bool
-    variant: Variant | None
+    variant: Variant | Reading | None
     """None: of its parts, or of the columns that follow all variants."""
     size: float
     sigma: float = 0.0

@@ -56,6 +56,25 @@ class Variant:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """What the IMU reads turned into something else, where nothing more follows from it (:func:`reads_alone`)."""
+
+    rate: Array
+    """(3, 3) derivative of the rate by an assumption's unit, body axes."""
+    force: Array
+    """(3, 3) of the specific force."""
+
+
+def reads_alone(vehicle: Vehicle) -> bool:
+    """Whether an error of the rate that is read changes nothing else that is compared with the log.
+
+    The response is linear about the rates that were read, ``f(r) + T (x − r)``, which at ``x = r`` changes with r to second order alone.
+    Not so where the rates carry an attitude, or wheels turn against them.
+    """
+    return vehicle.environment.kind == "free" and not vehicle.spinning
+
+
+@dataclass(frozen=True)
 class ImuChange:
     """The IMU further along a body axis, or turned about it."""
 
@@ -78,7 +97,7 @@ class ImuChange:
 class Consider:
     """Assumptions that are uncertain, and their covariance (e, e)."""
 
-    variants: tuple[Variant, ...] = ()
+    variants: tuple[Variant | Reading, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     scales: bool = False
     """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
@@ -108,9 +127,10 @@ def fed(
 
     At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``lift``.
     """
-    state = np.zeros((len(here.measured), here.transition.shape[1]))
-    state[:, :3] = samples.part(cycles).rate_rad_s - reference.gyro_bias
-    driven, measured = [], []
+    part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
+    state[:, :3] = part.rate_rad_s - reference.gyro_bias
+    driven: list[Array] = []
+    measured: list[Array] = []
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
     shared = _Shared({}, {}, {})
@@ -122,7 +142,11 @@ def fed(
             read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, shared)
         return read[id(side.samples), id(as_read)]
 
-    def add(variant: Variant) -> None:
+    def add(variant: Variant | Reading) -> None:
+        if isinstance(variant, Reading):
+            driven.append(np.zeros(here.drive.shape[:2]))
+            measured.append(np.hstack([times(variant.rate, part.rate_rad_s), times(variant.force, part.specific_force_m_s2)]))
+            return
         low, high = of(variant.low), of(variant.high)
         driven.append((high[0] - low[0]) / variant.distance)
         measured.append((high[1] - low[1]) / variant.distance)
@@ -140,8 +164,7 @@ def fed(
         add(variant)
     if consider.scales:
         mounting = np.array(vehicle.imu.body_from_imu)
-        whole = samples.part(cycles).specific_force_m_s2 + vehicle.environment.steady_force_m_s2
-        of_each = samples.part(cycles).executed.channels.wrench
+        whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench
         thrusts = Wrenches(np.arange(len(of_each)), of_each)
         push(*wrench_columns(samples, cycles, reference, vehicle, here, thrusts), mounting * (whole @ mounting)[:, None, :])
     for variant in moved_imu:

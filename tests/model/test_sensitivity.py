@@ -7,12 +7,16 @@ import pytest
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.conclude.assumptions import Assumption, examined
 from massprop_cli.diagnosis import delay
 from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
-from massprop_cli.model.sensitivity import Consider, late
+from massprop_cli.model.lift import Lift
+from massprop_cli.model.lifted import lifted
+from massprop_cli.model.plant import plant_of
+from massprop_cli.model.sensitivity import Consider, Reading, Side, Variant, fed, imu_turned, late
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.settings import effective_settings
@@ -58,6 +62,29 @@ def test_an_imu_a_millimetre_further_on_shifts_what_is_estimated_as_it_says(flye
     place[axis] += 1e-3
     moved = again(flyer, f"imu.position_m={place}") - flyer.settled[0].values[-1]
     held(by_code(flyer, "imu-position")[axis], moved, flyer, 0.05)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flyer: Analysis, axis: int) -> None:
+    """Against the log read anew a little changed, which goes through motion, coupling and lever arm: these stay, to first order."""
+    cycles, (settled,) = slice(100, 300), flyer.settled
+    assert settled.reference is not None
+    own = np.array(flyer.vehicle.imu.body_from_imu)[:, axis]
+    turn, angle = cross_matrix(np.eye(3)[axis]), 1e-6
+    here, turned = Side(flyer.samples), imu_turned(flyer.vehicle, axis, angle)
+    scaled = Side(flyer.samples.changed(gyro=1 + 1e-6 * np.eye(3)[axis]))
+    variants = (
+        *(Reading(turn, turn), Reading(np.outer(own, own), np.zeros((3, 3)))),
+        *(Variant(here, Side(flyer.samples.changed(turned), turned), angle), Variant(here, scaled, 1e-6)),
+    )
+    at = lifted(flyer.samples, cycles, settled.reference, flyer.vehicle), flyer.samples, cycles, settled.reference, flyer.vehicle
+    driven, measured = fed(*at, Consider(variants), Lift(plant_of(flyer.vehicle)))
+    moved = np.abs(measured[:, :3, 2:]).max()
+    assert moved > 0.1
+    # beside the rate; the step of the differences; a fiftieth of the noise of 0.02 m/s^2
+    np.testing.assert_allclose(driven[..., :2], driven[..., 2:], atol=1e-4 * moved)
+    np.testing.assert_allclose(measured[:, :3, :2], measured[:, :3, 2:], atol=1e-6)
+    np.testing.assert_allclose(measured[:, 3:, :2], measured[:, 3:, 2:], atol=4e-4)
 
 
 def test_divert_jets_alone_carry_the_mass_and_nothing_in_the_log_shows_it(flyer: Analysis) -> None:
