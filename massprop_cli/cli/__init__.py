@@ -8,40 +8,30 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 from massprop_cli import __version__
 from massprop_cli.base import exits, onethread
-from massprop_cli.cli.batch import batch
-from massprop_cli.cli.check import check
-from massprop_cli.cli.columns import columns
-from massprop_cli.cli.combine import combine
-from massprop_cli.cli.compare import compare
-from massprop_cli.cli.estimate import estimate
-from massprop_cli.cli.export_flight import export_flight
 from massprop_cli.cli.help import Command, Group, epilog, told
-from massprop_cli.cli.init import init
-from massprop_cli.cli.live import live
-from massprop_cli.cli.plan import plan
-from massprop_cli.cli.report import report
-from massprop_cli.cli.schema import schema
-from massprop_cli.cli.simulate import simulate
 from massprop_cli.cli.terminal import say
 
 onethread.prefer()
 _Misread: Any = typer.BadParameter.__mro__[1]
 """What typer raises of a command line; older ones have it from click, newer ones of their own."""
 
+NAME = "massprop"
 _PANELS = {
-    "One log": (estimate, report, compare),
-    "On board and live": (export_flight, live),
-    "Many logs": (batch, combine),
-    "Another program's recording": (columns, init),
-    "Before and after a test": (plan, simulate, check),
-    "Files": (schema,),
+    "One log": ("estimate", "report", "compare"),
+    "On board and live": ("export-flight", "live"),
+    "Many logs": ("batch", "combine"),
+    "Another program's recording": ("columns", "init"),
+    "Before and after a test": ("plan", "simulate", "check"),
+    "Files": ("schema",),
 }
+"""Commands by their names; each is a function of its name in a module of its own."""
 
 
 def _version(value: bool) -> None:
@@ -55,9 +45,9 @@ def _main(version: Annotated[bool, typer.Option("--version", callback=_version, 
 
 
 def application(only: str | None = None) -> typer.Typer:
-    """All commands; or one alone, by the name that a shell gives it, where there is such a one: what isn't asked for isn't built."""
+    """All commands; or one alone, by the name that a shell gives it, where there is such a one: what isn't asked for isn't imported."""
     found = typer.Typer(
-        name="massprop",
+        name=NAME,
         help="Mass properties of a vehicle, with honest sigmas, from recorded commands and IMU data.",
         no_args_is_help=True,
         cls=Group,
@@ -65,15 +55,25 @@ def application(only: str | None = None) -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     found.callback()(_main)
-    commands = {command.__name__.replace("_", "-"): (command, panel) for panel, some in _PANELS.items() for command in some}
-    for name, (command, panel) in commands.items():
-        if only in (None, name) or only not in commands:
+    panels = {name: panel for panel, names in _PANELS.items() for name in names}
+    for name, panel in panels.items():
+        if only in (None, name) or only not in panels:
+            called = name.replace("-", "_")
+            command = getattr(import_module(f"massprop_cli.cli.{called}"), called)
             said = told(command)
             found.command(name, cls=Command, help=said.text, epilog=epilog(said), rich_help_panel=panel)(command)
     return found
 
 
-app = application()
+app: typer.Typer
+
+
+def __getattr__(name: str) -> Any:
+    """``app`` is :func:`application` with all commands, made when it is asked for."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()["app"] = whole = application()
+    return whole
 
 
 def main() -> None:
@@ -103,7 +103,7 @@ def _run() -> int:
         # typer and rich leave with 1 over a closed pipe; massprop itself leaves by typer.Exit
         return exits.PIPE if left.code == exits.BUG else int(left.code or 0)
     except _Misread as error:
-        command = error.ctx.command_path if error.ctx is not None else app.info.name
+        command = error.ctx.command_path if error.ctx is not None else NAME
         said = error.format_message()
         # without any argument the help has been shown already
         return _told(f"{said} See {command} --help", exits.USAGE) if said else exits.USAGE

@@ -26,7 +26,7 @@ SETTLED = 0.003
 """Largest second-order error of what is linear about the reference, in sigmas, of an off-line fit that stands still."""
 SETTLINGS = 8
 """Most passes of the off-line fit."""
-WHOLE = 512
+WHOLE = 1024
 """Cycles taken in at a time by what is off-line."""
 HELD = 4096
 """Cycles of which an off-line fit keeps what it took in until it stands; of more it takes them in once again."""

@@ -61,6 +61,7 @@ class Stream:
         self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), BiasSeen.none(), 0.0)]
         self._held = slice(0, 0)
         self._samples: Samples | None = None
+        self._last: tuple[slice, Samples] | None = None
         if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
             records = self.log.records_per_cycle
             logged = self.log.attitude_wxyz[records - 1 :: records]
@@ -81,11 +82,14 @@ class Stream:
 
     def part(self, cycles: slice) -> Samples:
         """Of these cycles alone, a slice with both ends given."""
+        if self._last is not None and self._last[0] == cycles:
+            return self._last[1]  # each block of cycles is asked for several times
         if self._samples is None or cycles.start < self._held.start or cycles.stop > self._held.stop:
             first = cycles.start // GRID * GRID
             self._held = slice(first, min(max(first + LEAST, cycles.stop), len(self)))
             self._samples = self._compensated(self._held)
-        return self._samples.part(slice(cycles.start - self._held.start, cycles.stop - self._held.start))
+        self._last = cycles, self._samples.part(slice(cycles.start - self._held.start, cycles.stop - self._held.start))
+        return self._last[1]
 
     def _compensated(self, cycles: slice) -> Samples:
         spill.give_back()
