@@ -195,6 +195,9 @@ def _estimate(
     if not history.observable[i]:
         verdict, told = "unobservable", False
         reason = f"no motion of this vehicle can inform it by this method; it wants {WANTED[QUANTITIES[i]]}, which its commands don't give"
+    elif not np.isfinite(value) and (stood := np.isfinite(history.values[:, i])).any():
+        verdict, until = "not_converged", history.time_s[len(stood) - 1 - int(np.argmax(stood[::-1]))]
+        reason = f"an estimate stood until {until:.6g} s and none after: its numbers came too far apart; check units and noise levels"
     elif not informed:
         verdict, reason = "not_excited", f"the motion in this phase hardly informed it; it wants {WANTED[QUANTITIES[i]]}"
     elif share > 0.5:

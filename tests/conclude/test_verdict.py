@@ -56,6 +56,16 @@ def test_a_quantity_that_stood_still_uninformed_is_not_excited() -> None:
     assert conclude(found, vehicle()).estimates["mass"].verdict == "not_excited"
 
 
+def test_an_estimate_that_ends_on_the_way_says_so_and_not_that_the_motion_was_poor() -> None:
+    found = history()
+    found.values[200:, 0], found.sigmas[200:, 0] = np.nan, np.nan
+    found.values[:, 9], found.sigmas[:, 9] = np.nan, np.nan  # of what was never told there is nothing that ended
+    estimates = conclude(found, vehicle()).estimates
+    assert (estimates["ixx"].value, estimates["ixx"].verdict) == (None, "not_converged")
+    assert estimates["ixx"].reason.startswith("an estimate stood until 10 s and none after")
+    assert estimates["mass"].verdict == "not_excited"
+
+
 def test_a_moment_known_to_half_its_own_value_is_not_excited() -> None:
     found = history()
     found.sigmas[:, 0] = 0.5
