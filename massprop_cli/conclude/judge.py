@@ -11,6 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
+from massprop_cli.conclude.executed import unexecuted
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.swing import swinging
@@ -54,7 +55,8 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
         # against a floor that stands in for noise no model fits
         if isinstance(found.vehicle, Resolved) and all(notice.code != "noise-floor" for notice in found.notices):
             swing = swinging(settled, found.samples, found.vehicle, found.stated)
-            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle) | swing)
+            lost_commands = unexecuted(settled, found.samples, found.vehicle)
+            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle) | swing | lost_commands)
     return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
 
 
