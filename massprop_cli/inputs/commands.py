@@ -18,6 +18,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel, WheelLog
 
 CommandKind = Literal["jets", "wrench", "rotors"]
+LATE = 1e-3
+"""Part of a control cycle by which an on-time may be longer, and counts as all of it: clocks are rounded and cycles not quite alike."""
 ROUNDED = 1e-6
 BRIEF, SHORTEST_S = 0.015, 2e-3
 """Part of a control cycle, and time, below which no valve is of use at its longest: on-times a thousandth or a hundredth as long."""
@@ -106,13 +108,15 @@ def _lost(source: LogTable, row: int) -> str:
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
     checks: list[tuple[Callable[[Array], Any], str]] = [
         (lambda t: t < 0, "negative on-time; an on-time is 0 or more"),
-        (lambda t: t > period_s * (1 + ROUNDED), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
+        (lambda t: t > period_s * (1 + LATE), f"longer than the control cycle of {period_s:g} s; is it in seconds?"),
     ]
     for check, problem in checks:
         bad = np.argwhere(np.concatenate([check(on_s[part]) for part in spill.parts(len(on_s))]))
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")
+    for part in spill.parts(len(on_s)):
+        np.minimum(on_s[part], period_s, out=on_s[part])
 
 
 def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: int, stated: Cycle) -> None:
@@ -185,6 +189,18 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
     return np.stack(found, 1)
 
 
+STRAYED = {
+    30 / np.pi: "it is in rpm",
+    np.pi / 30: "start_rad_s is in rpm",
+    180 / np.pi: "it is in deg/s",
+    1 / (2 * np.pi): "it is in revolutions per second",
+    -1.0: "it has the other sign",
+    -30 / np.pi: "it is in rpm, and has the other sign",
+}
+NEAR = 0.02
+"""Part of itself within which a speed is another one."""
+
+
 def _mean(source: LogTable, column: str, records: int, n: int) -> Array:
     """(K,) over each cycle, of a number in every record."""
     found: Array = source.required(column)[:n].reshape(-1, records).mean(1)
@@ -208,8 +224,26 @@ def wheels(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[Wh
     if not vehicle.rotors:
         _refuse_strangers(source, "rotor", rotor_of, [])
     own = [_of_speed(source, wheel, n) if wheel.column == "speed" else _of_torque(source, wheel, records, n) for wheel in vehicle.wheels]
+    _check_starts(source, vehicle, own)
     turning = [rotor_speed(rotor.name) for rotor in vehicle.rotors if rotor.wheel is not None]
     return (*own, *(WheelLog(frozen(source.required(column)[:n]), None, None) for column in turning))
+
+
+def _check_starts(source: LogTable, vehicle: Vehicle, own: Sequence[WheelLog]) -> None:
+    """:class:`InputError` where all speeds begin at what the vehicle file states of them in another unit, or the other way round.
+
+    Nothing in the motion tells the unit: inertia grows with the speeds.
+    """
+    pairs = zip(vehicle.wheels, own, strict=True)
+    stated = [
+        (wheel.start_rad_s, float(said.speed_rad_s[0])) for wheel, said in pairs if wheel.start_rad_s and said.speed_rad_s is not None
+    ]
+    for factor, what in STRAYED.items():
+        if stated and all(abs(first - factor * start) < NEAR * abs(factor * start) for start, first in stated):
+            raise InputError(
+                f"{source.table.path}: the first speed of each wheel is {factor:.4g} times the start_rad_s of the vehicle file: {what}; "
+                "mend the speeds, or start_rad_s"
+            )
 
 
 def _of_speed(source: LogTable, wheel: Wheel, n: int) -> WheelLog:

@@ -69,6 +69,20 @@ def test_what_names_units_and_clocks_settle_is_filled_in() -> None:
     assert mapfile.parse(answered, "m.toml").map.records is not None
 
 
+def test_names_of_one_letter_an_axis_and_more_are_found_and_a_unit_that_is_none_is_quoted() -> None:
+    fast, slow = np.arange(2000) / 200, np.arange(500) / 50
+    streams: dict[str, tuple[Numbers, str, str]] = {"imu/t": (fast, "", "s"), "cmd/t": (slow, "", "s")}
+    for n, axis in enumerate("xyz"):
+        streams[f"imu/dTheta_{axis}"] = (np.sin((n + 1) * fast), "imu/t", "rad")
+        streams[f"imu/a{axis}_ftps2"] = (np.cos((n + 1) * fast), "imu/t", "ft/s^2")
+        streams[f"cmd/M{axis}_cmd"] = (np.sin(slow), "cmd/t", "N m")
+        streams[f"cmd/F{axis}_cmd"] = (np.cos(slow), "cmd/t", "N")
+    text = propose.draft(recording(**streams))
+    for said in ("imu/dTheta_x", "imu/ax_ftps2", "cmd/Mx_cmd", "cmd/Fx_cmd"):
+        assert f'paths = ["{said}"' in text
+    assert 'recorded as "ft/s^2", which is none of these: state scale beside it' in text
+
+
 def test_what_is_ambiguous_is_asked_with_all_that_it_may_be() -> None:
     second = {f"imu/gyro2_{axis}": (np.zeros(2000), "imu/t", "rad/s") for axis in "xyz"}
     text = propose.draft(flight(**second)).split("[accelerometer]", maxsplit=1)[0]

@@ -37,6 +37,8 @@ BAD = {
     "no column": Bad(WHEEL, added(), ("'wheel_w1_rad_s' is missing", "add it")),
     "speed stated, torque there": Bad(WHEEL, TORQUE, ("'wheel_w1_n_m'", 'state column = "torque"')),
     "torque stated, speed there": Bad(BY_TORQUE, SPEED, ("'wheel_w1_rad_s'", 'state column = "speed"')),
+    "speed in rpm": Bad(WHEEL + "start_rad_s = 1.0472\n", SPEED, ("9.549 times the start_rad_s", "it is in rpm", "mend the speeds")),
+    "speed the other way round": Bad(WHEEL + "start_rad_s = -10.0\n", SPEED, ("-1 times the start_rad_s", "it has the other sign")),
     "torque without a start": Bad(BY_TORQUE, TORQUE, ("'w1'", "start_rad_s", "first cell of column 'wheel_w1_rad_s'")),
     "empty cell of a speed": Bad(
         WHEEL, lambda table: cell("wheel_w1_rad_s", 7, NAN)(SPEED(table)), ("row 7", "wheel_w1_rad_s", "mend or cut")

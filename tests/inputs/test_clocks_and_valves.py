@@ -133,6 +133,30 @@ def test_on_times_that_differ_within_a_cycle_are_named_with_both(tmp_path: Path)
         mapped(tmp_path / "log.csv", frame, *UNTIL_THEN)
 
 
+def test_an_on_time_once_a_cycle_is_of_its_stamp_whatever_holds_says(tmp_path: Path) -> None:
+    """It was taken so in silence, stamped a cycle late."""
+    frame = recorded()
+    once = frame.copy()
+    once.loc[np.arange(len(frame)) % ROWS != 0, ["left", "right"]] = np.nan
+    assert np.isfinite(on_times(mapped(tmp_path / "log.csv", once))).all()
+    with pytest.raises(InputError, match=r"whatever holds says; drop holds, .* clock.offset_s = -0.05"):
+        mapped(tmp_path / "log.csv", once, *UNTIL_THEN)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"), [("lost", "no on-time in .* logged as it changes wants a row in each"), ("twice", "clock that drifts")]
+)
+def test_a_cycle_without_its_on_time_says_what_else_it_may_be(fault: str, said: str, tmp_path: Path) -> None:
+    once = recorded()
+    once.loc[np.arange(len(once)) % ROWS != 0, ["left", "right"]] = np.nan
+    if fault == "lost":
+        once.loc[5 * ROWS, ["left", "right"]] = np.nan
+    else:
+        once.loc[5 * ROWS + 7, ["left", "right"]] = [0.0211, 0.0123]
+    with pytest.raises(InputError, match=said):
+        mapped(tmp_path / "log.csv", once)
+
+
 def test_a_valve_in_each_bit_of_a_number(tmp_path: Path) -> None:
     frame = recorded()
     states = open_by_record().astype(int)

@@ -194,6 +194,19 @@ REFUSED = {
 }
 
 
+@pytest.mark.parametrize(("unit", "taken"), [("rev/s", False), ("ft/s", False), ("LSB", False), ("body", True), ("", True)])
+def test_a_unit_that_none_here_is_wants_a_factor_beside_the_one_that_is_stated(unit: str, taken: bool) -> None:
+    """A gyro in revolutions had been taken for one in rad/s since the map said so; a label says nothing of a unit."""
+    streams = motion() | {f"imu/w{axis}": (motion()[f"imu/w{axis}"][0], "imu/t", unit) for axis in "xyz"}
+    stated = WRENCH_MAP.replace('"imu/w?"', '"imu/w?"\nunit = "rad/s"')
+    if taken:
+        assert made(streams, stated + RECORDS).rows
+        return
+    with pytest.raises(InputError, match=f"map says unit 'rad/s', and the file '{unit}', which is none here: state scale beside it"):
+        made(streams, stated + RECORDS)
+    assert made(streams, stated.replace('unit = "rad/s"', 'unit = "rad/s"\nscale = 6.2831853') + RECORDS).rows
+
+
 @pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED.keys())
 def test_a_wrong_map_is_refused_with_file_path_and_remedy(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):

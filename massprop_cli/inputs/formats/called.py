@@ -58,13 +58,17 @@ class Quantity:
 SENSORS = (
     Quantity(
         "gyro",
-        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|delta_(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
+        re.compile(r"gyro?|ang(ular)?_?(vel|rate)|omega|d(elta)?_?(theta|ang)|body_?rate|/xyz$|^w\*|/w\*|^\*$", re.IGNORECASE),
         units.RATE,
         units.ANGLE,
         _NO_SENSOR,
     ),
     Quantity(
-        "accelerometer", re.compile(r"acc|specific_?force|delta_?v|^a\*|/a\*", re.IGNORECASE), units.ACCELERATION, units.SPEED, _NO_SENSOR
+        "accelerometer",
+        re.compile(r"acc|specific_?force|delta_?v|^dv_?\*|/dv_?\*|^a\*|/a\*", re.IGNORECASE),
+        units.ACCELERATION,
+        units.SPEED,
+        _NO_SENSOR,
     ),
 )
 COMMANDS = (

@@ -231,6 +231,10 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
     if command.kind == "on_time":
         if step > (1 - _LIKE) * length:
+            if command.holds == "since_last":
+                problem = "an on-time once a cycle is that of the cycle in which it is stamped, whatever holds says; drop holds, and where"
+                problem += f" stamps come at the cycle's end state clock.offset_s = {-length:.6g} for it"
+                raise signals.error(signal.key, signal.paths[0], problem)
             count, first = resample.in_each(signal.times.s, cycles, _EARLY)
         else:  # in every record, which counts by its middle
             middle = step / 2 if command.holds == "until_next" else -step / 2
@@ -242,7 +246,8 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
                 signal.key,
                 signal.paths[0],
                 f"{_counted(signal, first, count, int(wrong[0]))} in the control cycle of {length:.6g} s at {at:.13g} s; each cycle wants "
-                "one (0 where the jet is off), or the same in all of its records: mend the length of cycles or their beginning ([records])",
+                "one (0 where the jet is off), or the same in all of its records: mend the length of cycles or their beginning ([records])"
+                + _astray(int(count[wrong[0]])),
             )
         apart = np.abs(signal.times.s[first] - cycles[:-1]).max()
         most = int(count.max())
@@ -259,6 +264,16 @@ def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
     how = "held until the next" if command.holds == "until_next" else "each over the time since the last"
     signals.made.append(f"{said}, {how}; of each of {len(cycles) - 1} control cycles of {length:.6g} s the mean")
     return found * np.diff(cycles)[:, None] if command.kind == "share" else found
+
+
+def _astray(count: int) -> str:
+    """What else makes a cycle hold no on-time, or two."""
+    lost = (
+        ""
+        if count
+        else "; an on-time that is logged as it changes wants a row in each cycle, and where commands were lost records.end_s is before"
+    )
+    return f'{lost}; stamps that are times of arrival want "even = true", and a clock that drifts its scale, under the clock of [jets]'
 
 
 def _where_they_change(commands: Sequence[_Command], least_s: float, cycle_s: float) -> float | None:

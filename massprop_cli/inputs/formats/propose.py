@@ -167,7 +167,14 @@ def _unit(quantity: Quantity, vector: Vector) -> str:
             if abs(size / gravity - 1) < 0.03:
                 return f'unit = "{unit}"   # its median size is {size:.4g}: gravity'
     largest = float(np.max(np.abs(values)))
-    return f'unit = "?"   # {choices}: not recorded; its median size is {size:.3g}, its largest number {largest:.3g}'
+    recorded = _recorded(vector)
+    return f'unit = "?"   # {choices}: {recorded}; its median size is {size:.3g}, its largest number {largest:.3g}'
+
+
+def _recorded(vector: Vector) -> str:
+    """What a file says of a unit that none here is."""
+    unit = vector.streams[0].unit
+    return f"recorded as {json.dumps(unit, ensure_ascii=False)}, which is none of these: state scale beside it" if unit else "not recorded"
 
 
 def _wrench(quantity: Quantity, vector: Vector) -> list[str]:
@@ -176,7 +183,7 @@ def _wrench(quantity: Quantity, vector: Vector) -> list[str]:
     unit = (
         []
         if units.factor(vector.streams[0].unit, quantity.rates) is not None
-        else [f'unit = "?"   # {" or ".join(quantity.rates)}: not recorded']
+        else [f'unit = "?"   # {" or ".join(quantity.rates)}: {_recorded(vector)}']
     )
     return [*unit, 'frame = "?"   # "body", or "world", which wants [attitude]']
 

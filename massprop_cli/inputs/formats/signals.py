@@ -89,7 +89,7 @@ class Signals:
         if said.bit is not None:
             return self._signal(key, [stream.path], self._bit(key, stream, said.bit)[:, None], clock), True
         known = {unit: value for unit, value in units.TIME.items() if unit != "ns"} | units.SHARE
-        factor, unit = self._factor(key, stream, said.unit, known)
+        factor, unit = self._factor(key, stream, said, known)
         values = (self._numbers(key, stream, empty=True) + said.offset) * (factor * said.scale)
         signal = self._signal(key, [stream.path], values[:, None], clock)
         return signal, unit in units.SHARE
@@ -119,7 +119,7 @@ class Signals:
 
     def _number(self, key: str, said: Mapped, path: str, known: Mapping[str, float]) -> tuple[Signal, str]:
         stream = self._stream(key, path)
-        factor, unit = self._factor(key, stream, said.unit, known)
+        factor, unit = self._factor(key, stream, said, known)
         values = self._numbers(key, stream, empty=self._apart) * (factor * said.scale)
         return self._signal(key, [stream.path], values[:, None], self._clock_of(key, [path], said.clock)), unit
 
@@ -151,7 +151,7 @@ class Signals:
             if stream is None:
                 columns.append(np.array([float(path)]))
                 continue
-            factor, _ = self._factor(key, stream, said.unit, known)
+            factor, _ = self._factor(key, stream, said, known)
             columns.append(self._numbers(key, stream, empty=self._apart or key in ("torque", "force")) * (factor * said.scale))
         named = [path for path in paths if isinstance(path, str)]
         rows = max(map(len, columns)) if named else 1
@@ -233,9 +233,9 @@ class Signals:
             )
         return values
 
-    def _factor(self, key: str, stream: Stream, said: str | None, known: Mapping[str, float]) -> tuple[float, str]:
+    def _factor(self, key: str, stream: Stream, stated: Mapped | Clock, known: Mapping[str, float]) -> tuple[float, str]:
         """To SI by the unit that is stated or recorded; it is refused where these contradict each other."""
-        recorded = units.plain(stream.unit)
+        said, recorded = stated.unit, units.plain(stream.unit)
         text = said or recorded
         choices = ", ".join(known)
         if not text:
@@ -247,6 +247,9 @@ class Signals:
             problem = f"the map says unit {said!r}, the file {stream.unit!r}; drop unit from the map, or mend it"
             if units.is_any(recorded):
                 raise self.error(key, stream.path, problem)
+            if units.is_foreign(stream.unit) and "scale" not in stated.model_fields_set:
+                cure = f"state scale beside it, what one {stream.unit} is in {said}; 1.0 where the file is wrong"
+                raise self.error(key, stream.path, f"the map says unit {said!r}, and the file {stream.unit!r}, which is none here: {cure}")
         return factor, units.plain(text)
 
     def _clock_of(self, key: str, paths: Sequence[str | float], said: Clock | None) -> Clock:
@@ -285,7 +288,7 @@ class Signals:
         stream = self._stream(key, clock.path or "")
         if not (clock.unit or stream.unit):
             _ = stream.values  # texts that are no times are told as that: no unit would help
-        return self._factor(key, stream, clock.unit, units.TIME)[0]
+        return self._factor(key, stream, clock, units.TIME)[0]
 
     def _times(self, key: str, clock: Clock, rows: BoolArray | None = None) -> Times:
         path = clock.path or ""

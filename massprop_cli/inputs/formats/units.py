@@ -34,6 +34,12 @@ _ALIKE = {
 _BEHIND = re.compile(r"(?:/\s*)?[\[(]\s*([^\])]{1,20})\s*[\])]\s*$|\s/\s*(\S{1,20})\s*$")
 _INDEX = re.compile(r"[\d\s,:]+")
 _GAUSS = ("mG", "uG", "µG", "nG")
+_FOREIGN = re.compile(
+    r"(?<![a-z])(ft|foot|feet|in|inch|inches|lb|lbs|lbf|lbm|oz|ozf|kgf|gf|kp|dyn|dyne|rev|revs|revolutions?|rot|turns?|rps|hz|gon|arcsec|"
+    r"arcmin|mas|urad|gal|cm|km|kn|knots?|kt|mph|kmh|kph|h|hrs?|hours?|mins?|minutes?|counts?|cnt|lsb|bits?|ticks?|raw|krpm)(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words of units that are none here."""
 _POWER = re.compile(r"\s*([a-zµμ°]+)\s*[·*. ]?\s*s(?:\^|\*\*)?(?:-|⁻)(\d|¹|²)$")
 
 
@@ -56,6 +62,11 @@ def factor(text: str, known: Mapping[str, float]) -> float | None:
 def is_any(text: str) -> bool:
     """Whether it is a unit of any quantity here."""
     return any(factor(text, table) is not None for table in TABLES)
+
+
+def is_foreign(text: str) -> bool:
+    """Whether it is a unit, and none here: of a label, as ``body`` or ``imu0``, it isn't known."""
+    return not is_any(text) and _FOREIGN.search(text) is not None
 
 
 def behind(name: str) -> tuple[str, str]:

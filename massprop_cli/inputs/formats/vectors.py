@@ -15,6 +15,7 @@ _MARKS = (
     (re.compile(r"(?<![a-zA-Z])([wxyzWXYZ])(?![a-zA-Z])(?!.*(?<![a-zA-Z])[wxyzWXYZ](?![a-zA-Z]))"), 0),
     (re.compile(r"([wxyzWXYZ])$"), 0),
     (re.compile(r"(?<=\D)(\d)$"), 0),
+    (re.compile(r"(?<![a-zA-Z])[afmtwAFMTW]([xyzXYZ])(?=_)"), 0),
     (re.compile(r"(?<![a-zA-Z])([pqr])(?![a-zA-Z])(?!.*/)"), 0),
 )
 """How names mark an axis, less the unit behind them, and from what number they count."""
