@@ -109,7 +109,11 @@ def test_a_cause_whose_values_are_chance_is_none(thrust: float) -> None:
 
 @pytest.mark.parametrize(("keys", "seed", "changed"), [(DOCKED, 3, True), (["disturbance.walk_n_m=0.01"], 2, False)])
 def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: list[str], seed: int, changed: bool) -> None:
-    """A docking leaves a thirtieth; a torque that wanders four fifths, though each of two halves of the log fits for being shorter."""
+    """A docking leaves a thirtieth to a sixth; a torque that wanders four fifths, though each of two halves of the log fits: it is shorter.
+
+    How much of the cycle in which it docks is left hangs on the direction that columns which are sums of others take from the fit: rounding
+    has it, and the compiled kernel and NumPy differ.
+    """
     look = look_at("free-flyer", seed, *PLAN, *keys)
     whole = beside_a_torque(look)
     samples = look.case.timing.of(look.case.log, look.case.vehicle)
@@ -121,7 +125,7 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: l
     assert len(sides) == 2
     assert all(side.fits for side in sides)
     left = sum(side.excess for side in sides) / whole.excess
-    assert left < 0.1 if changed else left > 0.7
+    assert left < 0.25 if changed else left > 0.7
     named = _changed(look, whole)
     assert (named is not None) is changed
     if named is not None:
