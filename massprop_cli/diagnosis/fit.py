@@ -39,8 +39,8 @@ class Extra:
     """(K − 1, 3, e) growth of the mean rate from cycle to cycle, rad/s."""
     force: Array
     """(K, 3, e) specific force, m/s²."""
-    sigma: float
-    """Prior sigma of each."""
+    sigma: Array
+    """(e,) prior sigma of each."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     if stacked is None:
         return None
     rows, target = stacked
-    sigma = np.concatenate([_prior(layout, reference, vehicle), np.full(count, extra.sigma if extra else 1.0)])
+    sigma = np.concatenate([_prior(layout, reference, vehicle), extra.sigma if extra else np.zeros(0)])
     state = np.zeros(layout.size + count)
     state[PARAMETERS], state[RATE] = parameters(reference), samples.part(cycles).rate_rad_s[0]
     left = target - rows @ state

@@ -15,6 +15,7 @@ from massprop_cli.diagnosis import delay
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build
 from massprop_cli.testbed import scenario, simulate
+from tests import faulty
 from tests.flight import resolved
 
 SHORT = ["duration_s=20.0", "vehicle.cycle.command_delay_cycles=auto"]
@@ -48,6 +49,19 @@ def test_the_found_delays_scatter_as_their_sigma_says(seeds: int) -> None:
         assert found is not None
         z.append((found.at.delay - 1.6) / found.sigma.delay)
     assert np.sum(np.square(z)) < chi2.ppf(0.999, seeds)
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_delay_is_found_beside_jets_that_are_as_uncertain_as_is_stated(seed: int) -> None:
+    """Taken as exact they had moved it by six to twenty of its sigmas, and the log contradicted all that followed."""
+    flight, rng = flown(1.6, seed), np.random.default_rng(seed)
+    other = faulty.pushing(flight.vehicle, {jet.name: 1 + 0.01 * rng.standard_normal() for jet in flight.vehicle.jets})
+    stated = other.model_copy(update={"jets": tuple(jet.model_copy(update={"thrust_sigma": 0.01}) for jet in other.jets)})
+    found = flow.examine(flight.log(0), VehicleSource(stated, "t", ""))
+    assert found.notices == ()
+    assert found.detected is not None
+    assert abs(found.timing.delay - 1.6) < 4 * found.detected.sigma.delay
 
 
 @pytest.mark.parametrize(

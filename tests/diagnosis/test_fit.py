@@ -55,7 +55,7 @@ def test_a_factor_on_the_thrust_comes_out_of_the_fit() -> None:
             jet["force_n"] = (0.9 * np.array(jet["force_n"])).tolist()
     stated = flight.Flight(flight.vehicle(jets=weaker), flown.on, flown.delta_theta, flown.delta_v).samples(np.random.default_rng(3))
     (with_all, push_all), (without, push_without) = (response(s, CYCLES, reference, flown.used) for s in (samples, stated))
-    extra = Extra((with_all - without)[..., None] / 0.1, (push_all - push_without)[..., None] / 0.1, 1.0)
+    extra = Extra((with_all - without)[..., None] / 0.1, (push_all - push_without)[..., None] / 0.1, np.ones(1))
     found = fit(stated, CYCLES, reference, flown.resolved, extra)
     assert found is not None
     assert found.extra[0] == pytest.approx(0.1, abs=4.5 * float(np.sqrt(found.extra_covariance[0, 0])))
