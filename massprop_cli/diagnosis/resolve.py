@@ -5,7 +5,7 @@ As stated; as found in the log, where the vehicle file says "auto"; or between t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,8 @@ from massprop_cli.prepare.timing import Timing
 _NAMES = {"delay": "command delay", "lag": "thrust lag"}
 LONGEST = 4800
 """Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
+OPEN = 1e4
+"""Cycles; one sigma of what is to be found."""
 NARROWER, FARTHEST = 0.5, 4.0
 """Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
 
@@ -80,7 +82,7 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     coarse = delay.search(part, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     found = None
     if coarse is not None:
-        found = _detected(log, source.vehicle, coarse, unknown)
+        found = _beside_stated(log, source.vehicle, coarse, automatic) or _detected(log, source.vehicle, coarse, unknown)
     if found is None:
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise UntoldError(
@@ -98,24 +100,46 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str])
     return delay.detect(part, used, within, start, unknown)
 
 
+def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> Found | None:
+    """What is to be found, together with what is stated with a sigma beside it; None where nothing is, or it isn't found so.
+
+    Held at what is stated it would move the other as far as it is off itself.
+    """
+    sigmas = _sigmas(vehicle)._asdict()
+    unknown = [name for name, auto in automatic.items() if auto or sigmas[name] > 0]
+    if len(unknown) == sum(automatic.values()):
+        return None
+    found = _detected(log, vehicle, start, unknown)
+    given = start if found is None else start._replace(**{name: getattr(found.at, name) for name, auto in automatic.items() if auto})
+    stated = Timing(*(OPEN if automatic[name] else sigma for name, sigma in sigmas.items()))
+    return None if found is None else _between(found, given, stated, unknown, 0.0)
+
+
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
-    """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P).
+    """What a stated timing and what the log alone shows come to.
 
     None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
     found again), and where it tells another: then the stated one is what is judged.
     """
-    given = stated_timing(vehicle)
-    sigmas = Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s)
+    given, sigmas = stated_timing(vehicle), _sigmas(vehicle)
     unknown = [name for name, sigma in sigmas._asdict().items() if sigma > 0]
     if not unknown:
         return None
     say("finding delay and lag", 0.0)
     found = _detected(log, vehicle, given, unknown)
-    if found is None:
-        return None
+    return None if found is None else _between(found, given, sigmas, unknown, vehicle.thrust.lag_delay_correlation)
+
+
+def _sigmas(vehicle: Vehicle) -> Timing:
+    """By which delay and lag are stated to be uncertain, cycles."""
+    return Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s)
+
+
+def _between(found: Found, given: Timing, sigmas: Timing, unknown: Sequence[str], correlation: float) -> Found | None:
+    """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P)."""
     own = [Timing._fields.index(name) for name in unknown]
     moved = np.subtract(found.at, given)[own]
-    stated, shown = _covariance(sigmas, own, vehicle.thrust.lag_delay_correlation), _covariance(found.sigma, own, found.correlation)
+    stated, shown = _covariance(sigmas, own, correlation), _covariance(found.sigma, own, found.correlation)
     sharper = np.linalg.eigvals(np.linalg.solve(stated, shown)).real.min() < NARROWER**2
     if not sharper or moved @ np.linalg.solve(stated + shown, moved) > FARTHEST**2:
         return None

@@ -52,6 +52,20 @@ def test_the_found_delays_scatter_as_their_sigma_says(seeds: int) -> None:
 
 
 @pytest.mark.numerical
+@pytest.mark.parametrize("off", [-1.5, 1.5])
+def test_a_delay_is_found_together_with_a_lag_that_is_stated_with_a_sigma(off: float) -> None:
+    """Beside the lag as stated, a sigma and a half off, the delay had made up for it, and the log fitted no cause."""
+    keys = "actuators.lag_s=0.05", f"vehicle.thrust.lag_s={0.05 + 0.005 * off}", "vehicle.thrust.lag_sigma_s=0.005"
+    flight = flown(1.6, 1, *keys)
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))
+    assert found.notices == ()
+    assert found.detected is not None
+    assert 0 < found.detected.sigma.lag < 0.1  # cycles: the log tells more than was stated
+    assert abs(found.timing.delay - 1.6) < 4 * found.detected.sigma.delay
+    assert abs(found.timing.lag - 1.0) < 4 * found.detected.sigma.lag
+
+
+@pytest.mark.numerical
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_delay_is_found_beside_jets_that_are_as_uncertain_as_is_stated(seed: int) -> None:
     """Taken as exact they had moved it by six to twenty of its sigmas, and the log contradicted all that followed."""
