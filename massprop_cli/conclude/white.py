@@ -61,7 +61,9 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
         f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst]} {how}; look for a flexible or sloshing part, commands "
         "that were not executed, bumps, a torque that is not stated, a sensor that counts in steps of more than its noise"
     )
-    return dict.fromkeys(resting(history, np.repeat(failed, 3)), reason)
+    # a few cycles that turned the body otherwise than commanded: the same commands push it, wrong as they may be
+    hanging = QUANTITIES if heavy[0] > HEAVY else resting(history, np.repeat(failed, 3))
+    return dict.fromkeys(hanging, reason)
 
 
 def resting(history: History, channels: BoolArray) -> list[str]:

@@ -17,6 +17,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.testbed import scenario, simulate
+from tests import faulty
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
@@ -166,3 +167,15 @@ def test_a_disturbance_that_is_noise_leaves_values_converged(kind: str) -> None:
     assert [notice.code for notice in found.notices] == ["disturbance-torque"]
     assert not wrong(found)
     assert sum(one.verdict == "converged" for one in found.conclusions[0].estimates.values()) >= 9
+
+
+def test_on_times_at_half_beside_a_delay_to_be_found_leave_no_mass_converged() -> None:
+    """As milliseconds read as per cent of 50: each pulse goes on when it should have ended. Rates told it, and the mass had stood alone."""
+    log, vehicle = faulty.sample("high-rate")
+    open_ = faulty.stated(vehicle, 'cycle.command_delay_cycles="auto"')
+    found = examined(replace(log, command=0.5 * log.command), open_)
+    mass = found.conclusions[0].estimates["mass"]
+    assert mass.value is not None
+    assert mass.sigma is not None
+    assert abs(mass.value - 19) > 10 * mass.sigma
+    assert not any(one.verdict == "converged" for one in found.conclusions[0].estimates.values())
