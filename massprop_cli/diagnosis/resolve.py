@@ -87,8 +87,8 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
         remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
-            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}; where commands are stamped after they act, as by a "
-            "clock of their own, bring the clocks together first (clock.offset_s of a map)"
+            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}; of commands that are stamped after they act "
+            "bring the clocks together first (clock.offset_s of a map)"
         )
     return found
 
