@@ -17,8 +17,9 @@ from massprop_cli.conclude.judge import judged
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.inputs.telemetry import Log, read
+from massprop_cli.inputs.telemetry import Log, Notice, read
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.inputs.wheel import backwards
 
 USUAL = (1, 0, 2)
 """Cycles; delays of most testbeds."""
@@ -59,7 +60,26 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         return replace(again, source=source, notices=(*changes, *again.notices))
     answers = mend.mended(found, say)
     told = judged(found, answers)
+    told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
     return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
+
+
+def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> list[Notice]:
+    """That wheels turn the other way than is logged: of a log in which they tell nothing, and told backwards do.
+
+    A body that turns with what drives it has no inertia that is positive, so that nothing is ever told of it.
+    """
+    values = [one.value for conclusion in told.conclusions for one in conclusion.estimates.values()]
+    if not told.log.wheels or any(value is not None for value in values):
+        return []
+    try:
+        again = estimated(replace(told.log, wheels=tuple(map(backwards, told.log.wheels))), source, told.assignments, say, check=False)
+    except (InputError, np.linalg.LinAlgError):
+        return []
+    if not any(one.verdict == "converged" for conclusion in again.conclusions for one in conclusion.estimates.values()):
+        return []
+    what = "the log tells no inertia as its wheels are logged, and does with all of them the other way round"
+    return [Notice("command-sign", f"{what}: mend the sign of their columns, or their axis")]
 
 
 def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:

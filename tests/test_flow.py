@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprop_cli import flow
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.inputs.wheel import backwards
+from massprop_cli.testbed import scenario, simulate
 from tests import faulty
 
 
@@ -25,3 +29,18 @@ def test_a_reading_that_is_none_of_the_motion_is_named_where_it_hides_the_delay(
     turned[300] = -50.0
     with pytest.raises(InputError, match=r"can't be told from this log; .* With 1 cycles the gyro has 1 reading"):
         faulty.examined(replace(log, delta_theta_imu_rad=turned), faulty.stated(used, 'cycle.command_delay_cycles="auto"'))
+
+
+def test_wheels_that_are_logged_backwards_are_named_where_nothing_is_told() -> None:
+    """A lab had been asked for more of the torque that it had commanded already."""
+    flown = simulate.fly(scenario.load("wheels"), [1])
+    log, source = flown.log(0), VehicleSource(flown.vehicle, "", "")
+    other = flow.examine(replace(log, wheels=tuple(map(backwards, log.wheels))), source)
+    assert not any(one.verdict == "converged" for one in other.conclusions[0].estimates.values())
+    assert [notice.code for notice in other.notices] == ["command-sign"]
+    assert flow.examine(log, source).notices == ()
+    # of wheels that hardly turn the body neither way tells anything
+    stopped = tuple(replace(wheel, speed_rad_s=np.zeros(log.rows)) for wheel in log.wheels)
+    rng = np.random.default_rng(1)
+    still = replace(log, delta_theta_imu_rad=1e-5 * rng.normal(size=(log.rows, 3)), wheels=stopped)
+    assert "command-sign" not in [notice.code for notice in flow.examine(still, source).notices]

@@ -93,3 +93,9 @@ class WheelLog:
             raise ValueError("the speed of a wheel whose torque was logged follows from its whole log")
         before = float(self.speed_rad_s[rows.start - 1]) if rows.start else self.start_rad_s
         return replace(self, speed_rad_s=self.speed_rad_s[rows], start_rad_s=before)
+
+
+def backwards(said: WheelLog) -> WheelLog:
+    """The same of a wheel that turns the other way."""
+    speed, torque, start = said.speed_rad_s, said.torque_n_m, said.start_rad_s
+    return WheelLog(None if speed is None else -speed, None if torque is None else -torque, None if start is None else -start)
