@@ -129,18 +129,16 @@ def fed(
     """
     part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
-    driven: list[Array] = []
-    measured: list[Array] = []
+    driven, measured = list[Array](), list[Array]()
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
     shared = _Shared({}, {}, {})
-    moved_imu = [change.variant(samples, vehicle) for change in consider.imu]
 
     def of(side: Side) -> tuple[Array, Array]:
         as_read = side.vehicle or vehicle
-        if (id(side.samples), id(as_read)) not in read:
-            read[id(side.samples), id(as_read)] = _expected(side, state, cycles, reference, as_read, shared)
-        return read[id(side.samples), id(as_read)]
+        if (own := (id(side.samples), id(as_read))) not in read:
+            read[own] = _expected(side, state, cycles, reference, as_read, shared)
+        return read[own]
 
     def add(variant: Variant | Reading) -> None:
         if isinstance(variant, Reading):
@@ -167,8 +165,8 @@ def fed(
         whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench
         thrusts = Wrenches(np.arange(len(of_each)), of_each)
         push(*wrench_columns(samples, cycles, reference, vehicle, here, thrusts), mounting * (whole @ mounting)[:, None, :])
-    for variant in moved_imu:
-        add(variant)
+    for change in consider.imu:
+        add(change.variant(samples, vehicle))
     if consider.jets.kinds:
         push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
