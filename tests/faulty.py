@@ -108,3 +108,12 @@ def looks_good_and_is_wrong(found: Analysis, true: Array, phase: int = 0) -> lis
 def with_increments(log: Log, turned: Array, felt: Array) -> Log:
     """With other readings of the IMU."""
     return replace(log, delta_theta_imu_rad=turned, delta_v_imu_m_s=felt)
+
+
+def losing(log: Log, count: int, seed: int) -> Log:
+    """With commands of so many other cycles in cycles that had none, which no jet ever got."""
+    rng = np.random.default_rng(seed)
+    idle, busy = np.flatnonzero(~log.command.any(1)), np.flatnonzero(log.command.any(1))
+    command = log.command.copy()
+    command[rng.choice(idle, count, replace=False)] = log.command[rng.choice(busy, count)]
+    return replace(log, command=command)

@@ -21,7 +21,7 @@ def init(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Write it to this new file (default: stdout).", show_default=False, rich_help_panel=options.OUTPUT
+            metavar="FILE", help="Write it to this new file (default, and -: stdout).", show_default=False, rich_help_panel=options.OUTPUT
         ),
     ] = None,
 ) -> None:

@@ -29,7 +29,8 @@ from massprop_cli.prepare.compensate import BLOCK, Source
 LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
 """Parts p of the commands, and relative scatters s, that are tried."""
 SURE = 12.0
-"""L beyond which some are lost: by chance in one log of millions; of clean logs it is 0.3 at most, of 1.5 % that were lost 27 to 180."""
+"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise white and normal: for one p
+chance passes this in one log of 160,000 at most (Markov)."""
 FAINT = 1e-9
 """Power of a command below which it tells nothing."""
 NORMAL = 1.4826
@@ -48,20 +49,25 @@ def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, s
     told = power > FAINT
     if not told.any():
         return {}
-    power, root = power[told], np.sqrt(power[told])
-    u = along[told] / root
-    less = np.minimum(-root * u - power / 2, MOST)
-    lost = [float(np.log1p(p * np.expm1(less)).sum()) for p in LOST]
-    grown = [s**2 * power for s in SCATTER]
-    scattered = max(float((u**2 * more / (1 + more) - np.log1p(more)).sum()) / 2 for more in grown)
-    if max(lost) < max(SURE, scattered):
+    if max(lost(along[told], power[told])) < max(SURE, scattered(along[told], power[told])):
         return {}
-    part = LOST[int(np.argmax(lost))]
     reason = (
-        f"its sigma {NO_NOISE}: about {part:.1%} of the commands seem not to have been executed, and it would be too large by what "
-        "was lost; look for lost packets, inhibited jets, pulses too short to open a valve"
+        f"its sigma {NO_NOISE}: some of the commands seem not to have been executed, and it would be too large by the part that was lost; "
+        "look for lost packets, inhibited jets, pulses too short to open a valve"
     )
     return dict.fromkeys((*INERTIA, "mass"), reason)
+
+
+def lost(along: Array, power: Array) -> list[float]:
+    """L for each part p of ``LOST``, of what is left along each cycle's commands, u √c (K,), and their ``power`` c (K,), above 0."""
+    ratio = np.minimum(-along - power / 2, MOST)
+    return [float(np.log1p(p * np.expm1(ratio)).sum()) for p in LOST]
+
+
+def scattered(along: Array, power: Array) -> float:
+    """The largest V of any scatter s of ``SCATTER``, of the same."""
+    grown = [s**2 * power for s in SCATTER]
+    return max(float((along**2 / power * more / (1 + more) - np.log1p(more)).sum()) / 2 for more in grown)
 
 
 def _missing(history: History, samples: Source, used: Resolved) -> tuple[Array, Array]:

@@ -7,15 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.conclude import supply
 from massprop_cli.conclude.taken import Taken, having
 from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.wheel import Wheel
-from massprop_cli.model.sensitivity import Reading, Side, Variant, late, reads_alone
+from massprop_cli.model.sensitivity import TURN, Reading, Side, Variant, imu_moved, imu_turned, late, reads_alone, turned_reading
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -33,8 +31,7 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: b
     imu, stated = vehicle.imu, vehicle.imu.model_fields_set
     words = f"imu.position_m is {'stated as' if 'position_m' in stated else 'not stated and taken as'} {_vector(imu.position_m)} m"
     for i, axis in enumerate(AXES):
-        further = having(vehicle, "imu", "position_m", _moved(imu.position_m, i, 1e-3))
-        variant = Variant(here, Side(here.samples, further), 1e-3)
+        variant = Variant(here, Side(here.samples, imu_moved(vehicle, i, 1e-3)), 1e-3)
         yield Taken("imu-position", f"{words}; further along {axis}", f"1 mm along {axis}", "position_m" in stated, variant, 1e-3)
     words = "as stated" if "body_from_imu" in stated else "not stated: the IMU's axes are taken as the body's"
     for i, axis in enumerate(AXES):
@@ -64,11 +61,9 @@ def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: b
 def _turned(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
     """The IMU turned about a body axis, per rad."""
     if reads_alone(vehicle):
-        turn = cross_matrix(np.eye(3)[axis])
-        return Reading(turn, turn)
-    mounted = _rotation(axis, 0.1 * DEGREE) @ np.array(vehicle.imu.body_from_imu)
-    used = having(vehicle, "imu", "body_from_imu", tuple(tuple(float(x) for x in row) for row in mounted))
-    return Variant(Side(samples), Side(samples.changed(used), used), 0.1 * DEGREE)
+        return turned_reading(axis)
+    used = imu_turned(vehicle, axis, TURN)
+    return Variant(Side(samples), Side(samples.changed(used), used), TURN)
 
 
 def _scaled(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
@@ -126,12 +121,3 @@ def _tilted(samples: Stream, vehicle: Vehicle, axis: int, angle: float) -> Side:
     about_y = (c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x)
     used = having(vehicle, "environment", "initial_attitude_wxyz", tuple(float(v) for v in (about_x, about_y)[axis]))
     return Side(samples.changed(used), used)
-
-
-def _rotation(axis: int, angle: float) -> Array:
-    """(3, 3) by ``angle`` about a body axis."""
-    turn = np.eye(3)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turn[i, i] = turn[j, j] = np.cos(angle)
-    turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
-    return turn

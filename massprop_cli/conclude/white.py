@@ -40,7 +40,7 @@ SENSORS = ("rates", "specific force")
 
 
 def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
-    """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity."""
+    """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity; all where rates jump."""
     disturbed = used.environment.disturbance_torque_n_m + used.environment.disturbance_walk_n_m > 0
     along, tail, count = left(history.normalised)
     power, heavy = (along**2).sum(0).reshape(2, 3).sum(1), tail.reshape(2, 3).max(1)

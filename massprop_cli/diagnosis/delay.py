@@ -220,9 +220,9 @@ def _move(log: Log, vehicle: Resolved, pieces: Sequence[slice], now: Timing, unk
 
 
 def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
-    """(K − 1, 3, g) and (K, 3, g) the same by each that is uncertain of single jets, by one sigma: taken as exact it would move a timing.
+    """What is uncertain of single jets does by one sigma of each: (K − 1, 3, g) rad/s and (K, 3, g) m/s².
 
-    With jets a percent off, delays had been six to ten of their sigmas off.
+    Taken as exact it would move the timing, by far more than its sigma.
     """
     changes = uncertain_jets(vehicle) if log.command_kind == "jets" else Wrenches()
     if not changes.kinds:

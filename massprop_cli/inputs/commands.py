@@ -28,6 +28,17 @@ FULL, FEW = 5, 4
 a pulse as short may be all that was wanted."""
 IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
+STRAYED = {
+    30 / np.pi: "it is in rpm",
+    np.pi / 30: "start_rad_s is in rpm",
+    180 / np.pi: "it is in deg/s",
+    1 / (2 * np.pi): "it is in revolutions per second",
+    -1.0: "it has the other sign",
+    -30 / np.pi: "it is in rpm, and has the other sign",
+}
+"""How many times what is stated of it a wheel's first speed is, and why."""
+NEAR = 0.02
+"""Part of itself within which such a speed is another one."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
@@ -52,6 +63,8 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
     command = _each(source, [jet(name) for name in known], records, n)
     _check_on_times(source, known, command, records, vehicle.cycle.period_s)
+    for part in spill.parts(len(command)):
+        np.minimum(command[part], vehicle.cycle.period_s, out=command[part])
     _check_unit(source, known, command, records, vehicle.cycle)
     _check_once(source, known, command, records, vehicle.cycle.period_s)
     return "jets", command
@@ -115,8 +128,6 @@ def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records
         if bad.size:
             cycle, number = (int(i) for i in bad[0])
             raise source.error(cycle * records, jet(names[number]), f"{on_s[cycle, number]:g} s: {problem}")
-    for part in spill.parts(len(on_s)):
-        np.minimum(on_s[part], period_s, out=on_s[part])
 
 
 def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: int, stated: Cycle) -> None:
@@ -187,18 +198,6 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
             x = x * _mean(source, SUPPLY, records, n) / rotor.nominal_v
         found.append(x)
     return np.stack(found, 1)
-
-
-STRAYED = {
-    30 / np.pi: "it is in rpm",
-    np.pi / 30: "start_rad_s is in rpm",
-    180 / np.pi: "it is in deg/s",
-    1 / (2 * np.pi): "it is in revolutions per second",
-    -1.0: "it has the other sign",
-    -30 / np.pi: "it is in rpm, and has the other sign",
-}
-NEAR = 0.02
-"""Part of itself within which a speed is another one."""
 
 
 def _mean(source: LogTable, column: str, records: int, n: int) -> Array:

@@ -41,7 +41,8 @@ class Wheel(Section):
     start_rad_s: Real | None = Field(
         None,
         description="speed relative to the body when the first torque of the log acts, which a commanded one does after the delay; absent: "
-        "the first cell of wheel_NAME_rad_s. For a torque column",
+        "the first cell of wheel_NAME_rad_s. For a torque column; "
+        "speeds that begin at this in another unit, or with the other sign, are refused",
     )
     start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of that speed; goes into every sigma")
     coulomb_friction_n_m: NonNegative = Field(0.0, description="against the speed, whatever that is. For a torque column")

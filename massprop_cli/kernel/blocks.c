@@ -41,9 +41,10 @@ SHARED int mp_host_windows(long count, long bins, long channels, long along, lon
                            const double *duration, double *rising, double *whole);
 SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
                        double *out);
-SHARED int mp_host_wrenches(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
-                            const double *duration, const double *rising, const double *whole, const double *wrench, const double *none,
-                            double *room, double *impulse, double *skew, double *begun, double *ended);
+SHARED int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
+                            const double *moment, const double *duration, const double *rising, const double *whole,
+                            const double *wrench, const double *none, double *room, double *impulse, double *skew, double *begun,
+                            double *ended);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
@@ -413,20 +414,18 @@ int mp_host_net(long count, long channels, long along, long across, const double
     return MP_OK;
 }
 
-/* Cycles of which channels are gone through one by one: numbers of different channels stand far apart. */
-#define TOGETHER 32
-
 /* The same of bins and cycles (massprop_cli/prepare/align.py): (count, bins, 6) impulse, and skew: first moment about a bin's middle, over
  * its length; (count, 6) impulse under the rising half of the window and under the falling one. Integrals and moments as of
- * mp_host_windows, which gives rising and whole (count, channels); room: 2 x 32 x 6 (bins + 1). */
-int mp_host_wrenches(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
-                     const double *duration, const double *rising, const double *whole, const double *wrench, const double *none,
-                     double *room, double *impulse, double *skew, double *begun, double *ended) {
+ * mp_host_windows, which gives rising and whole (count, channels). Channels are gone through one by one for so many cycles `together`,
+ * since their numbers stand far apart; room: 12 together (bins + 1). */
+int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
+                     const double *moment, const double *duration, const double *rising, const double *whole, const double *wrench,
+                     const double *none, double *room, double *impulse, double *skew, double *begun, double *ended) {
     long first, last, k, b, c;
-    double *within = room, *later = within + TOGETHER * 6 * bins, *before = later + TOGETHER * 6 * bins, *after = before + TOGETHER * 6;
+    double *within = room, *later = within + together * 6 * bins, *before = later + together * 6 * bins, *after = before + together * 6;
     for (first = 0; first < count; first = last) {
-        last = first + TOGETHER < count ? first + TOGETHER : count;
-        memset(room, 0, (size_t)(TOGETHER * 12 * (bins + 1)) * sizeof room[0]);
+        last = first + together < count ? first + together : count;
+        memset(room, 0, (size_t)(together * 12 * (bins + 1)) * sizeof room[0]);
         memset(impulse + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof impulse[0]);
         memset(skew + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof skew[0]);
         memset(begun + first * 6, 0, (size_t)((last - first) * 6) * sizeof begun[0]);

@@ -17,7 +17,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import rotation, times
+from massprop_cli.base.rigidbody import cross_matrix, rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
@@ -74,6 +74,12 @@ def reads_alone(vehicle: Vehicle) -> bool:
     return vehicle.environment.kind == "free" and not vehicle.spinning
 
 
+def turned_reading(axis: int, by_rad: float = 1.0) -> Reading:
+    """Of an IMU that is turned about a body axis: what it reads turns with it, θ × ω and θ × f."""
+    turn = by_rad * cross_matrix(np.eye(3)[axis])
+    return Reading(turn, turn)
+
+
 @dataclass(frozen=True)
 class ImuChange:
     """The IMU further along a body axis, or turned about it."""
@@ -87,8 +93,10 @@ class ImuChange:
     """m or rad"""
     sigma: float
 
-    def variant(self, samples: Source, vehicle: Vehicle) -> Variant:
-        """Beside the log as it was read; the distance counted in sigmas."""
+    def variant(self, samples: Source, vehicle: Vehicle) -> Variant | Reading:
+        """Beside the log as it was read, by one sigma."""
+        if self.kind == "imu-mounting" and reads_alone(vehicle):
+            return turned_reading(self.axis, self.sigma)
         changed = (imu_moved if self.kind == "imu-position" else imu_turned)(vehicle, self.axis, self.step)
         return Variant(Side(samples), Side(self.samples, changed), self.step / self.sigma)
 
@@ -194,7 +202,7 @@ def with_geometry(consider: Consider, log: Log, vehicle: Vehicle, samples: Strea
         if stated.position_sigma_m > 0:
             imu.append(ImuChange("imu-position", axis, samples, stated.position_sigma_m, stated.position_sigma_m))
         if stated.mounting_sigma_rad > 0:
-            turned = samples.changed(imu_turned(vehicle, axis, TURN))
+            turned = samples if reads_alone(vehicle) else samples.changed(imu_turned(vehicle, axis, TURN))
             imu.append(ImuChange("imu-mounting", axis, turned, TURN, stated.mounting_sigma_rad))
     jets = uncertain_jets(vehicle) if log.command_kind == "jets" else Wrenches()
     return replace(consider, imu=tuple(imu), jets=jets)

@@ -85,7 +85,7 @@ def wrenches(integral: Array, moment: Array, duration: Array, halves: tuple[Arra
     flat = _alike(integral, moment)
     given = tuple(np.ascontiguousarray(each, dtype=float) for each in (duration, rising, whole, wrench))
     made = Wrenches(*np.empty((2, count, bins, 6)), *np.empty((2, count, 6)))
-    sizes = [ctypes.c_long(n) for n in (count, bins, channels, *_apart(flat[0]))]
+    sizes = [ctypes.c_long(n) for n in (count, TOGETHER, bins, channels, *_apart(flat[0]))]
     library.mp_host_wrenches(*sizes, *map(pointer, (*flat, *given, np.array([CANCELLED]), np.empty((2, TOGETHER, 6, bins + 1)), *made)))
     return made
 

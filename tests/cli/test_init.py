@@ -211,3 +211,11 @@ def test_px4_states_its_rotors_as_comments(tmp_path: Path) -> None:
     refused = massprop(tmp_path, "init", path)
     assert refused.returncode == 3
     assert f"massprop columns {path} drafts one" in refused.stderr
+
+
+def test_a_dash_is_standard_output_and_no_file(tmp_path: Path) -> None:
+    path = log(tmp_path)
+    plain, dashed = massprop(tmp_path, "init", path), massprop(tmp_path, "init", path, "--out", "-")
+    assert (dashed.returncode, dashed.stdout) == (0, plain.stdout)
+    assert tomllib.loads(dashed.stdout)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]

@@ -135,11 +135,7 @@ def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged(seed
     In one of these logs an inertia had been converged and almost five sigma off.
     """
     log, vehicle = flown(seed)
-    rng = np.random.default_rng(seed)
-    idle, busy = np.flatnonzero(~log.command.any(1)), np.flatnonzero(log.command.any(1))
-    command = log.command.copy()
-    command[rng.choice(idle, 25, replace=False)] = log.command[rng.choice(busy, 25)]
-    ignored = replace(log, command=command)
+    ignored = faulty.losing(log, 25, seed)
     found = examined(ignored, vehicle)
     estimates = found.conclusions[0].estimates
     assert not wrong(found)
