@@ -18,8 +18,15 @@ from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.testbed import scenario, simulate
+from massprop_cli.testbed.simulate import Flight
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
+PLAN = (
+    "duration_s=20.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+)
+"""Keys of a scenario that tells every quantity in 400 cycles."""
 
 
 @cache
@@ -44,6 +51,12 @@ def sample(name: str, seconds: float = 1e9, file: str = "log.parquet") -> tuple[
     return cut, found.vehicle
 
 
+@cache
+def flown(name: str, *keys: str, seeds: tuple[int, ...] = (3,)) -> Flight:
+    """A scenario, flown once for all tests that look at the same logs; more seeds take hardly longer than one."""
+    return simulate.fly(scenario.load(name, keys), seeds)
+
+
 def truth(name: str, phase: int = 0) -> Array:
     """(10,)"""
     stated = json.loads((SAMPLES / name / "truth.json").read_text())["phases"][phase]
@@ -61,14 +74,15 @@ def pushing(used: Vehicle, factors: Mapping[str, float]) -> Vehicle:
     return stated(used, *(f"jets.{index[name]}.force_n={[f * x for x in used.jets[index[name]].force_n]}" for name, f in factors.items()))
 
 
-def low_passed(log: Log, hertz: float) -> Log:
-    """An accelerometer behind a first-order low-pass."""
+def low_passed(log: Log, hertz: float, column: str = "delta_v_imu_m_s") -> Log:
+    """A sensor, the accelerometer or another one, behind a first-order low-pass."""
+    increments: Array = getattr(log, column)
     part = 1 - np.exp(-2 * np.pi * hertz * log.interval_s)
-    felt, now = np.empty_like(log.delta_v_imu_m_s), log.delta_v_imu_m_s[0]
-    for k, (share, increment) in enumerate(zip(part, log.delta_v_imu_m_s, strict=True)):
+    passed, now = np.empty_like(increments), increments[0]
+    for k, (share, increment) in enumerate(zip(part, increments, strict=True)):
         now = now + share * (increment - now)
-        felt[k] = now
-    return replace(log, delta_v_imu_m_s=felt)
+        passed[k] = now
+    return replace(log, **{column: passed})
 
 
 def examined(log: Log, used: Vehicle, assignments: Sequence[str] = ()) -> Analysis:

@@ -7,24 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import QUANTITIES
 from massprop_cli.diagnosis.border import border
 from massprop_cli.diagnosis.look import looked
-from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import scenario, simulate
 from tests import faulty
-from tests.diagnosis.test_look import PLAN, look_at
+from tests.diagnosis.test_look import look_at, otherwise, thrust
+from tests.faulty import PLAN
 
-DOCKING = [
+DOCKING = (
     "duration_cycles=700",
     'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=700}]',
     'events=[{kind="dock", cycle=250, motion="rates_kept", phase="combined"}]',
-]
+)
 
 
 @pytest.mark.parametrize("cycles", [-18, 30, *(pytest.param(n, marks=pytest.mark.thorough) for n in (-6, 6))])
 def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -> None:
-    flown = simulate.fly(scenario.load("docking", DOCKING), [4])
+    flown = faulty.flown("docking", *DOCKING, seeds=(4,))
     log, used = flown.log(0), flown.vehicle
     first, second = used.phases
     period = used.cycle.period_s
@@ -45,37 +44,36 @@ def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -
         assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
 
 
-@pytest.mark.parametrize("origin_s", [0.0, 1763000000.0])
+@pytest.mark.parametrize("origin_s", [pytest.param(0.0, marks=pytest.mark.thorough), 1763000000.0])
 def test_a_vehicle_that_is_held_as_its_log_begins_is_named(origin_s: float) -> None:
     """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. By a clock that counts from 1970, too."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [6])
+    flown = faulty.flown("free-flyer", *PLAN)
     held = replace(flown.log(0), time_s=flown.log(0).time_s + origin_s)
     turned, felt = held.delta_theta_imu_rad.copy(), held.delta_v_imu_m_s.copy()
     rng = np.random.default_rng(6)
     noise = flown.vehicle.imu.gyro_noise_rad_s or 0.0, flown.vehicle.imu.accel_noise_m_s2 or 0.0
     for column, level in zip((turned, felt), noise, strict=True):
         column[:22] = level * held.interval_s[:22, None] * rng.standard_normal((22, 3))
-    found = flow.examine(faulty.with_increments(held, turned, felt), VehicleSource(flown.vehicle, "t", ""))
+    found = faulty.examined(faulty.with_increments(held, turned, felt), flown.vehicle)
     (said,) = [notice.message for notice in found.notices if notice.code == "phase-border"]
     assert "the log fits without the first " in said
     (mended,) = found.mended
     (setting,) = mended.settings
     start_s = float(setting.split("start_s = ")[1].split(",")[0])
     assert 0.9 < start_s - origin_s < 1.5
-    true = scenario.load("free-flyer").scenario.truth.values
-    for name, expected in zip(QUANTITIES, true, strict=True):
+    for name, expected in zip(QUANTITIES, flown.truth[0, 0], strict=True):
         one = mended.conclusions[0].estimates[name]
         assert abs((one.value or 0.0) - expected) < 4.5 * (one.sigma or 0.0)
 
 
-@pytest.mark.parametrize("key", ["", 'actuators.failures=[{jet="yaw_p1", thrust=0.8}]', "actuators.delay_cycles=2.5"])
+@pytest.mark.parametrize("key", ["", thrust("yaw_p1", 0.8), "cycle.command_delay_cycles=1.5"])
 def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
-    assert border(look_at("free-flyer", 3, *PLAN, *([key] if key else [])), 20.0) is None
+    assert border(otherwise(*([key] if key else [])), 20.0) is None
 
 
 def test_of_a_long_log_nothing_is_left_out_that_was_not_looked_at() -> None:
     """The stretch that is looked at ends amid the log, in somebody's hands; what comes then is good."""
-    look = look_at("free-flyer", 6, *PLAN, "disturbance.constant_n_m=[0.0, 0.0, 0.0]")
+    look = look_at("free-flyer", *PLAN)
     log = look.case.log
     turned = log.delta_theta_imu_rad.copy()
     turned[-25:] = 0.0

@@ -9,6 +9,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change
 from massprop_cli.estimate.triangle import Triangle
+from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel
 from massprop_cli.model.lift import Lift
@@ -16,18 +17,14 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
-from tests import flight
+from tests import faulty, flight
 from tests.flight import resolved
 from tests.model.test_linearise import reference
 
 
-def docked(seed: int) -> tuple[Samples, Vehicle, Reference, int]:
+def docked(log: Log, used: Vehicle, true: Array) -> tuple[Samples, Vehicle, Reference, int]:
     """A log over a docking as if it were one phase, a reference of neither body, and the cycle at which it happens."""
-    flown = simulate.fly(scenario.load("docking"), [seed])
-    log, used = flown.log(0), flown.vehicle
     samples = Timing(float(used.cycle.command_delay_cycles), 0.0).of(log, used)
-    true = flown.truth[0][0]
     about = Reference(1.5 * tensor(true[:6]), true[6:9] + 0.01, 0.8 / true[9])
     at = int(np.searchsorted(samples.executed.start_s, used.phases[0].end_s - 1e-6))
     return samples, used, about, at
@@ -39,16 +36,25 @@ def stretch(samples: Samples, cycles: slice, about: Reference, used: Vehicle) ->
     return alone.stretch(alone.begin(about), alone.whole(about), cycles)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_docking_is_where_the_change_is_found(seed: int) -> None:
-    samples, used, about, at = docked(seed)
+def test_the_docking_of_the_sample_is_where_the_change_is_found() -> None:
+    samples, used, about, at = docked(*faulty.sample("docking"), faulty.truth("docking"))
     found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))
     assert found is not None
     assert abs(found - at) <= 3
 
 
+@pytest.mark.thorough
+def test_the_docking_is_where_the_change_is_found() -> None:
+    flown = faulty.flown("docking", seeds=tuple(range(1, 11)))
+    for member in range(3):
+        samples, used, about, at = docked(flown.log(member), flown.vehicle, flown.truth[member, 0])
+        found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))
+        assert found is not None
+        assert abs(found - at) <= 3
+
+
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
-    samples, used, about, _ = docked(1)
+    samples, used, about, _ = docked(*faulty.sample("docking"), faulty.truth("docking"))
     assert change.likeliest(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_cli import flow
 from massprop_cli.diagnosis.contest import _Rows
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.kernel import kernel
-from massprop_cli.testbed import scenario, simulate
+from tests import faulty
 from tests.diagnosis.test_handed import NOISE, reduced
 
 NOISY = ("duration_s = 25.0", "vehicle.imu.gyro_noise_rad_s = 1e-3", "vehicle.imu.accel_noise_m_s2 = 0.2")
@@ -32,12 +30,11 @@ EACH_THEN_ALL = ", ".join(
 )
 
 
-@pytest.mark.parametrize("seed", [1051, 1052, 1054])
+@pytest.mark.parametrize("seed", [1051, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (1052, 1054))])
 def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
     """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
-    flown = simulate.fly(scenario.load("free-flyer", [*NOISY, f"plan = [{EACH_THEN_ALL}]"]), [seed])
-    used = changed(flown.vehicle, ["cycle.command_delay_cycles=4.0"])
-    found = flow.examine(flown.log(0), VehicleSource(used, "t", ""))
+    flown = faulty.flown("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1051, 1052, 1054))
+    found = faulty.examined(flown.log(flown.seeds.index(seed)), faulty.stated(flown.vehicle, "cycle.command_delay_cycles=4.0"))
     assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["delay-mismatch"]
 
 
@@ -45,14 +42,13 @@ JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0
 """A fifth of the vehicle, nearly balanced on its bearing."""
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
     event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'
-    flown = simulate.fly(scenario.load("testbed", [JOINING, event]), [seed])
+    flown = faulty.flown("testbed", JOINING, event, seeds=(1, 2))
     unaware = flown.vehicle.model_copy(update={"phases": (), "docking": None})
-    with np.errstate(all="ignore"):
-        found = flow.examine(flown.log(0), VehicleSource(unaware, "t", ""))
+    found = faulty.examined(flown.log(flown.seeds.index(seed)), unaware)
     (said,) = [notice for notice in found.notices if notice.code != "unphysical-inertia"]
     assert said.code == "mass-change"
     assert float(said.message.split("at once at ")[1].split(" s")[0]) == pytest.approx(280 * 0.05, abs=0.5)

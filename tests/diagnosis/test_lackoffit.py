@@ -15,7 +15,6 @@ from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
 from tests import faulty
 from tests.flight import resolved
 
@@ -101,22 +100,23 @@ def test_a_jet_of_another_thrust_hides_about_the_error_that_it_makes(jet: str, q
 
 @pytest.mark.thorough
 def test_stated_pulse_errors_are_noise_and_hide_nothing() -> None:
-    flown = simulate.fly(scenario.load("refined", ["vehicle.thrust.pulse_sigma=0.1"]), [1, 2])
+    flown = faulty.flown("refined", "vehicle.thrust.pulse_sigma=0.1", seeds=(1, 2))
     for member in range(2):
         found = faulty.examined(flown.log(member), flown.vehicle)
         assert found.vehicle.thrust.pulse_sigma == 0.1
         assert [c.contradiction for c in found.conclusions] == [""]
 
 
-@pytest.mark.parametrize("seed", [pytest.param(7008, marks=pytest.mark.numerical), 7028])
-def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(seed: int) -> None:
+@pytest.mark.numerical
+@pytest.mark.parametrize("member", [0, 1])
+def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit(member: int) -> None:
     """After docking the body spins: beside the constant, hardly more than noise is left of its rate, which is in the residual as well."""
-    flown = simulate.fly(scenario.load("docking"), [seed])
-    log, used = flown.log(0), flown.vehicle
+    flown = faulty.flown("docking", seeds=(7008, 7028))
+    log, used = flown.log(member), flown.vehicle
     samples = Timing(0.0, 0.0).of(log, used)
     phase = used.phases[1]
     cycles = phase_cycles(phase, samples.executed.end_s, samples.executed.usable)
-    true = flown.truth[0][1]
+    true = flown.truth[member, 1]
     history = settled_about(samples, cycles, phase, Reference(tensor(true[:6]), true[6:9], 1 / true[9]), used)
     np.testing.assert_array_equal(innovation_test(history, samples), np.ones(6))
     np.testing.assert_array_equal(hidden_error(history, samples, resolved(used)), np.zeros(10))

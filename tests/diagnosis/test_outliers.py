@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import QUANTITIES
 from massprop_cli.diagnosis import outliers
 from massprop_cli.estimate.history import phase_cycles
-from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.inputs.vehiclefile import VehicleSource, changed
+from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
 from tests import faulty
+from tests.diagnosis.test_diagnose import LAG, dead
+from tests.diagnosis.test_look import thrust
+from tests.faulty import PLAN
 
 ROWS = [61, 62, 150, 233, 399]
 """Two in a row, and the last."""
@@ -38,14 +38,10 @@ def spiked(log: Log, sensor: str, rows: list[int], size: float) -> Log:
     return replace(log, **{name: increments})
 
 
-def examined(log: Log, used: Vehicle) -> Analysis:
-    return flow.examine(log, VehicleSource(used, "t", ""))
-
-
 @pytest.mark.parametrize(("sensor", "size"), [("gyro", 0.01), ("accel", 2.0)])
 def test_spikes_are_told_and_each_value_is_that_of_the_log_without_them(flight: tuple[Log, Vehicle], sensor: str, size: float) -> None:
     log, used = flight
-    clean, found = examined(log, used), examined(spiked(log, sensor, ROWS, size), used)
+    clean, found = faulty.examined(log, used), faulty.examined(spiked(log, sensor, ROWS, size), used)
     assert clean.notices == ()
     (notice,) = found.notices
     assert notice.code == "outliers"
@@ -61,7 +57,7 @@ def test_spikes_are_told_and_each_value_is_that_of_the_log_without_them(flight: 
 
 def test_no_value_depends_on_how_far_out_a_reading_is(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
-    found = [examined(spiked(log, "gyro", ROWS[:4], size), used) for size in (0.01, 0.1)]
+    found = [faulty.examined(spiked(log, "gyro", ROWS[:4], size), used) for size in (0.01, 0.1)]
     assert found[0].vehicle.imu == found[1].vehicle.imu
     one, other = (analysis.histories[0] for analysis in found)
     np.testing.assert_array_equal(one.values, other.values)
@@ -71,8 +67,8 @@ def test_no_value_depends_on_how_far_out_a_reading_is(flight: tuple[Log, Vehicle
 def test_a_cut_at_a_later_cycle_changes_no_row(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
     log = spiked(log, "accel", ROWS[:3], 2.0)
-    whole = examined(log, used).histories[0]
-    part = examined(log.part(0, 260), used).histories[0]
+    whole = faulty.examined(log, used).histories[0]
+    part = faulty.examined(log.part(0, 260), used).histories[0]
     np.testing.assert_array_equal(part.values, whole.values[:258])
     assert np.isnan(whole.innovation[148, 3:]).all()
     assert np.isfinite(whole.innovation[148, :3]).all()
@@ -81,12 +77,12 @@ def test_a_cut_at_a_later_cycle_changes_no_row(flight: tuple[Log, Vehicle]) -> N
 def test_times_that_are_given_back_give_the_same_and_none_uses_all(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
     log = spiked(log, "gyro", ROWS, 0.01)
-    found = examined(log, used)
+    found = faulty.examined(log, used)
     times = json.dumps(list(found.vehicle.imu.gyro_outliers_s or ()))
-    again = examined(log, changed(used, [f"imu.gyro_outliers_s={times}"]))
+    again = faulty.examined(log, changed(used, [f"imu.gyro_outliers_s={times}"]))
     np.testing.assert_array_equal(again.histories[0].values, found.histories[0].values)
     assert [n.code for n in again.notices] == []
-    everything = examined(log, changed(used, ["imu.gyro_outliers_s=[]"]))
+    everything = faulty.examined(log, changed(used, ["imu.gyro_outliers_s=[]"]))
     assert "outliers" not in {n.code for n in everything.notices}
     assert "gyro-misfit" in {n.code for n in everything.notices}
 
@@ -94,23 +90,33 @@ def test_times_that_are_given_back_give_the_same_and_none_uses_all(flight: tuple
 def test_many_are_a_misfit(flight: tuple[Log, Vehicle]) -> None:
     log, used = flight
     rows = list(range(20, 390, 30))
-    assert "outliers" not in {n.code for n in examined(spiked(log, "gyro", rows, 0.01), used).notices}
+    assert "outliers" not in {n.code for n in faulty.examined(spiked(log, "gyro", rows, 0.01), used).notices}
 
 
-FAULTS = ["failures=[{jet='pitch_p1', thrust=0.0}]", "failures=[{jet='divert_zn', thrust=0.5}]", "delay_cycles=3.5", "lag_s=0.03"]
+@pytest.mark.parametrize(
+    ("key", "stated"),
+    [
+        (dead("roll_p1"), ""),
+        ("", thrust("divert_zn", 0.5)),
+        ("", "cycle.command_delay_cycles=0.5"),
+        (LAG, ""),
+    ],
+)
+def test_a_wrong_model_has_no_outliers(key: str, stated: str) -> None:
+    flown = faulty.flown("free-flyer", *PLAN, *([key] if key else []))
+    assert not searched(flown.log(0), changed(flown.vehicle, [stated] if stated else []))
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_wrong_model_has_no_outliers(fault: str) -> None:
-    keys = ["duration_s=20.0", 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]']
-    flown = simulate.fly(scenario.load("free-flyer", [*keys, f"actuators.{fault}".replace("'", '"')]), [3])
-    assert not searched(flown, 0)
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing", "docking", "high-rate"])
+def test_clean_samples_have_none(name: str) -> None:
+    assert not searched(*faulty.sample(name))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed", "docking"])
 def test_logs_without_fault_have_none(name: str) -> None:
-    flown = simulate.fly(scenario.load(name), range(20, 30))
-    assert not any(searched(flown, member) for member in range(10))
+    flown = faulty.flown(name, seeds=tuple(range(1, 11)))
+    assert not any(searched(flown.log(member), flown.vehicle) for member in range(10))
 
 
 def test_a_log_that_is_driven_without_a_pause_has_none() -> None:
@@ -121,13 +127,12 @@ def test_a_log_that_is_driven_without_a_pause_has_none() -> None:
         f"closed_loop={str(axis in ('roll', 'pitch', 'yaw')).lower()}}}"
         for axis, cycles in every.items()
     )
-    flown = simulate.fly(scenario.load("free-flyer", ["duration_s=10.0", f"plan=[{pulses}]"]), range(20, 28))
-    assert not any(searched(flown, member) for member in range(8))
+    flown = faulty.flown("free-flyer", "duration_s=10.0", f"plan=[{pulses}]", seeds=tuple(range(20, 28)))
+    assert not any(searched(flown.log(member), flown.vehicle) for member in range(8))
 
 
-def searched(flown: Flight, member: int) -> bool:
+def searched(log: Log, used: Vehicle) -> bool:
     """Whether anything in a log is taken for an outlier."""
-    log, used = flown.log(member), flown.vehicle
     samples = Stream.of(log, used, Timing(float(used.cycle.command_delay_cycles), 0.0))
     phases = used.phases or (Phase(name="all", start_s=0.0, end_s=1e9),)
     pieces = [phase_cycles(phase, log.cycle_end_s, log.cycle_end_s > samples.usable_s + 0.01) for phase in phases]

@@ -13,15 +13,9 @@ from massprop_cli.diagnosis.diagnose import _pair
 from massprop_cli.diagnosis.look import Look
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from massprop_cli.diagnosis.trial import Trial, beyond, drifts_no_more, hopeless, tried
-from massprop_cli.inputs.vehiclefile import changed
-from massprop_cli.testbed import scenario, simulate
-from tests.diagnosis.test_look import PLAN, look_at, look_of
-
-
-def stated(key: str) -> Look:
-    """Of a log whose vehicle file says something else than what was flown."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [4])
-    return look_of(replace(flown, vehicle=changed(flown.vehicle, [key])))
+from tests.diagnosis.test_diagnose import LAG
+from tests.diagnosis.test_look import look_at, otherwise
+from tests.faulty import PLAN
 
 
 def of(look: Look, code: str) -> tuple[float, Fitted]:
@@ -35,8 +29,7 @@ def delay_alone(look: Look) -> Trial:
 
 
 def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
-    flown = simulate.fly(scenario.load("free-flyer", [*PLAN, "vehicle.thrust.lag_s=0.03"]), [4])
-    look = look_of(replace(flown, vehicle=changed(flown.vehicle, ["thrust.lag_s=0.0"])))
+    look = look_at("free-flyer", *PLAN, LAG)
     score, _ = of(look, "thrust-lag")
     likelier = [found.supposed.code for rough, found in look.ranked.known if rough < score]
     assert "delay-mismatch" in likelier  # by one reduction
@@ -50,19 +43,19 @@ def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> Non
 
 @pytest.mark.parametrize(("key", "no_more"), [("cycle.command_delay_cycles=1.5", True), ("imu.clock_drift_ppm=1500.0", False)])
 def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(key: str, no_more: bool) -> None:
-    look = stated(key)
+    look = otherwise(key)
     trial = delay_alone(look)
     assert trial.fits is no_more
     assert drifts_no_more(trial, of(look, "clock-drift")[1]) is no_more
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two jets that fail on a bearing, where a low-pass is curved, so that one look doesn't rule it out."""
     failed = 'actuators.failures=[{jet="roll_p1", thrust=0.0}, {jet="pitch_n1", thrust=0.9}]'
 
     def tried_of() -> tuple[set[str], float]:
-        look = look_at("testbed", 3, failed)
+        look = look_at("testbed", failed)
         found = searched(look, [], (12, 12), beyond(look))
         assert not any(trial.fits for trial in found)
         return {code for trial in found for code in codes(trial)}, min(trial.excess for trial in found)
@@ -74,10 +67,10 @@ def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeyp
     assert all_of_them - few == {"accel-filter"}
 
 
-@pytest.mark.parametrize(("name", "bent"), [("free-flyer", False), ("testbed", True)])
-def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, bent: bool) -> None:
+@pytest.mark.parametrize(("name", "keys", "bent"), [("free-flyer", PLAN, False), ("testbed", (), True)])
+def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, keys: tuple[str, ...], bent: bool) -> None:
     """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
-    look = look_at(name, 3)
+    look = look_at(name, *keys)
     supposed = {one.code: one for one in (*causes.listed(look.model, look.names, True), *causes.units(look.model))}
     expected = {"gyro-scale": bent, "gyro-bias": bent, "gyro-units": True, "jet-position": False, "clock-drift": True}
     for code, curved in expected.items():
@@ -86,7 +79,7 @@ def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: 
 
 
 def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find_a_second_beside_it() -> None:
-    look = stated("jets.12.position_m=[0.0, 0.06, 0.0]")
+    look = otherwise("jets.12.position_m=[0.0, 0.06, 0.0]")
     trial = tried(look, next(found for _, found in look.ranked))
     assert trial is not None
     # one that says the same, begun elsewhere, was tried before and led nowhere

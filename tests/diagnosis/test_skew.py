@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli import flow
 from massprop_cli.base.arrays import frozen
 from massprop_cli.diagnosis import diagnose
 from massprop_cli.diagnosis.channelwise import free_response
@@ -15,10 +14,8 @@ from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import Cure, skewed
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
-from tests import flight
+from tests import faulty, flight
 
 TURNS = ", ".join(
     f'{{motion="random", axes=["{axis}"], every_cycles=5, max_cycles=4, start_cycle={60 * i}, end_cycle={60 * i + 60}}}'
@@ -34,13 +31,13 @@ LEANING = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.01, 0.0, 1.0]])
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.thorough)])
 def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
     """Before, moments had been converged 45 sigma off on other vehicles, stated and mended alike."""
-    flown = simulate.fly(scenario.load("free-flyer", ("duration_s=25.0", f"plan=[{TURNS}, {ALL}]")), [seed])
-    log = flown.log(0)
+    flown = faulty.flown("free-flyer", "duration_s=25.0", f"plan=[{TURNS}, {ALL}]", seeds=(1, 3))
+    log = flown.log(flown.seeds.index(seed))
     leaning = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ LEANING.T))
-    found = flow.examine(leaning, VehicleSource(flown.vehicle, "", ""))
+    found = faulty.examined(leaning, flown.vehicle)
     assert found.faults or found.unknown
     for conclusions in (found.conclusions, *(answer.conclusions for answer in found.mended)):
         for item, true in zip(conclusions[0].estimates.values(), flown.truth[0][0], strict=True):
@@ -51,15 +48,15 @@ def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_where_a_turn_is_named_the_mended_values_hold_a_shear(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without it a moment is many sigma off once mended, whatever is made of it."""
-    flown = simulate.fly(scenario.load("free-flyer", ("duration_s=30.0", f"plan=[{STEERED}]")), [seed])
-    log = flown.log(0)
+    flown = faulty.flown("free-flyer", "duration_s=30.0", f"plan=[{STEERED}]", seeds=(1, 2))
+    log = flown.log(flown.seeds.index(seed))
     leaning = replace(log, delta_theta_imu_rad=frozen(log.delta_theta_imu_rad @ LEANING.T))
 
     def farthest() -> float:
-        found = flow.examine(leaning, VehicleSource(flown.vehicle, "", ""))
+        found = faulty.examined(leaning, flown.vehicle)
         assert [fault.notice.code for fault in found.faults] == ["imu-mounting"]
         estimates = zip(found.mended[0].conclusions[0].estimates.values(), flown.truth[0][0], strict=True)
         return float(max(abs((one.value or 0.0) - true) / (one.sigma or 1e-300) for one, true in estimates))
