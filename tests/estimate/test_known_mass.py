@@ -14,13 +14,13 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 
-TURNS = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0, end_s=20, closed_loop=true}]'
+TURNS = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0, end_s=10, closed_loop=true}]'
 """Nothing is pushed along the table, so nothing tells the mass."""
 
 
 @cache
 def flown(*settings: str) -> tuple[ScenarioSource, simulate.Flight]:
-    source = scenario.load("testbed", ("duration_s=20", TURNS, *settings))
+    source = scenario.load("testbed", ("duration_s=10", TURNS, *settings))
     return source, simulate.fly(source, list(range(1, 9)))
 
 
@@ -40,10 +40,11 @@ def test_without_a_mass_no_cg_is_given_and_it_is_said_what_would_tell_it() -> No
     assert estimates["izz"].verdict == "converged"
 
 
-@pytest.mark.parametrize("bearing_kg", [0.0, 5.0])
+@pytest.mark.parametrize("bearing_kg", [5.0, pytest.param(0.0, marks=pytest.mark.thorough)])
 def test_a_weighed_mass_gives_the_cg_at_the_bound(bearing_kg: float) -> None:
     """Against a log's own Cramér–Rao bound with the mass struck from the unknowns: sigmas near it of two, errors within them of eight."""
-    source, flight = flown(f"vehicle.environment.bearing_mass_kg={bearing_kg}")
+    source, flight = flown(*([] if bearing_kg == 5 else [f"vehicle.environment.bearing_mass_kg={bearing_kg}"]))
+    assert source.scenario.vehicle.bearing_mass_kg == bearing_kg
     truth = source.scenario.truth.values
     bounds = bound.of_members(source, flight, slice(0, 2))[:, 0]
     limits = [np.sqrt(np.diag(full - np.outer(full[:, 9], full[9]) / full[9, 9])[6:9]) for full in bounds]

@@ -25,18 +25,23 @@ TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
 
 TURNS, PUSHES = '"roll", "pitch", "yaw"', '"x", "y", "z"'
-SHORT = {
-    "wheels": f'[{{motion="random", axes=[{TURNS}], start_s=0, end_s=20}}]',
-    "wheels-and-jets": f'[{{motion="random", axes=[{TURNS}], start_s=0, end_s=10}}, '
-    f'{{motion="random", axes=[{PUSHES}], start_s=0, end_s=20}}, '
-    f'{{motion="random", axes=[{TURNS}], start_s=10, end_s=20, by_wheels=true}}]',
-}
+
+
+def plan(name: str, seconds: int) -> str:
+    """Turns about each axis; where there are jets too, by these in the first half and by wheels in the other, and pushes all along."""
+    half = seconds // 2
+    if name == "wheels":
+        return f'plan=[{{motion="random", axes=[{TURNS}], start_s=0, end_s={seconds}}}]'
+    return (
+        f'plan=[{{motion="random", axes=[{TURNS}], start_s=0, end_s={half}}}, '
+        f'{{motion="random", axes=[{PUSHES}], start_s=0, end_s={seconds}}}, '
+        f'{{motion="random", axes=[{TURNS}], start_s={half}, end_s={seconds}, by_wheels=true}}]'
+    )
 
 
 @cache
-def flown(name: str, *settings: str) -> tuple[ScenarioSource, simulate.Flight]:
-    """A flight of 20 s."""
-    source = scenario.load(name, ("duration_s=20", f"plan={SHORT[name]}", *settings))
+def flown(name: str, *settings: str, seconds: int = 10) -> tuple[ScenarioSource, simulate.Flight]:
+    source = scenario.load(name, (f"duration_s={seconds}", plan(name, seconds), *settings))
     return source, simulate.fly(source, [1])
 
 
@@ -58,10 +63,16 @@ def found(analysis: Analysis) -> tuple[Array, Array]:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize(("name", "told"), [("wheels", 9), ("wheels-and-jets", 10)])
-def test_wheels_tell_what_they_can_at_the_bound(name: str, told: int) -> None:
-    """Errors within 4.5 sigma, sigmas 0.9 to 1.2 of the bound; without a push no mass, and it is said."""
-    source, flight = flown(name)
+@pytest.mark.parametrize(
+    ("name", "told", "thrust"),
+    [("wheels", 9, 1.0), ("wheels-and-jets", 10, 0.95), pytest.param("wheels-and-jets", 10, 1.0, marks=pytest.mark.thorough)],
+)
+def test_wheels_tell_what_they_can_at_the_bound_and_fix_the_scale_that_thrust_leaves_open(name: str, told: int, thrust: float) -> None:
+    """Errors within 4.5 sigma, sigmas 0.9 to 1.2 of the bound; without a push no mass, and it is said.
+
+    Thrust 5 % weaker than stated ± 5 %: beside wheels values are right to their sigmas, hardly wider than with thrust known.
+    """
+    source, flight = flown(name, *([f"actuators.scale={thrust}"] if thrust != 1 else []))
     analysis = estimated(flight)
     values, sigmas = found(analysis)
     assert np.abs((values - TRUTH) / sigmas)[:told].max() < 4.5
@@ -70,25 +81,16 @@ def test_wheels_tell_what_they_can_at_the_bound(name: str, told: int) -> None:
     verdicts = [estimate.verdict for estimate in analysis.conclusions[0].estimates.values()]
     assert verdicts[:6] == ["converged"] * 6
     assert verdicts[told:] == ["unobservable"] * (10 - told)
-    assert not analysis.notices
-
-
-def test_a_wheel_fixes_the_scale_that_thrust_leaves_open() -> None:
-    """Thrust 5 % weaker than stated ± 5 %: beside wheels values are right to their sigmas, hardly wider than with thrust known."""
-    source, flight = flown("wheels-and-jets", "actuators.scale=0.95")
-    analysis = estimated(flight)
-    values, sigmas = found(analysis)
-    assert np.abs((values - TRUTH) / sigmas).max() < 4.5
-    assert (sigmas / limits(source, flight)).max() < 1.2
     reference = analysis.histories[0].reference
     assert reference is not None
-    assert abs(reference.scale[0] + 0.05) < 1e-3  # and the thrust's scale is found
+    if told == 10:
+        assert abs(reference.scale[0] + 1 - thrust) < 1e-3  # the thrust's scale is found
     assert not analysis.notices
 
 
 def test_beside_wheels_no_scale_is_added_to_what_logs_and_phases_have_alike() -> None:
     """The filter has it in its covariance: pooled inertia was ± 0.030 of two logs that tell it to 2e-5, and two phases had it twice."""
-    _, flight = flown("wheels-and-jets")
+    _, flight = flown("wheels-and-jets", seconds=20)
     halves = 'phases=[{name="a", start_s=0, end_s=10}, {name="b", start_s=10, end_s=20}]'
     analysis = estimated(flight, halves, "thrust.scale_sigma=0.05")
     result = build.result(analysis)
@@ -115,8 +117,8 @@ def test_where_wheels_tell_little_of_the_scale_logs_have_it_alike_all_the_same()
 
 
 def test_without_wheels_the_same_weak_thrust_makes_inertia_and_mass_too_large() -> None:
-    """The twin of the test above: 1 / 0.95, and the sigmas hold the 5 %."""
-    short = ("duration_s=20", f"plan={SHORT['wheels']}", "control.rate_gain_n_m_s=[1, 1, 1]")
+    """Without what wheels tell of it: 1 / 0.95, and the sigmas hold the 5 %."""
+    short = ("duration_s=10", plan("wheels", 10), "control.rate_gain_n_m_s=[1, 1, 1]")
     source = scenario.load("free-flyer", (*short, "actuators.scale=0.95", "vehicle.thrust.scale_sigma=0.05"))
     analysis = estimated(simulate.fly(source, [1]))
     values, sigmas = found(analysis)
@@ -133,7 +135,7 @@ def test_an_uncertain_spin_inertia_is_in_every_sigma() -> None:
     assert np.abs((values - TRUTH) / sigmas)[:9].max() < 3.5
 
 
-@pytest.mark.parametrize("name", ["wheels", "wheels-and-jets"])
+@pytest.mark.parametrize("name", ["wheels", pytest.param("wheels-and-jets", marks=pytest.mark.thorough)])
 def test_what_is_stated_of_the_locked_wheel_moves_the_inertia_by_just_that(name: str) -> None:
     _, flight = flown(name)
     locked, bare = (found(estimated(flight, f"wheels.1.locked_in_inertia={word}"))[0] for word in ("true", "false"))
@@ -151,7 +153,7 @@ def test_no_momentum_that_is_held_may_be_left_out() -> None:
     assert analysis.notices
 
 
-@pytest.mark.parametrize("delay", [1.0, 1.3, 2.0])
+@pytest.mark.parametrize("delay", [1.3, *(pytest.param(delay, marks=pytest.mark.thorough) for delay in (1.0, 2.0))])
 def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_acts(delay: float) -> None:
     """Wheels logged by their torque, on a body that tumbles at 40 degrees a second: a cycle's mean rate is half a cycle old by then."""
     by_torque = [f'vehicle.wheels.{i}.column="torque"' for i in range(3)]
@@ -177,29 +179,31 @@ def test_a_delay_is_found_in_a_long_log_of_wheels_whose_torque_was_logged(monkey
 
 
 TABLE = (
-    "duration_s=20",
+    "duration_s=10",
     "actuators.max_wheel_torque_n_m=0.05",
-    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=20}, {motion="random", axes=["yaw"], start_s=0, end_s=10}, '
-    '{motion="random", axes=["yaw"], start_s=10, end_s=20, by_wheels=true}]',
+    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=10}, {motion="random", axes=["yaw"], start_s=0, end_s=2.5}, '
+    '{motion="random", axes=["yaw"], start_s=2.5, end_s=10, by_wheels=true}]',
 )
 
 
-def on_table(column: str) -> str:
+@cache
+def on_table(column: str, *settings: str) -> tuple[ScenarioSource, simulate.Flight]:
     """Two wheels, one of them askew: the table takes up what it does about X, and the momentum that it turns about Z."""
-    return (
+    wheels = (
         f'vehicle.wheels=[{{name="z", axis=[0, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, column="{column}", '
         "start_rad_s=60}, "
         f'{{name="askew", axis=[0.5, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=false, column="{column}", start_rad_s=-40}}]'
     )
+    source = scenario.load("planar", (*TABLE, wheels, *settings))
+    return source, simulate.fly(source, [1])
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize(("column", "thrust"), [("speed", 1.0), ("torque", 1.0), ("speed", 0.95)])
+@pytest.mark.parametrize(("column", "thrust"), [("torque", 1.0), ("speed", 0.95), pytest.param("speed", 1.0, marks=pytest.mark.thorough)])
 def test_a_table_tells_the_same_four_beside_wheels_which_tell_the_thrust_as_well(column: str, thrust: float) -> None:
     """Errors within 4 sigma, sigmas 0.9 to 1.2 of the bound with thrust known, whether it is or is 5 % weaker than stated ± 5 %."""
     weak = () if thrust == 1 else (f"actuators.scale={thrust}", "vehicle.thrust.scale_sigma=0.05")
-    source = scenario.load("planar", (*TABLE, on_table(column), *weak))
-    flight = simulate.fly(source, [1])
+    source, flight = on_table(column, *weak)
     analysis = estimated(flight)
     values, sigmas = found(analysis)
     told = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
@@ -213,7 +217,7 @@ def test_a_table_tells_the_same_four_beside_wheels_which_tell_the_thrust_as_well
 @pytest.mark.numerical
 def test_where_jets_are_uncertain_the_wheels_still_tell_izz() -> None:
     """Eight jets ± 1 mm, four along each axis: the CG ± 1 mm / √4; Izz, which jets alone would tell to 1 %, to twice what exact ones do."""
-    flight = simulate.fly(scenario.load("planar", (*TABLE, on_table("speed"))), [1])
+    _, flight = on_table("torque")
     places = [f"jets.{i}.position_sigma_m=0.001" for i in range(8)]
     exact, uncertain = (found(estimated(flight, *settings))[1] for settings in ((), places))
     np.testing.assert_allclose(uncertain[6:8], 0.5e-3, rtol=0.1)
@@ -221,10 +225,11 @@ def test_where_jets_are_uncertain_the_wheels_still_tell_izz() -> None:
 
 
 BEARING = (
-    "duration_s=20",
+    "duration_s=6",
     "actuators.max_wheel_torque_n_m=0.05",
-    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=20}, {motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=10}, '
-    '{motion="random", axes=["roll", "pitch", "yaw"], start_s=10, end_s=20, by_wheels=true}]',
+    'plan=[{motion="random", axes=["x", "y"], start_s=0, end_s=6}, '
+    '{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=2}, '
+    '{motion="random", axes=["roll", "pitch", "yaw"], start_s=2, end_s=6, by_wheels=true}]',
     'vehicle.wheels=[{name="x", axis=[1, 0, 0], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, start_rad_s=60}, '
     '{name="y", axis=[0, 1, 0], spin_inertia_kg_m2=2e-3, locked_in_inertia=true, start_rad_s=-50}, '
     '{name="askew", axis=[0.5, 0, 1], spin_inertia_kg_m2=2e-3, locked_in_inertia=false, start_rad_s=-40}]',
@@ -232,7 +237,7 @@ BEARING = (
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.thorough)])
 def test_weak_thrust_on_a_bearing_is_weak_in_what_moves_the_base_too(seed: int) -> None:
     """Thrust 5 % weaker than stated ± 5 %: every error within 4 sigma, and the mass as good as the bound of known thrust."""
     source = scenario.load("testbed", (*BEARING, "actuators.scale=0.95", "vehicle.thrust.scale_sigma=0.05"))
