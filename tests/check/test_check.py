@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -55,30 +55,56 @@ def test_nothing_is_said_of_a_clean_log(name: str) -> None:
     assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
 
 
-@pytest.mark.parametrize("name", ["planar", "wheels", "wheels-and-jets", "testbed-joined"])
-def test_nothing_is_said_of_other_clean_vehicles(name: str, tmp_path: Path) -> None:
-    output.simulate(scenario.load(name), tmp_path / "flight", 2, None)
-    found = flow.check(tmp_path / "flight" / "log.parquet", None, (), ())
+def pulses(axes: str, start_s: float, end_s: float, more: str = "") -> str:
+    driven = ", ".join(f'"{axis}"' for axis in axes.split())
+    return f'{{motion="random", axes=[{driven}], every_cycles=5, max_cycles=4, start_s={start_s}, end_s={end_s}{more}}}'
+
+
+def checked(name: str, settings: Sequence[str], seed: int, folder: Path) -> Check:
+    output.simulate(scenario.load(name, settings), folder / "flight", seed, None)
+    return flow.check(folder / "flight" / "log.parquet", None, (), ())
+
+
+SHORT = {
+    "planar": (pulses("yaw", 0, 3), pulses("x", 3, 6), pulses("y", 6, 8)),
+    "wheels": (pulses("roll pitch yaw", 0, 8),),
+    "wheels-and-jets": (pulses("roll pitch yaw", 0, 4), pulses("x y z", 4, 8)),
+    "testbed-joined": (pulses("roll pitch yaw x y z", 0, 8),),
+}
+
+
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("name", SHORT)
+def test_nothing_is_said_of_other_clean_vehicles(name: str, whole: bool, tmp_path: Path) -> None:
+    short = ("duration_s=8.0", f"plan=[{', '.join(SHORT[name])}]")
+    found = checked(name, () if whole else short, 2, tmp_path)
     assert (found.findings, found.fit, found.exit_code) == ([], True, 0)
 
 
-def test_nothing_is_said_of_a_phase_in_which_nothing_is_commanded(tmp_path: Path) -> None:
+HOLD_THEN_DRIVE = (
+    "duration_s=14.0",
+    f"""plan=[{{motion="hold", start_s=0.0, end_s=7.0}}, {pulses("roll pitch yaw", 7, 14, ", closed_loop=true, level=0.6")},
+    {pulses("x y z", 7, 14, ", force_n=0.6")}]""",
+)
+
+
+@pytest.mark.parametrize(
+    ("settings", "seed"), [(HOLD_THEN_DRIVE, 1), *(pytest.param((), seed, marks=pytest.mark.thorough) for seed in (2, 3))]
+)
+def test_nothing_is_said_of_a_phase_in_which_nothing_is_commanded(settings: Sequence[str], seed: int, tmp_path: Path) -> None:
     """Its columns are the noise that they should explain; before, that was a misfit whose cause nobody knew."""
-    source = scenario.load("docked-hold", ["control.model=truth"])
-    for seed in (1, 2, 3):
-        output.simulate(source, tmp_path / str(seed), seed, None)
-        found = flow.check(tmp_path / str(seed) / "log.parquet", None, (), ())
-        assert {one.verdict for one in found.expected if one.phase == "single"} == {"not_excited"}
-        assert [one.code for one in found.findings] == []
+    found = checked("docked-hold", ("control.model=truth", *settings), seed, tmp_path)
+    assert {one.verdict for one in found.expected if one.phase == "single"} == {"not_excited"}
+    assert [one.code for one in found.findings] == []
 
 
-@pytest.mark.parametrize(("name", "axes"), [("testbed", "roll"), ("testbed", "x y z"), ("free-flyer", "yaw")])
+@pytest.mark.parametrize(
+    ("name", "axes"), [("testbed", "x y z"), ("free-flyer", "yaw"), pytest.param("testbed", "roll", marks=pytest.mark.thorough)]
+)
 def test_nothing_is_said_of_a_log_in_which_some_axes_alone_are_driven(name: str, axes: str, tmp_path: Path) -> None:
     """What such a log does not tell is no misfit of it."""
     driven = ", ".join(f'"{axis}"' for axis in axes.split())
-    pulses = f'plan=[{{motion="random", axes=[{driven}], start_s=0.0, end_s=10.0}}]'
-    output.simulate(scenario.load(name, ["duration_s=10.0", pulses]), tmp_path / "flight", 3, None)
-    found = flow.check(tmp_path / "flight" / "log.parquet", None, (), ())
+    found = checked(name, ["duration_s=6.0", f'plan=[{{motion="random", axes=[{driven}], start_s=0.0, end_s=6.0}}]'], 3, tmp_path)
     assert [one.code for one in found.findings] == []
     assert {one.verdict for one in found.expected} >= {"not_excited"}
 
@@ -223,31 +249,43 @@ def mirrored(columns: Columns) -> None:
         columns[f"delta_theta_{axis}_rad"] *= -1
 
 
+WRONG: dict[str, tuple[Callable[[Columns], None], str, str | None]] = {
+    "stuck": (stuck, "stuck", "row 50 to 59"),
+    "dead": (dead, "dead-axis", ""),
+    "held": (held, "repeated-record", "row 1, and 59 more places"),
+    "clipped": (clipped, "gyro-saturated", None),
+    "coarse": (coarse, "quantised", ""),
+    "always": (always, "jet-always-on", ""),
+    "opposed": (opposed, "opposed-jets", "row 20 to 59"),
+    "silent": (silent, "nothing-commanded", ""),
+    "conjugate": (conjugate, "attitude-gyro", ""),
+    "mirrored": (mirrored, "attitude-gyro", ""),
+}
+"""What is done to a log, what it is called, and where it is."""
+
+
 @pytest.mark.parametrize(
-    ("change", "code", "where"),
+    "faults",
     [
-        (stuck, "stuck", "row 50 to 59"),
-        (dead, "dead-axis", ""),
-        (held, "repeated-record", "row 1, and 59 more places"),
-        (clipped, "gyro-saturated", None),
-        (coarse, "quantised", ""),
-        (always, "jet-always-on", ""),
-        (opposed, "opposed-jets", "row 20 to 59"),
-        (silent, "nothing-commanded", ""),
-        (conjugate, "attitude-gyro", ""),
-        (mirrored, "attitude-gyro", ""),
+        "stuck clipped coarse opposed conjugate",
+        "dead always",
+        "held silent mirrored",
+        *(pytest.param(n, marks=pytest.mark.thorough) for n in WRONG),
     ],
 )
-def test_what_is_wrong_is_named_with_its_place(
-    change: Callable[[Columns], None], code: str, where: str | None, clean: Path, tmp_path: Path
-) -> None:
+def test_what_is_wrong_is_named_with_its_place(faults: str, clean: Path, tmp_path: Path) -> None:
+    def change(columns: Columns) -> None:
+        for fault in faults.split():
+            WRONG[fault][0](columns)
+
     found = spoiled(clean, tmp_path, change)
-    assert code in codes(found)
-    assert where is None or codes(found)[code] == where
-    (one,) = [one for one in found.findings if one.code == code][:1]
-    assert one.remedy
-    assert one.sure
-    assert found.fit is False or one.grade == "note"
+    for _, code, where in map(WRONG.__getitem__, faults.split()):
+        assert code in codes(found)
+        assert where is None or codes(found)[code] == where
+        (one,) = [one for one in found.findings if one.code == code][:1]
+        assert one.remedy
+        assert one.sure
+        assert found.fit is False or one.grade == "note"
 
 
 def test_a_clipped_channel_is_told_once_and_nothing_mends_it(clean: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ DOWN = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 
 @pytest.fixture(scope="module")
 def flown() -> tuple[Log, Vehicle]:
-    found = simulate.fly(scenario.load("planar", ["duration_s=13.0", "plan=[]", "initial.rate_rad_s=[0.0,0.0,0.3]"]), [1])
+    found = simulate.fly(scenario.load("planar", ["duration_s=6.0", "plan=[]", "initial.rate_rad_s=[0.0,0.0,0.3]"]), [1])
     plan = 'plan=[{motion="random",axes=["yaw"],start_s=0.0,end_s=12.0,every_cycles=5,max_cycles=4}]'
     pushed = simulate.fly(scenario.load("planar", ["duration_s=12.0", plan]), [1])
     assert on_table(found.log(0), found.vehicle) == []  # a steady turn tells nothing of the gyro's axes

@@ -55,7 +55,7 @@ def test_covariance_is_that_of_sampled_phases() -> None:
     analysis = analysed("docking")
     assert analysis.docked is not None
     rng = np.random.default_rng(0)
-    draws = [rng.multivariate_normal(c.values, c.covariance, 20_000, method="eigh") for c in analysis.conclusions]
+    draws = [rng.multivariate_normal(c.values, c.covariance, 8_000, method="eigh") for c in analysis.conclusions]
     sampled = np.cov(np.stack([docking.difference(a, b) for a, b in zip(*draws, strict=True)]).T)
     sigma = np.sqrt(np.diag(sampled))
     np.testing.assert_allclose(np.sqrt(np.diag(analysis.docked.covariance)) / sigma, 1, atol=0.03)

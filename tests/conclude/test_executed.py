@@ -12,18 +12,18 @@ from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
-from massprop_cli.testbed import scenario, simulate
 from tests import faulty
 from tests.conclude.test_white import examined
+from tests.flown import flown as flight
 
-PLAN = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=3, max_cycles=2, start_cycle=0, end_cycle=1200}]'
+PULSES = '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=3, max_cycles=2, start_cycle=0, end_cycle=1200}'
 
 
-def flown(seed: int, noise: float, *settings: str) -> tuple[Log, Vehicle]:
-    """A minute of which two cycles in three hold commands; ``noise`` of the gyro in rad/s, of which a cycle's command makes 0.02."""
+def flown(seed: int, seconds: float, noise: float, *settings: str) -> tuple[Log, Vehicle]:
+    """Two cycles in three hold commands; ``noise`` of the gyro in rad/s, of which a cycle's command makes 0.02."""
     noises = f"vehicle.imu.gyro_noise_rad_s={noise}", f"vehicle.imu.accel_noise_m_s2={75 * noise}"
-    flight = simulate.fly(scenario.load("free-flyer", ("duration_s=60.0", PLAN, *noises, *settings)), [seed])
-    return flight.log(0), flight.vehicle
+    found = flight("free-flyer", (f"duration_s={seconds}", f"plan=[{PULSES}]", *noises, *settings), (seed,))
+    return found.log(0), found.vehicle
 
 
 def told(found: Analysis) -> dict[str, str]:
@@ -43,13 +43,14 @@ def drawn(seed: int, power: Array = POWER, part: float = 0.0, scatter: float = 0
     return found
 
 
-def test_a_likelihood_ratio_has_a_mean_of_one_and_is_hardly_ever_large_by_chance() -> None:
-    """4,000 logs that lost nothing, of commands so weak that the ratio varies little and its mean is sharp; of strong ones, too."""
-    weak = np.array([executed.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(4000)])
+@pytest.mark.parametrize("logs", [400, pytest.param(4000, marks=pytest.mark.thorough)])
+def test_a_likelihood_ratio_has_a_mean_of_one_and_is_hardly_ever_large_by_chance(logs: int) -> None:
+    """Of logs that lost nothing, of commands so weak that the ratio varies little and its mean is sharp; of strong ones, too."""
+    weak = np.array([executed.lost(drawn(seed, POWER / 9), POWER / 9) for seed in range(logs)])
     ratio = np.exp(weak[:, :6])
     assert ratio.std(0).max() < 2
-    np.testing.assert_array_less(np.abs(ratio.mean(0) - 1), 4 * ratio.std(0) / 4000**0.5)
-    assert max(max(executed.lost(drawn(seed), POWER)) for seed in range(4000)) < executed.SURE
+    np.testing.assert_array_less(np.abs(ratio.mean(0) - 1), 4 * ratio.std(0) / logs**0.5)
+    assert max(max(executed.lost(drawn(seed), POWER)) for seed in range(logs)) < executed.SURE
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -61,11 +62,13 @@ def test_what_is_lost_and_what_scatters_are_told_apart(seed: int) -> None:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("noise", [0.002, 0.008])
-@pytest.mark.parametrize("seed", [2, 3])
-def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(noise: float, seed: int) -> None:
-    """Three in 200. Beside that disturbance values had been converged, of seed 3 in the greater noise all but the mass."""
-    log, vehicle = flown(seed, noise)
+@pytest.mark.parametrize(
+    ("seconds", "noise", "seed"),
+    [(25.0, 0.004, 3), *(pytest.param(60.0, *one, marks=pytest.mark.thorough) for one in ((0.002, 2), (0.008, 3)))],
+)
+def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(seconds: float, noise: float, seed: int) -> None:
+    """Three in 200. Beside that disturbance values had been converged, of seed 3 in the greatest noise all but the mass."""
+    log, vehicle = flown(seed, seconds, noise)
     whole = examined(log, vehicle)
     assert whole.notices == ()
     assert not told(whole)
@@ -78,10 +81,10 @@ def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(noi
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [2, 3])
-def test_pulses_that_scatter_are_not_lost(seed: int) -> None:
+@pytest.mark.parametrize(("seconds", "seed"), [(25.0, 2), pytest.param(60.0, 3, marks=pytest.mark.thorough)])
+def test_pulses_that_scatter_are_not_lost(seconds: float, seed: int) -> None:
     """They leave squares that grow with the command as well, and no bias."""
-    log, vehicle = flown(seed, 0.004, "vehicle.thrust.pulse_sigma=0.25")
+    log, vehicle = flown(seed, seconds, 0.004, "vehicle.thrust.pulse_sigma=0.25")
     exact = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update={"pulse_sigma": 0.0})})
     found = examined(log, exact)
     assert [notice.code for notice in found.notices] == ["disturbance-torque"]

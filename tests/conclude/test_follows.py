@@ -13,12 +13,9 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.compensate import Source
-from massprop_cli.testbed import scenario, simulate
+from tests.flown import RANDOM, flown, sound
 
-PLAN = [
-    "duration_s=20.0",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
-]
+SEED = 3
 pytestmark = pytest.mark.numerical
 
 
@@ -35,31 +32,34 @@ def turned(used: Vehicle, jet: int, angle: float) -> Vehicle:
     return changed(used, [f"jets.{jet}.force_n={[float(x) for x in stated]}"])
 
 
+@pytest.mark.thorough
 def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     """Of twenty seeds and eighteen channels: on average six, within a quarter or a half, and none beyond one chance in a million."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), list(range(1, 21)))
-    found = [flow.examine(flown.log(i), VehicleSource(flown.vehicle, "t", "")) for i in range(20)]
+    flight = flown("free-flyer", RANDOM, tuple(range(1, 21)))
+    found = [flow.examine(flight.log(i), VehicleSource(flight.vehicle, "t", "")) for i in range(20)]
     explained = np.array([told(one) for one in found])
     assert 0.5 * AXES < explained.mean() < 1.25 * AXES
     assert explained.max() < 38.3
-    names = channel_names(flown.log(0), flown.vehicle)
+    names = channel_names(flight.log(0), flight.vehicle)
     assert not any(followed(one.settled, one.samples, names, 1.0) for one in found)
 
 
-@pytest.mark.parametrize("jet", [0, 7, 13])
-def test_a_jet_that_points_elsewhere_is_followed(jet: int) -> None:
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [5])
-    found = flow.examine(flown.log(0), VehicleSource(turned(flown.vehicle, jet, 0.05), "t", ""))
-    names = channel_names(flown.log(0), flown.vehicle)
+@pytest.mark.parametrize("jet", [7, *(pytest.param(jet, marks=pytest.mark.thorough) for jet in (0, 13))])
+def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_stated(jet: int) -> None:
+    flight = flown("free-flyer", RANDOM, (SEED,))
+    found = flow.examine(flight.log(0), VehicleSource(turned(flight.vehicle, jet, 0.05), "t", ""))
+    names = channel_names(flight.log(0), flight.vehicle)
     doubts = followed(found.settled, found.samples, names, 1.0)
     assert doubts
     assert doubts[0].sigmas > 5.0
     assert any(doubt.what.startswith(f"response to {names[jet]} ") for doubt in doubts)
+    right = sound(SEED)
+    assert not followed(right.settled, right.samples, names, 1.0)
+    assert told(right).max() < 38.3
 
 
 def test_a_log_taken_part_by_part_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [5])
-    found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
+    found = sound(SEED)
     whole = told(found)
     monkeypatch.setattr("massprop_cli.conclude.follows.BLOCK", 37)
     np.testing.assert_allclose(told(found), whole, rtol=1e-9)

@@ -16,12 +16,9 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.actuators import along_one_line, channel_names
-from massprop_cli.testbed import scenario, simulate
+from tests.flown import RANDOM, flown, sound
 
-PLAN = [
-    "duration_s=20.0",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
-]
+SEED = 3
 pytestmark = pytest.mark.numerical
 
 
@@ -51,11 +48,12 @@ def moved(used: Vehicle, by: tuple[float, float, float]) -> Vehicle:
     return used.model_copy(update={"imu": used.imu.model_copy(update={"position_m": position})})
 
 
+@pytest.mark.thorough
 def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twenty seeds, each assumption's score is a standard normal deviate's: root mean square within a third of one, none beyond 4."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), list(range(1, 21)))
-    told = [scores(examined(flown.log(i), flown.vehicle), monkeypatch) for i in range(20)]
-    jets = np.array([[one[f"thrust of {jet.name}"] for jet in flown.vehicle.jets] for one in told])
+    flight = flown("free-flyer", RANDOM, tuple(range(1, 21)))
+    told = [scores(examined(flight.log(i), flight.vehicle), monkeypatch) for i in range(20)]
+    jets = np.array([[one[f"thrust of {jet.name}"] for jet in flight.vehicle.jets] for one in told])
     for own in (*jets.T, np.array([one["gyro-scale"] for one in told]), np.array([one["command-delay"] for one in told])):
         assert own.max() < 4.0
         assert 0.5 < np.sqrt((own**2).mean()) < 1.5
@@ -64,24 +62,24 @@ def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPat
 
 def test_the_score_is_what_the_fit_gains_by_the_likeliest_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its square against the drop of chi-square when the log is estimated again with that value (a likelihood ratio, Wilks 1938)."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
-    wrong = moved(flown.vehicle, (0.004, 0.0, 0.0))
-    found = examined(flown.log(0), wrong)
+    flight = flown("free-flyer", RANDOM, (SEED,))
+    wrong = moved(flight.vehicle, (0.004, 0.0, 0.0))
+    found = examined(flight.log(0), wrong)
     told = scores(found, monkeypatch)["imu-position"]
-    gains = [left(found) - left(examined(flown.log(0), moved(wrong, (-by, 0.0, 0.0)))) for by in (0.003, 0.004, 0.005)]
+    gains = [left(found) - left(examined(flight.log(0), moved(wrong, (-by, 0.0, 0.0)))) for by in (0.003, 0.004, 0.005)]
     curve = np.polyfit([0.003, 0.004, 0.005], gains, 2)
     assert told**2 == pytest.approx(curve[2] - curve[1] ** 2 / (4 * curve[0]), rel=0.05)
 
 
 def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_that_it_moves() -> None:
     """The accelerometer shows 15 % too much, which mass takes up but for the lever arm's part: no channel is beyond its noise by half."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
-    log = flown.log(0)
-    for factor, wrong in ((1.0, False), (1.15, True)):
-        found = examined(replace(log, delta_v_imu_m_s=factor * log.delta_v_imu_m_s), flown.vehicle)
+    flight = flown("free-flyer", RANDOM, (SEED,))
+    log = flight.log(0)
+    scaled = examined(replace(log, delta_v_imu_m_s=1.15 * log.delta_v_imu_m_s), flight.vehicle)
+    for found, wrong in ((sound(SEED), False), (scaled, True)):
         assert np.allclose(found.settled[0].normalised[20:].var(0), 1.0, atol=0.5)
         assert [doubt.what for doubt in found.doubts if doubt.sure][:1] == ["accelerometer-scale"] * wrong
-        for true, estimate in zip(flown.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
+        for true, estimate in zip(flight.truth[0, 0], found.conclusions[0].estimates.values(), strict=True):
             off = abs((estimate.value or 0.0) - true) / (estimate.sigma or np.inf)
             assert off < 4.5 or estimate.verdict == "contradicted"
         assert (found.conclusions[0].estimates["mass"].verdict == "contradicted") == wrong
@@ -90,21 +88,21 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 2))])
 def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
     """With thrust.pulse_sigma stated nothing was tested: pitch jets at 90 % left iyy over eight sigma off and converged."""
-    keys = [*PLAN, "vehicle.thrust.pulse_sigma=0.02"]
-    clean = simulate.fly(scenario.load("free-flyer", keys), [seed])
+    keys = (*RANDOM, "vehicle.thrust.pulse_sigma=0.02")
+    clean = flown("free-flyer", keys, (seed,))
     found = examined(clean.log(0), clean.vehicle)
     assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
     assert not [one for one in found.doubts if one.sure]
-    weak = [f'{{jet="{jet.name}", thrust=0.9}}' for jet in clean.vehicle.jets if jet.name.startswith("pitch")]
-    flown = simulate.fly(scenario.load("free-flyer", [*keys, f"actuators.failures=[{', '.join(weak)}]"]), [seed])
-    wrong = examined(flown.log(0), flown.vehicle).conclusions[0].estimates["iyy"]
-    assert abs((wrong.value or 0.0) - flown.truth[0, 0, 3]) > 8 * (wrong.sigma or np.inf)
+    # nine tenths of what is stated, told of the same flight
+    pitch = [i for i, jet in enumerate(clean.vehicle.jets) if jet.name.startswith("pitch")]
+    weak = changed(clean.vehicle, [f"jets.{i}.force_n={[f / 0.9 for f in clean.vehicle.jets[i].force_n]}" for i in pitch])
+    wrong = examined(clean.log(0), weak).conclusions[0].estimates["iyy"]
+    assert abs((wrong.value or 0.0) - clean.truth[0, 0, 3]) > 8 * (wrong.sigma or np.inf)
     assert wrong.verdict != "converged"
 
 
 def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
-    found = examined(flown.log(0), flown.vehicle).examination
+    found = sound(SEED).examination
     assert found is not None
     (response,) = (one for one in found.responses if one is not None)
     count = response.shift.shape[1]
@@ -120,11 +118,11 @@ def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
 
 def test_jets_alike_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
-    jets = [jet.name for jet in flown.vehicle.jets]
+    flight = flown("free-flyer", RANDOM, (SEED,))
+    jets = [jet.name for jet in flight.vehicle.jets]
     pair = tuple(jets.index(name) for name in ("divert_xp", "divert_xn"))
-    keys = [f"jets.{i}.force_n={[1.005 * f for f in flown.vehicle.jets[i].force_n]}" for i in pair]
-    found = examined(flown.log(0), changed(flown.vehicle, keys))
+    keys = [f"jets.{i}.force_n={[1.005 * f for f in flight.vehicle.jets[i].force_n]}" for i in pair]
+    found = examined(flight.log(0), changed(flight.vehicle, keys))
     assert found.examination is not None
     groups = along_one_line(found.log, found.vehicle)
     assert pair in groups
@@ -132,16 +130,10 @@ def test_jets_alike_are_doubted_together_where_each_alone_would_pass(monkeypatch
     told = {doubt.what: doubt for doubt in score.doubts(found.examination, channel_names(found.log, found.vehicle), groups)}
     alone = np.array([told[f"thrust of {jets[i]}"].sigmas for i in pair])
     together = told[f"thrust of {jets[pair[0]]}, {jets[pair[1]]}"]
-    assert together.sigmas**2 == pytest.approx(left(found) - left(examined(flown.log(0), flown.vehicle)), rel=0.15)
+    assert together.sigmas**2 == pytest.approx(left(found) - left(sound(SEED)), rel=0.15)
     assert together.sigmas > alone.max()
     assert together.faint
     assert not told[f"thrust of {jets[pair[0]]}"].faint
-
-
-@pytest.fixture(scope="module")
-def sound() -> Analysis:
-    flown = simulate.fly(scenario.load("free-flyer", PLAN), [3])
-    return examined(flown.log(0), flown.vehicle)
 
 
 @pytest.mark.parametrize(
@@ -153,10 +145,8 @@ def sound() -> Analysis:
         (5.5, 0.02, False, False),  # that is a contradiction
     ],
 )
-def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(
-    sound: Analysis, sigmas: float, moves: float, faint: bool, hangs: bool
-) -> None:
-    conclusion, sizes = sound.conclusions[0], sound.settled[0].natural_sizes
+def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(sigmas: float, moves: float, faint: bool, hangs: bool) -> None:
+    conclusion, sizes = sound(SEED).conclusions[0], sound(SEED).settled[0].natural_sizes
     shift = np.zeros((10, 1))
     mass = conclusion.estimates["mass"].sigma or np.nan
     shift[0], shift[9] = moves * conclusion.values[0], 1.5 * mass / conclusion.values[9] ** 2
@@ -170,15 +160,15 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(
         assert told.estimates["ixx"].final_at_s is None
 
 
-def test_of_clean_logs_nothing_hangs_on_chance(sound: Analysis) -> None:
-    assert all("may be chance" not in estimate.reason for estimate in sound.conclusions[0].estimates.values())
+def test_of_clean_logs_nothing_hangs_on_chance() -> None:
+    assert all("may be chance" not in estimate.reason for estimate in sound(SEED).conclusions[0].estimates.values())
 
 
 @pytest.mark.parametrize("part", ["gram", "shift"])
-def test_a_response_that_grew_without_end_says_nothing(sound: Analysis, part: str) -> None:
+def test_a_response_that_grew_without_end_says_nothing(part: str) -> None:
     """Of a body that is none, as of a mass below its bearing's."""
     response = Response(np.zeros((10, 2)), np.eye(3))
     found = assumptions.Examined((), (response,), 1, (np.ones(6),))
-    assert assumptions.sound(found, sound.settled[:1]).responses == (response,)
+    assert assumptions.sound(found, sound(SEED).settled[:1]).responses == (response,)
     endless = replace(response, **{part: np.nan * getattr(response, part)})
-    assert assumptions.sound(replace(found, responses=(endless,)), sound.settled[:1]).responses == (None,)
+    assert assumptions.sound(replace(found, responses=(endless,)), sound(SEED).settled[:1]).responses == (None,)
