@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,15 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def record(folder: Path, log: str, *assignments: str) -> Recorded:
     """Estimate a sample log into ``folder`` and read the result back."""
-    with np.errstate(all="ignore"):
-        found = flow.analyse(SAMPLES / log, None, list(assignments), None)
+    found = _found(log, assignments)
     store.write(folder, found, schema.to_json(build.result(found)))
     return read.read(folder)
+
+
+@cache
+def _found(log: str, assignments: tuple[str, ...]) -> flow.Analysis:
+    with np.errstate(all="ignore"):
+        return flow.analyse(SAMPLES / log, None, list(assignments), None)
 
 
 def changed(recorded: Recorded, name: str, item: dict[str, object], phase: int = 0) -> Recorded:

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.report import html, vocabulary
@@ -15,6 +16,7 @@ from tests.recording import changed
 from tests.report.page import Page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_comparison_marks_the_result_that_is_contradicted(flyer: Recorded) -> None:
     bad = replace(flyer, result=recorded.result([recorded.contradicted()]))
     text = html.page([flyer, bad])
@@ -26,6 +28,7 @@ def test_a_comparison_marks_the_result_that_is_contradicted(flyer: Recorded) -> 
     assert text.count('class="alarm"') == 1
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_several_results_are_compared_and_linked(flyer: Recorded, docking: Recorded, refined: Recorded) -> None:
     page = Page(html.page([flyer, docking, refined]))
     header, *rows = page.table("All results")

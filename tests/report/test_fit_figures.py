@@ -8,29 +8,31 @@ import numpy as np
 import pytest
 
 from massprop_cli.report import figures
-from massprop_cli.report.figures import canvas, command, firing, palette, whiteness
+from massprop_cli.report.figures import command, firing, palette, whiteness
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import PhaseItem, WarningItem
 from tests import recorded as made
 from tests.recording import changed, drawn, follows, precision
+from tests.report.conftest import Drawing
 
 
 @pytest.mark.parametrize(("name", "kind", "unit"), [("rate-fit", "rate", "rad_s"), ("force-fit", "specific_force", "m_s2")])
-def test_measured_predicted_and_what_is_left_are_the_history(flyer: Recorded, name: str, kind: str, unit: str) -> None:
-    picture, columns = figures.picture(name, flyer), flyer.history["all"]
-    for letter, pair in zip("xyz", zip(picture.panels[::2], picture.panels[1::2], strict=True), strict=True):
-        overlay, residual = (canvas.render([panel], "svg") for panel in pair)
+def test_measured_predicted_and_what_is_left_are_the_history(
+    flyer: Recorded, flyer_drawing: Drawing, name: str, kind: str, unit: str
+) -> None:
+    picture, columns, svg = figures.picture(name, flyer), flyer.history["all"], flyer_drawing(name)
+    for letter, panel in zip("xyz", picture.panels[1::2], strict=True):
         measured, predicted = columns[f"{kind}_{letter}_{unit}"], columns[f"predicted_{kind}_{letter}_{unit}"]
         sigma = columns[f"predicted_{kind}_{letter}_sigma_{unit}"]
         axes = f"{kind}_{letter}"
         for told, values in (("measured", measured), ("predicted", predicted)):
-            assert follows(drawn(overlay, axes, f"{axes}-{told}-1"), columns["time_s"], values, precision(overlay, axes))
-        within = precision(residual, f"{axes}_residual")
-        points = drawn(residual, f"{axes}_residual", f"{axes}_residual-residual-1")
+            assert follows(drawn(svg, axes, f"{axes}-{told}-1"), columns["time_s"], values, precision(svg, axes))
+        within = precision(svg, f"{axes}_residual")
+        points = drawn(svg, f"{axes}_residual", f"{axes}_residual-residual-1")
         assert follows(points, columns["time_s"], measured - predicted, within)
         assert points[:, 1].max() == pytest.approx(np.nanmax(measured - predicted), abs=within[1]), "no outlier is cut off"
-        assert follows(drawn(residual, f"{axes}_residual", f"{axes}_residual-upper-1"), columns["time_s"], 2 * sigma, within)
-        assert 0.93 < float(pair[1].says.split("; ")[1].split("%")[0]) / 100 < 0.97
+        assert follows(drawn(svg, f"{axes}_residual", f"{axes}_residual-upper-1"), columns["time_s"], 2 * sigma, within)
+        assert 0.93 < float(panel.says.split("; ")[1].split("%")[0]) / 100 < 0.97
     assert "minimum and maximum of 8 cycles" in picture.caption
 
 
@@ -49,8 +51,8 @@ def test_what_is_left_against_the_command_has_the_slope_of_a_thrust_that_is_off(
         assert mean.sigma == pytest.approx(0.02 / np.sqrt(count / 3), rel=0.1)
 
 
-def test_means_against_the_command_are_drawn_where_they_are(flyer: Recorded) -> None:
-    svg = figures.draw("command-fit", flyer, "svg")
+def test_means_against_the_command_are_drawn_where_they_are(flyer: Recorded, flyer_drawing: Drawing) -> None:
+    svg = flyer_drawing("command-fit")
     parts = [(1, flyer.result.phases[0], flyer.history["all"])]
     for kind in command.KINDS:
         found = command.means(command.against(parts, kind, "y"))
@@ -60,8 +62,8 @@ def test_means_against_the_command_are_drawn_where_they_are(flyer: Recorded) -> 
         assert all(abs(mean.left) < 4.5 * mean.sigma for mean in found), "this log is without fault"
 
 
-def test_whiteness_figures_are_those_of_the_whitened_innovations(flyer: Recorded) -> None:
-    svg, columns = figures.draw("whiteness", flyer, "svg"), flyer.history["all"]
+def test_whiteness_figures_are_those_of_the_whitened_innovations(flyer: Recorded, flyer_drawing: Drawing) -> None:
+    svg, columns = flyer_drawing("whiteness"), flyer.history["all"]
     z = np.column_stack([columns[f"whitened_rate_{letter}"] for letter in "xyz"])
     z = z[np.isfinite(z).all(1)]
     bars = drawn(svg, "histogram_rate", "rate_y-histogram")
@@ -77,8 +79,8 @@ def test_whiteness_figures_are_those_of_the_whitened_innovations(flyer: Recorded
     assert follows(points, columns["time_s"][np.isfinite(columns["whitened_rate_x"])][whiteness.WINDOW - 1 :], mean, within)
 
 
-def test_how_estimates_settled_is_the_history_on_a_logarithmic_scale(flyer: Recorded) -> None:
-    svg, columns = figures.draw("settling", flyer, "svg"), flyer.history["all"]
+def test_how_estimates_settled_is_the_history_on_a_logarithmic_scale(flyer: Recorded, flyer_drawing: Drawing) -> None:
+    svg, columns = flyer_drawing("settling"), flyer.history["all"]
     for name, allowed in (("iyy", 0.01 * (0.62 + 2.8 + 2.5)), ("cg_x", 0.01 * np.sqrt(5.92 / 21.73)), ("mass", 0.2173)):
         axes = f"settling_{name}-1"
         within = precision(svg, axes)
@@ -103,7 +105,7 @@ def test_all_expectations_stand_in_one_figure_in_tolerances(flyer: Recorded) -> 
     assert "nothing was expected" in figures.picture("expectations", flyer).panels[0].says
 
 
-def test_the_raster_shows_each_jet_when_it_pushed_and_marks_the_one_a_warning_names(flyer: Recorded) -> None:
+def test_the_raster_shows_each_jet_when_it_pushed_and_marks_the_one_a_warning_names(flyer: Recorded, flyer_drawing: Drawing) -> None:
     warning = WarningItem(code="jet-sign", message="the log fits if jet roll_p1 pushes the other way than stated; not roll_p12")
     named = replace(flyer, result=flyer.result.model_copy(update={"warnings": [warning]}))
     assert firing.named(named.result) == ["roll_p1"]
@@ -116,7 +118,7 @@ def test_the_raster_shows_each_jet_when_it_pushed_and_marks_the_one_a_warning_na
         assert points[:, 0].max() == pytest.approx(busy.max(), abs=0.31)
         assert points[:, 1].min() == pytest.approx(-row, abs=0.02)
     assert palette.RED in svg.decode()
-    assert palette.RED not in figures.draw("firing", flyer, "svg").decode()
+    assert palette.RED not in flyer_drawing("firing").decode()
     edges = np.linspace(columns["time_s"][0] - 0.05, columns["time_s"][-1], 7)
     share = firing.shares([(1, flyer.result.phases[0], columns)], jets[0], edges)
     assert (share * np.diff(edges)).sum() == pytest.approx(columns[f"executed_{jets[0]}_s"].sum(), rel=0.01)

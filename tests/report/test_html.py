@@ -1,38 +1,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from massprop_cli.report import checks, html, limiting, view, vocabulary
-from massprop_cli.report.figures import canvas
-from massprop_cli.report.figures.panel import Panel
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Delay, Innovations, Mended, PhaseItem
 from tests import recorded
-from tests.recording import changed, record
+from tests.recording import changed
 from tests.report.page import Page
 
-RENDER = canvas.render
-DRAWN: dict[object, bytes] = {}
-
-
-@pytest.fixture(autouse=True)
-def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What two pages show alike is drawn once: these tests are of what stands around the figures."""
-
-    def render(panels: Sequence[Panel], kind: canvas.Kind, columns: int = 1, title: str = "") -> bytes:
-        key = (kind, columns, title, tuple((panel.key, panel.says, panel.size) for panel in panels))
-        if key not in DRAWN:
-            DRAWN[key] = RENDER(panels, kind, columns, title)
-        return DRAWN[key]
-
-    monkeypatch.setattr(canvas, "render", render)
+pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
 def test_the_first_table_holds_every_value_with_sigma_unit_and_verdict(flyer: Recorded, flyer_page: Page) -> None:
@@ -251,8 +233,8 @@ def test_without_a_history_the_rest_is_there_and_the_gap_is_named(flyer: Recorde
     assert len(page.table("Whole log")) == 11
 
 
-def test_a_thesis_result_says_that_its_sigmas_are_no_errors(tmp_path: Path) -> None:
-    page = Page(html.page([record(tmp_path, "free-flyer/log.parquet", 'estimator.method="thesis"')]))
+def test_a_thesis_result_says_that_its_sigmas_are_no_errors(thesis: Recorded) -> None:
+    page = Page(html.page([thesis]))
     assert "they shrink with noise alone and are no errors" in page.said()
     assert "± is one standard deviation" not in page.said()
     assert "--method thesis" in page.said()
