@@ -115,22 +115,25 @@ def estimate_log(
     refine: bool = False,
     expected: Where | None = None,
     require: str | Sequence[str] = (),
+    allow_contradicted: bool = False,
     settings: Mapping[str, object] | None = None,
     map_file: Where | None = None,
 ) -> LogEstimate:
     """Estimate one log; writes nothing.
 
     ``vehicle`` names a vehicle file and ``map_file`` a map file (else the log's own), ``expected`` an expect file, ``require`` quantities
-    that must converge ("all"), and how precisely ("mass<2%, ixx"); what misses either doesn't raise, but stands in ``exit_code`` and
-    ``message``. ``delay`` is in control cycles, ``settings`` holds dotted keys of the vehicle file, for instance
-    ``{"imu.gyro_noise_rad_s": 1e-4}``. Where the input can't be used, :class:`massprop_cli.InputError` names file, place, value and remedy.
+    that must converge ("all"), and how precisely ("mass<2%, ixx"). What misses either, or a log that contradicts its vehicle file (unless
+    ``allow_contradicted``), doesn't raise, but stands in ``exit_code`` and ``message``. ``delay`` is in control cycles, ``settings`` holds
+    dotted keys of the vehicle file, for instance ``{"imu.gyro_noise_rad_s": 1e-4}``. Where the input can't be used,
+    :class:`massprop_cli.InputError` names file, place, value and remedy.
     """
-    demands = Demands(requirements(require), expect.load(Path(expected)) if expected is not None else None)
+    held = expect.load(Path(expected)) if expected is not None else None
+    demands = Demands(requirements(require), held, allow_contradicted)
     stated = [*_assignments(method, delay, settings), *(["estimator.refine=true"] if refine else [])]
     found = of_file(
         Path(path), None if vehicle is None else Path(vehicle), stated, demands, map_file=None if map_file is None else Path(map_file)
     )
-    return LogEstimate(found.result, found.analysis, found.unconverged, found.missed, found.imprecise)
+    return LogEstimate(found.result, found.analysis, found.unmet)
 
 
 def run_campaign(
@@ -146,6 +149,7 @@ def run_campaign(
     delay: Delay | None = None,
     expected: Where | None = None,
     require: str | Sequence[str] = (),
+    allow_contradicted: bool = False,
     settings: Mapping[str, object] | None = None,
     report: bool = False,
     check: bool = False,
@@ -167,7 +171,14 @@ def run_campaign(
     named = [paths] if isinstance(paths, (str, Path)) else paths
     files = {key: None if file is None else str(file) for key, file in (("vehicle", vehicle), ("map", map_file), ("expect", expected))}
     stated = tuple(_assignments(method, delay, settings))
-    over = Settings(**files, assignments=stated, require=requirements(require), report=report, check=check)
+    over = Settings(
+        **files,
+        assignments=stated,
+        require=requirements(require),
+        report=report,
+        check=check,
+        allow_contradicted=allow_contradicted,
+    )
     name, planned = discover.plan([str(path) for path in named], over)
     earlier = None if baseline is None else baselines.read(str(baseline))
     held_against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate())

@@ -21,7 +21,7 @@ from massprop_cli.inputs import extremes, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.require import Requirement
 from massprop_cli.inputs.tablefile import Table, give_back
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.result import build
+from massprop_cli.result import build, judge
 from massprop_cli.result.schema import Result
 
 if TYPE_CHECKING:
@@ -35,6 +35,45 @@ class Demands:
     required: tuple[Requirement, ...] = ()
     """What must be converged, and how precisely, in every phase (:func:`massprop_cli.inputs.require.requirements`)."""
     expected: Expectations | None = None
+    allow_contradicted: bool = False
+    """Whether a log that contradicts its vehicle file is accepted."""
+
+
+@dataclass(frozen=True)
+class Unmet:
+    """What of the demands a result does not meet, a phrase each. This alone decides exit code and message."""
+
+    contradicted: tuple[str, ...] = ()
+    """Phases, and the docked object, in which log and vehicle file contradict each other."""
+    unconverged: tuple[str, ...] = ()
+    """Required quantities that are not converged."""
+    imprecise: tuple[str, ...] = ()
+    """Required quantities that are converged, but not as precisely as they must be."""
+    missed: tuple[str, ...] = ()
+    """What is not as expected."""
+
+    @property
+    def exit_code(self) -> int:
+        """By the contract: 6 goes before 4, and 4 before 5."""
+        if self.contradicted:
+            return exits.CONTRADICTED
+        return exits.NOT_CONVERGED if self.unconverged or self.imprecise else exits.NOT_EXPECTED if self.missed else 0
+
+    @property
+    def message(self) -> str:
+        """Why the exit code isn't 0; empty where it is."""
+        said = {
+            "log and vehicle file contradict each other: ": self.contradicted,
+            "required but not converged: ": self.unconverged,
+            "required but not precise enough: ": self.imprecise,
+            "not as expected: ": self.missed,
+        }
+        return ". ".join(f"{what}{'; '.join(phrases)}" for what, phrases in said.items() if phrases)
+
+    @property
+    def phrases(self) -> list[str]:
+        """All of them."""
+        return [*self.contradicted, *self.unconverged, *self.imprecise, *self.missed]
 
 
 @dataclass(frozen=True)
@@ -45,25 +84,17 @@ class Judged:
     """The whole of result.json."""
     analysis: Analysis = field(repr=False)
     """Everything in between: the log, aligned samples, histories, as read-only arrays."""
-    unconverged: tuple[str, ...] = ()
-    """Required quantities that are anything but converged, a phrase each."""
-    missed: tuple[str, ...] = ()
-    """What is not as expected, a phrase each."""
-    imprecise: tuple[str, ...] = ()
-    """Required quantities that are converged, but not as precisely as they must be, a phrase each."""
+    unmet: Unmet = Unmet()
 
     @property
     def exit_code(self) -> int:
-        """By the contract: 4 goes before 5."""
-        return exits.NOT_CONVERGED if self.unconverged or self.imprecise else exits.NOT_EXPECTED if self.missed else 0
+        """What the command ends with."""
+        return self.unmet.exit_code
 
     @property
     def message(self) -> str:
         """Why the exit code isn't 0; empty where it is."""
-        reasons = [f"required but not converged: {'; '.join(self.unconverged)}"] if self.unconverged else []
-        reasons += [f"required but not precise enough: {'; '.join(self.imprecise)}"] if self.imprecise else []
-        reasons += [f"not as expected: {'; '.join(self.missed)}"] if self.missed else []
-        return ". ".join(reasons)
+        return self.unmet.message
 
 
 def of_file(
@@ -108,14 +139,30 @@ def _guarded(log: Path, source: VehicleSource) -> Iterator[None]:
 
 def _judged(found: Analysis, demands: Demands) -> Judged:
     told = build.result(found)
-    required, missed = demands.required, tuple[str, ...]()
-    if demands.expected is not None:
-        from massprop_cli.result import judge
+    told = told if demands.expected is None else judge.judge(told, demands.expected)
+    return Judged(told, found, unmet(told, demands))
 
-        told = judge.judge(told, demands.expected)
-        required, missed = required + demands.expected.required, tuple(judge.missed(told))
-    late, coarse = unconverged(told, [item.quantity for item in required]), imprecise(told, required)
-    return Judged(told, found, tuple(late), missed, tuple(coarse))
+
+def unmet(found: Result, demands: Demands) -> Unmet:
+    """What of the demands a result does not meet; what is expected must stand in it already (:func:`massprop_cli.result.judge.judge`)."""
+    required = demands.required + (demands.expected.required if demands.expected is not None else ())
+    return Unmet(
+        contradicted=() if demands.allow_contradicted else tuple(contradicted(found)),
+        unconverged=tuple(unconverged(found, [item.quantity for item in required])),
+        imprecise=tuple(imprecise(found, required)),
+        missed=tuple(judge.missed(found)),
+    )
+
+
+def contradicted(found: Result) -> list[str]:
+    """Phases, and the docked object, with a contradicted quantity: which these are, and the cause."""
+    said = []
+    for part, body in judge.parts(found):
+        names = [name for name, item in body.estimates.items() if item.verdict == "contradicted"]
+        if names:
+            listed = "all quantities" if len(names) == len(body.estimates) else ", ".join(names)
+            said.append(f"{listed} in {part} ({judge.contradiction(body)})")
+    return said
 
 
 def unconverged(found: Result, required: Sequence[str]) -> list[str]:
@@ -130,11 +177,6 @@ def unconverged(found: Result, required: Sequence[str]) -> list[str]:
         for (verdict, reason), names in alike.items():
             said.append(f"{', '.join(names)} in phase {phase.name} {'is' if len(names) == 1 else 'are'} {verdict} ({reason})")
     return said
-
-
-def short_of(found: Result, required: Sequence[Requirement]) -> list[str]:
-    """What of the requirements a result doesn't reach, a phrase each."""
-    return [*unconverged(found, [item.quantity for item in required]), *imprecise(found, required)]
 
 
 def imprecise(found: Result, required: Sequence[Requirement]) -> list[str]:

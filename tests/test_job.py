@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from junitparser import JUnitXml
 
 from massprop_cli import QUANTITIES, estimate_log, run_campaign
 from massprop_cli.base.errors import UsageError
 from massprop_cli.inputs.require import requirements
-from massprop_cli.job import Judged, unconverged
+from massprop_cli.job import Demands, Unmet, unconverged, unmet
 from tests import recorded
 from tests.campaigns import simulate
 from tests.commandline import massprop
@@ -63,10 +64,34 @@ def test_a_verdict_that_is_not_known_yet_leaves_a_requirement_unmet() -> None:
     assert len(unconverged(found.model_copy(update={"phases": [phase]}), QUANTITIES)) == 1
 
 
-def test_not_converged_goes_before_not_expected_and_both_are_said(log: Path) -> None:
-    found = estimate_log(log)
-    both = Judged(found.result, found.analysis, ("ixx is late",), ("mass is off", "ixx is off"))
+def test_contradicted_goes_before_not_converged_and_that_before_not_expected_and_all_are_said() -> None:
+    both = Unmet(unconverged=("ixx is late",), missed=("mass is off", "ixx is off"))
     assert (both.exit_code, both.message) == (4, "required but not converged: ixx is late. not as expected: mass is off; ixx is off")
+    every = Unmet(contradicted=("ixx in phase all (a jet)",), imprecise=("mass is coarse",))
+    said = "log and vehicle file contradict each other: ixx in phase all (a jet). required but not precise enough: mass is coarse"
+    assert (every.exit_code, every.message) == (6, said)
+
+
+def test_a_contradicted_quantity_exits_6_unless_that_is_allowed() -> None:
+    found = recorded.result([recorded.phase("a"), recorded.phase("b", ixx={"verdict": "contradicted", "reason": "a jet is reversed"})])
+    told = unmet(found, Demands())
+    assert (told.exit_code, told.contradicted) == (6, ("ixx in phase b (a jet is reversed)",))
+    assert unmet(found, Demands(allow_contradicted=True)).exit_code == 0
+    assert unmet(found, Demands(requirements("ixx"), allow_contradicted=True)).exit_code == 4
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_code_junit_and_annotations_agree_on_a_contradicted_log(log: Path, allowed: bool, tmp_path: Path) -> None:
+    """A delay that is stated a cycle short, by the command, the check, and in a campaign."""
+    asked = ["--set", "cycle.command_delay_cycles=1.0", *(["--allow-contradicted"] if allowed else [])]
+    code = 0 if allowed else 6
+    done = massprop(tmp_path, "estimate", log, "-q", "--out", "one", *asked)
+    checked = massprop(tmp_path, "check", log, "-q", *asked)
+    many = massprop(tmp_path, "batch", log, "-q", "--out", "many", "--junit", "many.xml", *asked, GITHUB_ACTIONS="true")
+    assert (done.returncode, checked.returncode, many.returncode) == (code, code, code), done.stderr
+    assert (tmp_path / "one" / "result.json").exists()
+    failures = JUnitXml.fromfile(str(tmp_path / "many.xml")).failures
+    assert (failures > 0, "::error" in many.stderr) == (code == 6, code == 6)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ class Said(Section):
     method: Literal["default", "thesis"] | None = None
     delay: NonNegative | Literal["auto"] | None = Field(None, description="command delay in control cycles")
     require: Stated | None = Field(None, description='quantities that must converge, and how precisely: "mass<2%, ixx", or a list')
+    allow_contradicted: bool | None = Field(None, description="whether a log may contradict its vehicle file without exit code 6")
     set: tuple[Text, ...] = Field((), description='overrides of vehicle-file keys, each "KEY=VALUE"')
     tags: tuple[Text, ...] = Field((), description="words of your own, for the tables")
 
@@ -89,6 +90,7 @@ def applied(file: CampaignFile, base: str, log: Found, below: str) -> Found:
         expect=None if expect is None else location.join(base, expect),
         require=require or (),
         report=file.report,
+        allow_contradicted=bool(_last([one.allow_contradicted for one in said])),
     )
     return replace(log, settings=settings, tags=tuple(dict.fromkeys(tag for one in said for tag in one.tags)))
 

@@ -47,6 +47,7 @@ def overlaid(under: Settings, over: Settings) -> Settings:
         require=over.require or under.require,
         report=under.report or over.report,
         check=over.check,
+        allow_contradicted=under.allow_contradicted or over.allow_contradicted,
     )
 
 

@@ -37,6 +37,11 @@ class Joining:
     require: tuple[Requirement, ...]
 
     @property
+    def allow_contradicted(self) -> bool:
+        """As the campaign's own logs are judged."""
+        return any(job.settings.allow_contradicted for job in self.jobs)
+
+    @property
     def jobs(self) -> tuple[Job, ...]:
         """All of them."""
         return (*self.logs, *self.before, *self.after)
@@ -81,12 +86,12 @@ def joined(one: Joining, place: Place) -> Produced:
         found = _combined(one, place)
     except InputError as error:
         return _failed(str(error))
-    short = judge.short_of(found, one.require)
+    unmet = judge.unmet(found, judge.Demands(one.require, allow_contradicted=one.allow_contradicted))
     told = Outcome(
         schema="massprop/outcome/1",
         fingerprint=outcome.UNKEPT,
-        exit_code=exits.NOT_CONVERGED if short else 0,
-        message=line(f"required but not reached: {'; '.join(short)}" if short else ""),
+        exit_code=unmet.exit_code,
+        message=line(unmet.message),
         input_sha256=found.provenance.input_sha256,
         vehicle=kept.vehicle(found),
         method="combined",
@@ -94,7 +99,7 @@ def joined(one: Joining, place: Place) -> Produced:
         cycles=found.log.cycles,
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
-        missed=short,
+        missed=unmet.phrases,
         bodies=kept.joint_bodies(found),
         files=["result.json"],
     )

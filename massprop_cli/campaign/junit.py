@@ -26,7 +26,8 @@ def _outcomes(place: Place, found: Summary) -> Iterator[junit.Outcome]:
         elif "result.json" in row.outcome.files:
             content = place.read(f"{RESULTS}/{row.name}/result.json")
             unmet = row.outcome.message if row.outcome.exit_code == exits.NOT_CONVERGED else None
-            yield junit.Outcome(row.name, Result.model_validate_json(content), unmet=unmet)
+            allowed = row.outcome.exit_code != exits.CONTRADICTED
+            yield junit.Outcome(row.name, Result.model_validate_json(content), unmet=unmet, allow_contradicted=allowed)
         elif CHECKED in row.outcome.files:
             found_wrong = Check.model_validate_json(place.read(f"{RESULTS}/{row.name}/{CHECKED}"))
             yield junit.Outcome(row.name, suite=checked.suite(found_wrong, row.name))

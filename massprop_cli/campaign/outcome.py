@@ -8,7 +8,7 @@ from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from massprop_cli.base import escape
+from massprop_cli.base import escape, exits
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 
@@ -80,7 +80,7 @@ class Outcome(Item):
     files: list[str] = Field([], description="of the result folder, outcome.json aside")
 
 
-STATES = {1: "internal error", 3: "unusable", 4: "not converged", 5: "not as expected", None: "not tried", 0: "done"}
+STATES = {1: "internal error", 3: "unusable", 6: "contradicted", 4: "not converged", 5: "not as expected", None: "not tried", 0: "done"}
 """What an exit code means, in words, from the worst on."""
 
 
@@ -91,8 +91,10 @@ def contradicted(found: Outcome | None) -> int:
 
 def state(found: Outcome | None) -> str:
     """What became of a log, in words: what its exit code means, and what was said against its values."""
-    doubt = "contradicted" if contradicted(found) else "with warnings" if found is not None and found.warnings else ""
-    return STATES[found.exit_code if found else None] + f", {doubt}" * bool(doubt)
+    code = found.exit_code if found else None
+    against = contradicted(found) > 0 and code != exits.CONTRADICTED
+    doubt = "contradicted" if against else "with warnings" if found is not None and found.warnings else ""
+    return STATES[code] + f", {doubt}" * bool(doubt)
 
 
 def to_json(found: Outcome) -> bytes:

@@ -21,8 +21,8 @@ from massprop_cli.report import digits, html, vocabulary
 from massprop_cli.report.script import script
 from massprop_cli.result.judge import INFORMED
 
-_SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", None: "–"}
-_MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", None: "muted"}
+_SIGNS = {0: "✓", 1: "✕", 3: "✕", 4: "~", 5: "✕", 6: vocabulary.SIGNS["contradicted"], None: "–"}
+_MARKS = {0: "converged", 4: "not_converged", 5: "not_excited", 6: "contradicted", None: "muted"}
 _CONTRADICTED, _WARNED = (vocabulary.SIGNS["contradicted"], "contradicted"), ("⚠", "not_converged")
 """Sign and mark of a log that is done and yet in doubt."""
 _MINOR = ("long-interval", "outliers", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "noise-floor")

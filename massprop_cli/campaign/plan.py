@@ -28,6 +28,8 @@ class Settings:
     """Location of a map file; None: the log's own, if it has one."""
     check: bool = False
     """Whether to say if the log is fit, and no more."""
+    allow_contradicted: bool = False
+    """Whether a log that contradicts its vehicle file is accepted."""
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Summary(Item):
     schema_: Literal["massprop/summary/1"] = Field("massprop/summary/1", alias="schema")
     massprop: str
     name: str
-    exit_code: int = Field(description="the worst of the logs' codes: 1, then 3, then 4, then 5; 5 if beyond the baseline")
+    exit_code: int = Field(description="the worst of the logs' codes: 1, then 3, then 6, then 4, then 5; 5 if beyond the baseline")
     exit_codes: dict[str, int] = Field(description="how many logs have which; none: not tried")
     contradicted: int = Field(0, description="how many logs and their vehicle files contradict each other")
     warned: int = Field(0, description="how many logs have warnings")

@@ -142,6 +142,7 @@ def fingerprint(job: Job, inputs: Inputs) -> str:
     )
     said = (settings.assignments, [str(item) for item in settings.require], settings.report, sorted(versions(settings.report).items()))
     parts += [b"check"] if settings.check else []
+    parts += [b"contradicted"] if settings.allow_contradicted else []
     digest = hashlib.sha256()
     for part in (*parts, repr(said).encode("utf-8", "surrogatepass")):
         digest.update(len(part).to_bytes(8, "big") + part)
@@ -172,7 +173,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     settings, expected = job.settings, _expected(job, inputs)
     table = table_of(job, inputs)
     source = vehicle_of(job, inputs, table.embedded_vehicle)
-    judged = of_table(table, source, settings.assignments, Demands(settings.require, expected))
+    judged = of_table(table, source, settings.assignments, Demands(settings.require, expected, settings.allow_contradicted))
     files = {"result.json": schema.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
@@ -189,7 +190,8 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
     source = vehicle_of(job, inputs, table.embedded_vehicle)
     expected = _expected(job, inputs)
     wants = job.settings.require + (() if expected is None else expected.required)
-    found = flow.of_table(table, source, wants, job.settings.assignments)
+    allowed = job.settings.allow_contradicted
+    found = flow.of_table(table, source, wants, job.settings.assignments, allow_contradicted=allowed)
     told = Outcome(
         schema="massprop/outcome/1",
         fingerprint=mark,
@@ -287,7 +289,7 @@ def _outcome(judged: Judged, mark: str, files: list[str]) -> Outcome:
         cycles=found.log.cycles,
         delay_cycles=found.delay.cycles,
         warnings=[warning.code for warning in found.warnings],
-        missed=[*judged.unconverged, *judged.imprecise, *judged.missed],
+        missed=judged.unmet.phrases,
         bodies=kept.bodies(found, judged.analysis.vehicle, judged.analysis.source.vehicle),
         files=files,
     )

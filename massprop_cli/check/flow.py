@@ -25,7 +25,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.report import vocabulary
 from massprop_cli.result import build
-from massprop_cli.result.schema import Result
+from massprop_cli.result.schema import PhaseItem, Result
 
 IMU = ("gyro", "accel", "imu", "outliers")
 """How codes of notices about the IMU begin."""
@@ -45,12 +45,14 @@ def check(
     assignments: Sequence[str],
     say: flow.Progress | None = None,
     map_file: Path | None = None,
+    *,
+    allow_contradicted: bool = False,
 ) -> Check:
     """Everything there is to say of a log; :class:`InputError` only where there is no table or no vehicle at all."""
     files.check_name(str(log_path))
     table = logfile.read_table(log_path, map_file)
     source = vehiclefile.find(log_path, vehicle_path, table.embedded_vehicle, assignments)
-    return of_table(table, source, wants, assignments, say)
+    return of_table(table, source, wants, assignments, say, allow_contradicted=allow_contradicted)
 
 
 def of_table(
@@ -59,6 +61,8 @@ def of_table(
     wants: Sequence[Requirement],
     assignments: Sequence[str] = (),
     say: flow.Progress | None = None,
+    *,
+    allow_contradicted: bool = False,
 ) -> Check:
     """The same of a table and a vehicle at hand."""
     vehicle, place = source.vehicle, table.places.of
@@ -78,8 +82,8 @@ def of_table(
     found = with_estimate(found, estimated, told, vehicle)
     expected = _expected(told, wants)
     found += _idle(log, vehicle, expected)
-    short = any(one.reached is False for one in expected)
-    return _told(table, vehicle, found, expected, _delay(told), exits.NOT_CONVERGED if short else 0)
+    unmet = job.unmet(told, job.Demands(tuple(wants), allow_contradicted=allow_contradicted))
+    return _told(table, vehicle, found, expected, _delay(told), unmet.exit_code)
 
 
 def seen(log: Log, vehicle: Vehicle, place: Callable[[int], str]) -> list[Finding]:
@@ -163,7 +167,7 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[Expected]:
             want = asked.get(name)
             precision = want.precision if want is not None else None
             limit = precision.sigma(item.value) if precision is not None and item.value is not None else None
-            short = [] if want is None else job.short_of(told.model_copy(update={"phases": [phase]}), [want])
+            short = [] if want is None else _short(told, phase, want)
             found.append(
                 Expected(
                     phase=phase.name,
@@ -178,6 +182,12 @@ def _expected(told: Result, wants: Sequence[Requirement]) -> list[Expected]:
                 )
             )
     return found
+
+
+def _short(told: Result, phase: PhaseItem, want: Requirement) -> list[str]:
+    """Why a phase does not meet a requirement; empty where it does."""
+    alone = told.model_copy(update={"phases": [phase], "docked_object": None})
+    return job.unmet(alone, job.Demands((want,), allow_contradicted=True)).phrases
 
 
 def _idle(log: Log, vehicle: Vehicle, expected: Sequence[Expected]) -> list[Finding]:

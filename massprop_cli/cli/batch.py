@@ -130,6 +130,7 @@ def batch(
             rich_help_panel=options.DEMANDS,
         ),
     ] = None,
+    allow_contradicted: options.AllowContradicted = False,
     junit: options.Junit = None,
     check: Annotated[
         bool,
@@ -151,7 +152,8 @@ def batch(
     Writes results/NAME of each log, campaign.html, campaign.parquet and campaign.json. A log whose content, vehicle, settings and
     massprop have not changed is not done again. A log that fails is a row with its error. With --check each log's check.json says what
     is wrong with it and what sigmas it can give, no values, and all stands in FOLDER/checks. Exit, after all logs have been tried, the
-    worst of their codes: 1 a bug, 3 unusable input, 4 a required quantity is not converged, 5 not as expected, or beyond the baseline.
+    worst of their codes: 1 a bug, 3 unusable input, 6 log and vehicle file contradict each other, 4 a required quantity is not
+    converged, 5 not as expected, or beyond the baseline.
 
     Examples:
         massprop batch flights --junit massprop.junit.xml
@@ -194,6 +196,7 @@ def batch(
         require=required,
         report=report,
         check=check,
+        allow_contradicted=allow_contradicted,
     )
     name, planned = discover.plan(paths, over)
     _check(planned)

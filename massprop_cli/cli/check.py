@@ -39,6 +39,7 @@ def check(
             rich_help_panel=options.DEMANDS,
         ),
     ] = None,
+    allow_contradicted: options.AllowContradicted = False,
     delay: options.Delay = None,
     assign: options.Assign = None,
     junit: options.Junit = None,
@@ -48,8 +49,8 @@ def check(
 ) -> None:
     """Say whether a recording is good: sampling, IMU, commands, delay, attitude, the vehicle file, and what the motion tells.
 
-    Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 4 where a wanted quantity
-    is not reached.
+    Each finding says what, where, how sure and what to do. Exit 0 done, 3 where no estimate can be made of it, 6 where log and
+    vehicle file contradict each other, 4 where a wanted quantity is not reached.
 
     Examples:
         massprop check log.parquet
@@ -63,7 +64,7 @@ def check(
     from massprop_cli.check import finding, flow
 
     with progress(quiet or as_json) as told:
-        found = flow.check(log, vehicle, wants, assignments, told, map_file)
+        found = flow.check(log, vehicle, wants, assignments, told, map_file, allow_contradicted=allow_contradicted)
     if junit is not None:
         _write(junit, found)
     if as_json:

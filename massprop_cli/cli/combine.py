@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli.base import exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
@@ -44,6 +43,7 @@ def combine(
         ),
     ] = None,
     require: options.Require = None,
+    allow_contradicted: options.AllowContradicted = False,
     as_json: Annotated[bool, options.as_json("result.json")] = False,
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
@@ -51,7 +51,8 @@ def combine(
     """One joint estimate from the results of several logs of one vehicle, or of an object from logs before and after it docked.
 
     Information adds up; the thrust's scale and what is known count once; what contradicts is told. Writes result.json and run.json.
-    Exit 3 where the results are not of one vehicle, 4 where a required quantity is not converged, or not that precise.
+    Exit 3 where the results are not of one vehicle, 6 where a quantity is contradicted, 4 where a required one is not converged, or
+    not that precise.
 
     Examples:
         massprop combine run-1 run-2 --out joint
@@ -81,6 +82,6 @@ def combine(
         sys.stdout.write(schema.to_json(found))
     elif not quiet:
         show(found, folder, no_color)
-    short = job.short_of(found, required)
-    if short:
-        fail(f"required but not reached: {'; '.join(short)}", exits.NOT_CONVERGED)
+    unmet = job.unmet(found, job.Demands(required, allow_contradicted=allow_contradicted))
+    if unmet.exit_code:
+        fail(unmet.message, unmet.exit_code)

@@ -40,14 +40,16 @@ def estimate(
     assign: options.Assign = None,
     require: options.Require = None,
     expect: options.Expect = None,
+    allow_contradicted: options.AllowContradicted = False,
     as_json: Annotated[bool, options.as_json("result.json")] = False,
     quiet: Annotated[bool, options.quiet("No table, no warnings.")] = False,
     no_color: options.NoColor = False,
 ) -> None:
     """Replay the estimator through a log: ten mass properties with sigmas and verdicts.
 
-    Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 4 a required quantity is
-    not converged, or not that precise, 5 a value is missing or outside its expectation.
+    Writes result.json, history.parquet and run.json into the result folder. Exit 0 done, 3 unusable input, 6 log and vehicle
+    file contradict each other, 4 a required quantity is not converged, or not that precise, 5 a value is missing or outside its
+    expectation.
 
     Examples:
         massprop estimate log.parquet
@@ -62,7 +64,7 @@ def estimate(
     from massprop_cli import job
     from massprop_cli.result import schema, store
 
-    demands = job.Demands(required, _expected(expect))
+    demands = job.Demands(required, _expected(expect), allow_contradicted)
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told, map_file)

@@ -65,6 +65,10 @@ Require = Annotated[
         rich_help_panel=DEMANDS,
     ),
 ]
+AllowContradicted = Annotated[
+    bool,
+    typer.Option("--allow-contradicted", help="Do not exit 6 where log and vehicle file contradict each other.", rich_help_panel=DEMANDS),
+]
 Expect = Annotated[
     Path | None,
     typer.Option(

@@ -82,7 +82,7 @@ def report(
     from massprop_cli import job
     from massprop_cli.inputs import expect as expectations
     from massprop_cli.report.labels import labels
-    from massprop_cli.result import judge, read
+    from massprop_cli.result import read
 
     wanted = expectations.load(expect) if expect is not None else None
     once = {realpath(path): path for path in results}
@@ -97,9 +97,10 @@ def report(
     if open_:
         typer.launch(str((folder / TEXTS["html"]).resolve()))
     names = labels(recorded)
-    missed = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in judge.missed(item.result)]
-    required = wanted.required if wanted is not None else ()
-    short = [f"{name}: {said}" for item, name in zip(recorded, names, strict=True) for said in job.short_of(item.result, required)]
+    demands = job.Demands(expected=wanted, allow_contradicted=True)
+    each = [(name, job.unmet(item.result, demands)) for item, name in zip(recorded, names, strict=True)]
+    short = [f"{name}: {said}" for name, unmet in each for said in (*unmet.unconverged, *unmet.imprecise)]
+    missed = [f"{name}: {said}" for name, unmet in each for said in unmet.missed]
     if short:
         fail(f"required but not reached: {'; '.join(short[:NAMED])}", exits.NOT_CONVERGED)
     if missed:

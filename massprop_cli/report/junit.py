@@ -2,8 +2,8 @@
 
 With expectations a test case stands for each expected quantity and fails if the value is missing or outside its tolerance. Without, one
 stands for each of the ten and passes if it is converged; else it is skipped, with the reason. A contradicted quantity fails with the
-cause, expected or not. Where quantities were required and are not converged, a test case of its own fails and names them. A log that
-could not be used is an error.
+cause, expected or not, unless contradictions are allowed. Where quantities were required and are not converged, a test case of its own
+fails and names them. A log that could not be used is an error.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ class Outcome:
     """Of error: what failed."""
     unmet: str | None = None
     """Which required quantities are not converged, and why."""
+    allow_contradicted: bool = False
+    """Whether a contradicted quantity that nothing is expected of is skipped, and does not fail."""
     suite: ET.Element | None = None
     """Made elsewhere: the whole of it."""
 
@@ -59,7 +61,7 @@ def text(found: Iterable[Outcome]) -> str:
 
 
 def _suite(outcome: Outcome) -> ET.Element:
-    cases = [_error(outcome)] if outcome.result is None else _cases(outcome.name, outcome.result)
+    cases = [_error(outcome)] if outcome.result is None else _cases(outcome)
     cases += [_unmet(outcome.name, outcome.unmet)] if outcome.unmet else []
     suite = ET.Element("testsuite", {"name": line(outcome.name), "tests": str(len(cases))})
     for key, tag in _COUNTED.items():
@@ -100,11 +102,12 @@ def _properties(found: Result) -> ET.Element:
     return properties
 
 
-def _cases(name: str, found: Result) -> list[ET.Element]:
-    held = found.expectations is not None
+def _cases(outcome: Outcome) -> list[ET.Element]:
+    found, allowed = outcome.result, outcome.allow_contradicted
+    held = found is not None and found.expectations is not None
     return [
-        _quantity(_case(name, part, quantity), quantity, item, contradiction(body))
-        for part, body in parts(found)
+        _quantity(_case(outcome.name, part, quantity), quantity, item, contradiction(body), allowed)
+        for part, body in (() if found is None else parts(found))
         for quantity, item in body.estimates.items()
         if not held or item.expected is not None or item.verdict == "contradicted"
     ]
@@ -115,8 +118,8 @@ def _case(name: str, part: str, quantity: str) -> ET.Element:
     return ET.Element("testcase", {"classname": line(f"{name.replace('.', '_')}.{part.replace('.', '_')}"), "name": quantity})
 
 
-def _quantity(case: ET.Element, quantity: str, item: EstimateItem, contradicted: str) -> ET.Element:
-    if item.verdict == "contradicted":
+def _quantity(case: ET.Element, quantity: str, item: EstimateItem, contradicted: str, allowed: bool) -> ET.Element:
+    if item.verdict == "contradicted" and not (allowed and item.expected is None):
         _say(case, "failure", why(item, contradicted) or gap(quantity, item, contradicted), item.verdict)
     elif item.expected is not None:
         if not item.expected.met:
