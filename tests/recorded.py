@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from massprop_cli import QUANTITIES, UNITS
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import Result
 
@@ -84,7 +85,8 @@ def contradicted(name: str = "all", **changes: Any) -> dict[str, Any]:
         quantity: {"verdict": "contradicted", "final_at_s": None, "reason": CAUSE} for quantity in QUANTITIES
     }
     wrong["ixx"] |= {"value": -825.1234567, "sigma": 4.0}
-    wrong["izz"] |= {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it; it wants torque about Z"}
+    hardly = Reason.of("hardly-informed", wants="torque about Z")
+    wrong["izz"] |= {"verdict": "not_excited", "reason": str(hardly), "reason_code": hardly.code}
     wrong["cg_x"] |= {"verdict": "not_converged", "reason": "it still moved more than the tolerance"}
     wrong["cg_y"] |= {"verdict": "unobservable", "value": None, "sigma": None, "reason": "no motion of this vehicle can inform it"}
     return phase(name, **wrong) | {"contradiction": CAUSE} | changes

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 
 from massprop_cli.conclude import docking
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.estimate.quantities import by_scale_beside
-from massprop_cli.result.build import matrix
-from massprop_cli.result.schema import DockedObject, EstimateItem, PhaseItem, VehicleInfo, WarningItem
+from massprop_cli.result.build import estimate_items, matrix
+from massprop_cli.result.schema import DockedObject, PhaseItem, VehicleInfo, WarningItem
 
 
 def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, combined: PhaseItem) -> DockedObject:
@@ -36,15 +35,13 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
     covariance = slope @ joint_covariance @ slope.T
     verdicts = [item.verdict for phase in (single, combined) for item in phase.estimates.values()]
     verdict: Verdict = "contradicted" if "contradicted" in verdicts else "converged" if set(verdicts) == {"converged"} else "not_converged"
-    reason = {"converged": "both sides converged", "contradicted": "a side is contradicted"}.get(
-        verdict, "not every quantity of both sides converged"
-    )
+    told: dict[Verdict, Reason] = {"converged": Reason("sides-converged"), "contradicted": Reason("sides-contradicted")}
+    reason = told.get(verdict, Reason("sides-not-converged"))
     contradictions = [docking.of_phase(phase.name, phase.contradiction) for phase in (single, combined) if phase.contradiction]
     if docking.backwards(found, covariance):
         verdict, reason = "contradicted", _swapped(float(found[9]))
-        contradictions.append(reason)
-    told = docking.estimates_of(found, covariance, verdict, reason)
-    estimates = {name: EstimateItem(**asdict(estimate)) for name, estimate in told.items()}
+        contradictions.append(str(reason))
+    estimates = estimate_items(docking.estimates_of(found, covariance, verdict, reason))
     return DockedObject(
         before=single.name, after=combined.name, estimates=estimates, covariance=matrix(covariance), contradiction="; ".join(contradictions)
     )
@@ -53,8 +50,8 @@ def docked_object(vehicles: tuple[VehicleInfo, VehicleInfo], single: PhaseItem, 
 def backwards(docked: DockedObject | None) -> list[WarningItem]:
     """That the object has less than no mass."""
     mass = None if docked is None else docked.estimates["mass"].value
-    return [] if mass is None or mass > 0 else [WarningItem(code="docked-mass", message=_swapped(mass))]
+    return [] if mass is None or mass > 0 else [WarningItem(code="docked-mass", message=str(_swapped(mass)))]
 
 
-def _swapped(mass: float) -> str:
+def _swapped(mass: float) -> Reason:
     return docking.lighter(mass, "what --after names", "what --before names", "were the two swapped?")

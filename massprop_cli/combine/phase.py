@@ -13,13 +13,14 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import fit
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
 from massprop_cli.diagnosis.ready import Ready
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.plant import BearingBody
-from massprop_cli.result.build import matrix, physical
+from massprop_cli.result.build import estimate_items, matrix, physical
 from massprop_cli.result.read import Recorded
-from massprop_cli.result.schema import EstimateItem, PhaseItem, VehicleInfo, WarningItem
+from massprop_cli.result.schema import PhaseItem, VehicleInfo, WarningItem
 from massprop_cli.testbed.bound import natural_sizes
 
 INFORMED = 0.5
@@ -69,24 +70,24 @@ def together_phase(name: str, parts: Sequence[Part]) -> Phased:
     """Added up, or fitted at once."""
     found, left_out = _joint(name, parts)
     bearing = parts[0].recorded.result.vehicle.bearing_mass_kg
-    notes = [*left_out, *_contradictions(name, parts, found)]
+    against = _contradictions(parts, found)
+    notes = [*left_out, *(WarningItem(code="results-disagree", message=f"phase {name}: {message}") for message in against)]
     estimates = {quantity: _estimate(i, quantity, parts, found) for i, quantity in enumerate(QUANTITIES)}
     duration = sum(part.phase.end_s - part.phase.start_s for part in parts)
     phase = Phase(name=name, start_s=0.0, end_s=duration)
-    plain = {quantity: Estimate(item.value, item.sigma, item.unit, item.verdict, None, item.reason) for quantity, item in estimates.items()}
-    whole = Conclusion(phase, plain, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
+    whole = Conclusion(phase, estimates, found.covariance, float(found.values[9]) - bearing, (found.values, found.covariance))
     about = whole.inertia_about_origin
     contradicted = any(item.verdict == "contradicted" for item in estimates.values())
     item = PhaseItem(
         name=name,
         start_s=0.0,
         end_s=duration,
-        estimates=estimates,
+        estimates=estimate_items(estimates),
         covariance=matrix(found.covariance),
         inertia_about_origin=matrix(about) if np.isfinite(about).all() else None,
         physical=physical(whole),
         innovations=None,
-        contradiction="; ".join(note.message for note in notes) if contradicted else "",
+        contradiction="; ".join(against) if contradicted else "",
         known={quantity: pair for part in parts for quantity, pair in part.phase.known.items()},
     )
     explained = frozenset(part.label for part, odd in zip(parts, found.strange, strict=False) if not odd)
@@ -112,7 +113,7 @@ def _joint(name: str, parts: Sequence[Part]) -> tuple[Joint, list[WarningItem]]:
     return found or joint(pieces), []
 
 
-def _contradictions(name: str, parts: Sequence[Part], found: Joint) -> list[WarningItem]:
+def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
     notes = []
     for part, apart, pulled in zip(parts, found.apart, found.pulled, strict=True):
         # in θ, whose signs are not those of the quantities
@@ -121,18 +122,16 @@ def _contradictions(name: str, parts: Sequence[Part], found: Joint) -> list[Warn
         if strange or along:
             said = f"{part.label} differs from the others together: {', '.join(strange) or 'in no quantity alone'}"
             said += f", which pulls {', '.join(along)} away from it" if along else ""
-            notes.append(WarningItem(code="results-disagree", message=f"phase {name}: {said}; was the vehicle the same?"))
+            notes.append(f"{said}; was the vehicle the same?")
     for part, (chi_square, freedom) in zip(parts, found.alone, strict=False):
         if _chance(chi_square, freedom) < RARE:
-            message = (
-                f"phase {name}: {part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was "
-                "the vehicle the same?"
+            notes.append(
+                f"{part.label} does not fit the body of the others together (chi-square {chi_square:.4g} of {freedom}); was the vehicle "
+                "the same?"
             )
-            notes.append(WarningItem(code="results-disagree", message=message))
     chance = _chance(found.chi_square, found.freedom)
     if not notes and chance < CHANCE:
-        message = f"phase {name}: the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})"
-        notes.append(WarningItem(code="results-disagree", message=message))
+        notes.append(f"the results scatter more than their sigmas allow (chi-square {found.chi_square:.4g} of {found.freedom})")
     return notes
 
 
@@ -143,7 +142,7 @@ def _chance(chi_square: float, freedom: int) -> float:
     return float(gammaincc(freedom / 2, chi_square / 2)) if freedom > 0 else 1.0
 
 
-def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> EstimateItem:
+def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> Estimate:
     value, variance = found.values[i], found.covariance[i, i]
     told = bool(np.isfinite(value) and variance > 0)
     own = [part.phase.estimates[quantity].verdict for part in parts]
@@ -155,22 +154,18 @@ def _estimate(i: int, quantity: str, parts: Sequence[Part], found: Joint) -> Est
     odd = found.strange or [True] * len(parts)  # what one log's own fit didn't explain, the others' body may
     bad += [part.label for part, one, may in zip(parts, own, odd, strict=True) if one == "contradicted" and may]
     if bad:
-        verdict, reason = "contradicted", f"contradicted by or in {', '.join(dict.fromkeys(bad))}"
-    return EstimateItem(
-        value=float(value) if told else None, sigma=sigma, unit=UNITS[quantity], verdict=verdict, final_at_s=None, reason=reason
-    )
+        verdict, reason = "contradicted", Reason.of("logs-contradicted", logs=", ".join(dict.fromkeys(bad)))
+    return Estimate(float(value) if told else None, sigma, UNITS[quantity], verdict, None, reason)
 
 
-def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, str]:
+def _verdict(i: int, own: Sequence[Verdict], found: Joint, sigma: float | None) -> tuple[Verdict, Reason]:
     if all(one == "unobservable" for one in own):
-        return "unobservable", "no motion of this vehicle could tell it in any of the logs"
+        return "unobservable", Reason("logs-unobservable")
     # a moment of inertia that nothing told, as on a table, adds nothing to the body's size
     size = natural_sizes(np.concatenate([np.nan_to_num(found.values[:6]), found.values[6:]]))[i]
     if sigma is None or not sigma <= INFORMED * size:
-        return "not_excited", "no log's motion told it, nor do all together"
+        return "not_excited", Reason("logs-not-excited")
     if "converged" in own or sigma < SETTLED / 4 * size:
-        return (
-            "converged",
-            f"{own.count('converged')} of {len(own)} logs converged; together ± {100 * sigma / size:.2g} % of its natural size",
-        )
-    return "not_converged", "informed, but converged in no log, and together above a quarter of the tolerance"
+        percent = float(100 * sigma / size)
+        return "converged", Reason.of("logs-converged", converged=own.count("converged"), logs=len(own), percent=percent)
+    return "not_converged", Reason("logs-not-converged")

@@ -21,6 +21,7 @@ from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.physical import breach
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.history import History
@@ -71,7 +72,7 @@ class Fault:
 class Contradiction:
     """What contradicts in one phase."""
 
-    cause: str
+    causes: tuple[Reason, ...]
     touched: BoolArray
     """(10,)"""
 
@@ -92,7 +93,7 @@ def by_faults(
             touched &= ~_agree(conclusion, found)
     for values in rivals:
         touched |= ~(np.abs(values - conclusion.values) <= AGREES * conclusion.sigmas)
-    return Contradiction("; ".join(dict.fromkeys(fault.notice.message for fault in faults)), touched)
+    return Contradiction(tuple(dict.fromkeys(Reason.of("named-fault", message=fault.notice.message) for fault in faults)), touched)
 
 
 def _settles(stated: Conclusion, mended: Conclusion) -> bool:
@@ -127,7 +128,7 @@ def by_known(history: History) -> Contradiction | None:
         return None
     turned = any(name in CG for name in history.belied)
     touched = np.array([turned or name in PROPORTIONAL for name in QUANTITIES])
-    return Contradiction("; ".join(n.message for n in history.notices if n.code == "known-mismatch"), touched)
+    return Contradiction(tuple(Reason.of("known-mismatch", message=message) for message in history.belied.values()), touched)
 
 
 def by_misfit(
@@ -152,35 +153,23 @@ def by_misfit(
         touched = told & (error > sigma) & (np.maximum(hidden, loose) > MATTERS * sizes)
     variance = float(settled.moments().variance.max())
     if variance > GROSS and told.any():
-        cause = f"innovations are {np.sqrt(variance):.3g} times as large as all noise that was sized makes them: the model does not hold"
-        return Contradiction(cause, told), factors
+        return Contradiction((Reason.of("innovations-too-large", ratio=variance**0.5),), told), factors
     if not touched.any():
         return None, factors
     names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
     worst = int(np.nanargmax(np.where(touched, error / sigma, np.nan)))
-    return (
-        Contradiction(
-            f"what the model leaves of the motion still follows the commands or the motion itself, so it is no noise and no sigma holds it "
-            f"({names}; {QUANTITIES[worst]} may be off by {max(hidden[worst], loose[worst]) / sigma[worst]:.2g} sigma); look for a wrong "
-            "delay, rise, lag, jet, mounting or position of the IMU, a low-pass, a torque that is not stated",
-            touched,
-        ),
-        factors,
-    )
+    off = float(max(hidden[worst], loose[worst]) / sigma[worst])
+    return Contradiction((Reason.of("residuals-follow", quantities=names, worst=QUANTITIES[worst], sigmas=off),), touched), factors
 
 
-def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, str]:
+def unheld(conclusion: Conclusion, vehicle: Vehicle) -> dict[str, Reason]:
     """Why values are not to be called converged where the cause of a misfit is unknown: their sigmas are none of what it may do to them.
 
     That holds where several causes would mend the log, too, and all of them give the same value: the true one may be another. Those that
     stay are as uncertain as the thrust is stated to be, which is more.
     """
-    reason = (
-        "log and vehicle file don't fit, cause unknown, and its sigma is none of what that may hide; look at what came nearest in the "
-        "warning cause-unknown"
-    )
     by_noise = _own_variance(conclusion, vehicle) > conclusion.sigmas**2 / 2
-    return {name: reason for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
+    return {name: Reason("cause-unknown") for name, hit in zip(QUANTITIES, by_noise, strict=True) if hit}
 
 
 def _own_variance(conclusion: Conclusion, vehicle: Vehicle) -> Array:
@@ -199,9 +188,7 @@ def by_lost(causal: History, settled: History) -> Contradiction | None:
     if not touched.any():
         return None
     worst = int(np.nanargmax(np.where(touched, away, np.nan)))
-    far = f"its {QUANTITIES[worst]} lies {away[worst]:.3g} sigmas from that of the fit of the whole phase, which --refine gives"
-    cause = f"the causal estimate lost its way on this log: {far}"
-    return Contradiction(cause, touched)
+    return Contradiction((Reason.of("causal-estimate-lost", worst=QUANTITIES[worst], sigmas=float(away[worst])),), touched)
 
 
 def by_no_body(conclusion: Conclusion) -> Contradiction | None:
@@ -209,14 +196,15 @@ def by_no_body(conclusion: Conclusion) -> Contradiction | None:
     found = breach(conclusion)
     if found is None or not (found.certain and found.of_inertia) or conclusion.principal_moments[0] > 0:
         return None
-    return Contradiction(f"{found.said}: no body has it", np.array([name in INERTIA for name in QUANTITIES]))
+    return Contradiction((Reason.of("no-body", breach=found.said),), np.array([name in INERTIA for name in QUANTITIES]))
 
 
 def together(found: Sequence[Contradiction | None]) -> Contradiction | None:
     """All that contradicts in a phase; a cause counts if it touches what those before it do not."""
-    touched, causes = np.zeros(10, dtype=bool), []
+    touched: BoolArray = np.zeros(10, dtype=bool)
+    causes: list[Reason] = []
     for one in found:
         if one is not None and (one.touched & ~touched).any():
-            causes.append(one.cause)
+            causes += one.causes
             touched = touched | one.touched
-    return Contradiction("; ".join(dict.fromkeys(causes)), touched) if causes else None
+    return Contradiction(tuple(dict.fromkeys(causes)), touched) if causes else None

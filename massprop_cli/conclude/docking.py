@@ -8,7 +8,8 @@ from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
-from massprop_cli.conclude.verdict import NO_PART, PLANAR, Conclusion, Estimate, Verdict
+from massprop_cli.conclude.reason import Reason
+from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
 from massprop_cli.estimate.quantities import by_scale, condition, open_scale
 from massprop_cli.inputs.vehicle import Vehicle
 
@@ -46,17 +47,19 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     apart = _without_part(vehicle)
     covariance = slope @ joint @ slope.T
     settled = all(conclusion.estimates[QUANTITIES[i]].verdict == "converged" for conclusion in pair for i in np.flatnonzero(~apart))
-    contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.contradiction]
+    contradictions = [of_phase(c.phase.name, c.contradiction) for c in pair if c.causes]
     less = backwards(found, covariance)
     verdict: Verdict = "contradicted" if contradictions or less else "converged" if settled else "not_converged"
-    reason = "both phases converged" if settled else "not every quantity of both phases converged"
+    reason = Reason("phases-converged" if settled else "phases-not-converged")
     if contradictions:
-        reason = f"log and vehicle file contradict each other in {' and '.join(c.phase.name for c in pair if c.contradiction)}"
+        reason = Reason.of("phases-contradicted", phases=" and ".join(c.phase.name for c in pair if c.causes))
     elif less:
         reason = lighter(float(found[9]), f"phase {pair[1].phase.name}", f"phase {pair[0].phase.name}", "mend [docking]")
-        contradictions = [reason]
+        contradictions = [str(reason)]
     estimates = estimates_of(found, covariance, verdict, reason)
-    estimates |= {QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, NO_PART) for i in np.flatnonzero(apart)}
+    estimates |= {
+        QUANTITIES[i]: Estimate(None, None, UNITS[QUANTITIES[i]], "unobservable", None, Reason("no-part")) for i in np.flatnonzero(apart)
+    }
     covariance[apart], covariance[:, apart] = np.nan, np.nan
     return Docked(pair[0].phase.name, pair[1].phase.name, estimates, covariance, "; ".join(contradictions))
 
@@ -66,17 +69,17 @@ def backwards(found: Array, covariance: Array) -> bool:
     return bool(found[9] < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
 
 
-def lighter(mass: float, after: str, before: str, cure: str) -> str:
-    """That an object of ``mass``, kg, below 0 is none, in words."""
-    return f"the docked object's mass is {mass:.4g} kg: {after} weighs less than {before}; {cure}"
+def lighter(mass: float, after: str, before: str, remedy: str) -> Reason:
+    """That an object of ``mass``, kg, below 0 is none."""
+    return Reason.of("docked-lighter", mass=mass, after=after, before=before, remedy=remedy)
 
 
 def of_phase(name: str, cause: str) -> str:
-    """What contradicts in a phase, with the phase's name said once."""
-    return cause if cause.startswith(f"phase {name}: ") else f"phase {name}: {cause}"
+    """What contradicts in a phase, with its name."""
+    return f"phase {name}: {cause}"
 
 
-def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: str) -> dict[str, Estimate]:
+def estimates_of(found: Array, covariance: Array, verdict: Verdict, reason: Reason) -> dict[str, Estimate]:
     """The ten quantities (10,) with their sigmas; without a value unless all can be told."""
     told = bool(np.isfinite(found).all() and np.isfinite(covariance).all())
     sigma = np.sqrt(np.diag(covariance)) if told else found

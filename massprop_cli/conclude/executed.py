@@ -20,7 +20,7 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array, median
-from massprop_cli.conclude.verdict import NO_NOISE
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.resolved import Resolved
@@ -39,7 +39,7 @@ MOST = 600.0
 """Of an exponent."""
 
 
-def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, str]:
+def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, Reason]:
     """Why values are not to be called converged that rest on commands of which some seem to have been lost, by quantity."""
     if history.reference is None or history.residual is None or used.spinning or used.rotors:
         return {}
@@ -51,11 +51,7 @@ def unexecuted(history: History, samples: Source, used: Resolved) -> dict[str, s
         return {}
     if max(lost(along[told], power[told])) < max(SURE, scattered(along[told], power[told])):
         return {}
-    reason = (
-        f"its sigma {NO_NOISE}: some of the commands seem not to have been executed, and it would be too large by the part that was lost; "
-        "look for lost packets, inhibited jets, pulses too short to open a valve"
-    )
-    return dict.fromkeys((*INERTIA, "mass"), reason)
+    return dict.fromkeys((*INERTIA, "mass"), Reason("commands-lost"))
 
 
 def lost(along: Array, power: Array) -> list[float]:

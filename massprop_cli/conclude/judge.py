@@ -13,6 +13,7 @@ from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known,
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.executed import unexecuted
 from massprop_cli.conclude.physical import breach
+from massprop_cli.conclude.reason import REPORTED, Reason
 from massprop_cli.conclude.score import by_doubts, hanging
 from massprop_cli.conclude.swing import swinging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
@@ -57,20 +58,21 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Concl
             swing = swinging(settled, found.samples, found.vehicle, found.stated)
             lost_commands = unexecuted(settled, found.samples, found.vehicle)
             conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle) | swing | lost_commands)
-    return conclusion if cause is None else contradicted(conclusion, cause.cause, cause.touched), factor
+    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor
 
 
 def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
     """With what was tried to find its cause."""
-    return against if against is None or not unknown else replace(against, cause=f"{unknown}; {against.cause}")
+    return (
+        against if against is None or not unknown else replace(against, causes=(Reason.of("unexplained", message=unknown), *against.causes))
+    )
 
 
 def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None) -> Iterator[Notice]:
     causes = [fault.notice for fault in found.faults if fault.notice not in found.notices]
-    said = [notice.message for notice in (*causes, *found.notices)]
     yield from causes
     for conclusion in conclusions:
-        if conclusion.contradiction and not any(message in conclusion.contradiction for message in said):
+        if conclusion.causes and not any(cause.code in REPORTED for cause in conclusion.causes):
             yield Notice("contradicted", f"phase {conclusion.phase.name}: {conclusion.contradiction}")
     yield from found.notices
     yield from _physical(found.conclusions)
@@ -88,7 +90,7 @@ def _docking_notices(docked: Docked | None, conclusions: tuple[Conclusion, ...],
     mass = docked.estimates["mass"].value if docked else None
     if docked is None or mass is None or mass > 0:
         return []
-    return [Notice("docked-mass", lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "mend [docking]"))]
+    return [Notice("docked-mass", str(lighter(mass, f"phase {docked.after}", f"phase {docked.before}", "mend [docking]")))]
 
 
 def _physical(conclusions: Sequence[Conclusion]) -> list[Notice]:

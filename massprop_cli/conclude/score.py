@@ -17,6 +17,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
 
 SURE = 4.8
@@ -104,29 +105,24 @@ def by_doubts(conclusion: Conclusion, at: int, found: Sequence[Doubt]) -> Contra
         return None
     names = ", ".join(name for name, hit in zip(QUANTITIES, touched, strict=True) if hit)
     first = sure[0]
-    cause = (
-        f"the log contradicts what is taken for granted: with another {first.what.replace('-', ' ')} it would fit better by "
-        f"{first.sigmas:.2g} sigma, and {names} would move by more than their sigmas"
-    )
-    return Contradiction(cause, touched)
+    assumption = first.what.replace("-", " ")
+    cause = Reason.of("assumption-contradicted", assumption=assumption, sigmas=first.sigmas, quantities=names)
+    return Contradiction((cause,), touched)
 
 
-def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, str]:
+def hanging(conclusion: Conclusion, at: int, found: Sequence[Doubt], sizes: Array) -> dict[str, Reason]:
     """Why values of phase number ``at`` are not to be called converged: each hangs much on an assumption that is in doubt.
 
     ``sizes`` (10,) are their natural ones.
     """
-    reasons: dict[str, str] = {}
+    reasons: dict[str, Reason] = {}
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
     for doubt, change, sigma in _changes(conclusion, at, [doubt for doubt in found if not (doubt.sure or doubt.faint)]):
         for name, hit, by in zip(QUANTITIES, change > np.maximum(FAR * sigma, PART * sizes), change / sigma, strict=True):
             if hit and name not in reasons:
-                what = doubt.what.replace("-", " ")
-                reasons[name] = (
-                    f"the log would fit better by {doubt.sigmas:.2g} sigma, which may be chance, with another {what}, and {name} would "
-                    f"move by {by:.2g} of its sigmas: check that, or record more of this motion"
-                )
+                assumption = doubt.what.replace("-", " ")
+                reasons[name] = Reason.of("assumption-in-doubt", sigmas=doubt.sigmas, assumption=assumption, quantity=name, moved=float(by))
     return reasons
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
-from massprop_cli.conclude.verdict import PARTLY
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.white import resting
 from massprop_cli.diagnosis.lackoffit import correlation, deviate
 from massprop_cli.estimate.disturbances import sized
@@ -62,7 +62,7 @@ class Lagged(NamedTuple):
     """Mean length of a cycle."""
 
 
-def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle) -> dict[str, str]:
+def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle) -> dict[str, Reason]:
     """Why values are not to be called converged, by quantity: those that rest on a sensor which shows a swing.
 
     ``used`` holds the disturbances that were sized, beyond what is ``stated``.
@@ -74,15 +74,12 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle)
     found = lagged(history, samples)
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
     least = np.where(np.arange(len(ANSWERS)) == 0, SIZED if sized(used, stated) else SWINGS, SWINGS)
-    reasons: dict[str, str] = {}
+    reasons: dict[str, Reason] = {}
     for sensor, own in enumerate(sigmas.transpose(1, 0, 2)):
         answer, at = divmod(int((own - least[:, None]).argmax()), len(periods))
         if own[answer, at] > least[answer]:
-            lasts, surely = periods[at] * found.cycle_s, own[answer, at]
-            reason = (
-                f"after each push the body's {SENSORS[sensor]} swings on, about once in {lasts:.2g} s ({surely:.2g} sigma): {PARTLY}, "
-                "by up to the part that swings; look for sloshing fuel, a flexible or loose part, thrust that trails off"
-            )
+            period_s = float(periods[at]) * found.cycle_s
+            reason = Reason.of("oscillation", motion=SENSORS[sensor], period_s=period_s, sigmas=float(own[answer, at]))
             # what is pushed aside and turns the body moves its CG too, and the other way round
             reasons |= dict.fromkeys(resting(history, (np.arange(6) // 3 == sensor) | (answer > 0)), reason)
     return reasons

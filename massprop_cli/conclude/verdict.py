@@ -13,6 +13,7 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis, tensor
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 
@@ -29,15 +30,6 @@ WANTED = {
     "mass": "force, pushed one way and the other",
 }
 """The motion that informs each quantity, body axes."""
-UNWEIGHED = (
-    "the weight's moment tells its distance from the bearing times the mass, and nothing tells the mass; weigh the vehicle and state "
-    "known.mass, or push it along the table"
-)
-NO_NOISE = "counts as noise what no noise leaves"
-"""In the reason why a value is not called converged that rests on a disturbance which is none."""
-PARTLY = "the body seems lighter than it is"
-"""... that rests on a sensor which shows a swing after each push."""
-NO_PART = "it has no part in the motion of a vehicle that slides and yaws on a table"
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
 """What the motion on a table depends on."""
 Verdict = Literal["converged", "not_converged", "not_excited", "contradicted", "unobservable"]
@@ -66,7 +58,7 @@ class Estimate:
     unit: str
     verdict: Verdict
     final_at_s: float | None
-    reason: str
+    reason: Reason
 
 
 @dataclass(frozen=True)
@@ -81,8 +73,13 @@ class Conclusion:
     """kg; the mass whose CG and inertia these are (without the bearing's)."""
     bare: tuple[Array, Array]
     """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
-    contradiction: str = ""
+    causes: tuple[Reason, ...] = ()
     """Why log and vehicle file contradict each other; empty where they don't."""
+
+    @property
+    def contradiction(self) -> str:
+        """The causes in words."""
+        return "; ".join(map(str, self.causes))
 
     @property
     def values(self) -> Array:
@@ -129,9 +126,9 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
         lasting = int(np.argmin(steady[::-1, i])) if not steady[:, i].all() else len(steady)
         estimates[name] = _estimate(history, i, row, latched, (lasting, count), bool(informed[i]), thesis, limits[i])
         if vehicle.environment.kind == "planar" and name not in PLANAR:
-            estimates[name] = replace(estimates[name], reason=NO_PART)
+            estimates[name] = replace(estimates[name], reason=Reason("no-part"))
     if vehicle.on_air_bearing and not thesis and estimates["mass"].value is None:
-        estimates |= {name: replace(estimates[name], reason=UNWEIGHED) for name in CG if estimates[name].value is None}
+        estimates |= {name: replace(estimates[name], reason=Reason("unweighed")) for name in CG if estimates[name].value is None}
     known = np.array([estimate.value is not None for estimate in estimates.values()])
     covariance = np.where(known[:, None] & known, history.covariance, np.nan)
     if thesis:
@@ -146,18 +143,18 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     return Conclusion(history.phase, estimates, covariance, rotating, bare)
 
 
-def contradicted(conclusion: Conclusion, cause: str, touched: BoolArray) -> Conclusion:
+def contradicted(conclusion: Conclusion, causes: tuple[Reason, ...], touched: BoolArray) -> Conclusion:
     """The conclusion with the quantities ``touched`` (10,) contradicted: values and sigmas stand as found, and don't hold."""
+    conclusion = replace(conclusion, causes=causes)
+    reason = Reason.of("contradiction", cause=conclusion.contradiction)
     estimates = {
-        name: replace(e, verdict="contradicted", final_at_s=None, reason=f"log and vehicle file contradict each other: {cause}")
-        if hit and e.verdict != "unobservable"
-        else e
+        name: replace(e, verdict="contradicted", final_at_s=None, reason=reason) if hit and e.verdict != "unobservable" else e
         for (name, e), hit in zip(conclusion.estimates.items(), touched, strict=True)
     }
-    return replace(conclusion, estimates=estimates, contradiction=cause)
+    return replace(conclusion, estimates=estimates)
 
 
-def in_doubt(conclusion: Conclusion, reasons: Mapping[str, str]) -> Conclusion:
+def in_doubt(conclusion: Conclusion, reasons: Mapping[str, Reason]) -> Conclusion:
     """The conclusion without calling converged what there are reasons not to."""
     hanging = {name: reason for name, reason in reasons.items() if conclusion.estimates[name].verdict == "converged"}
     changed = {
@@ -194,23 +191,21 @@ def _estimate(
     verdict: Verdict
     if not history.observable[i]:
         verdict, told = "unobservable", False
-        reason = f"no motion of this vehicle can inform it by this method; it wants {WANTED[QUANTITIES[i]]}, which its commands don't give"
+        reason = Reason.of("no-motion-informs", wants=WANTED[QUANTITIES[i]])
     elif not np.isfinite(value) and (stood := np.isfinite(history.values[:, i])).any():
         verdict, until = "not_converged", history.time_s[len(stood) - 1 - int(np.argmax(stood[::-1]))]
-        reason = f"an estimate stood until {until:.6g} s and none after: its numbers came too far apart; check units and noise levels"
+        reason = Reason.of("estimate-ended", until_s=float(until))
     elif not informed:
-        verdict, reason = "not_excited", f"the motion in this phase hardly informed it; it wants {WANTED[QUANTITIES[i]]}"
+        verdict, reason = "not_excited", Reason.of("hardly-informed", wants=WANTED[QUANTITIES[i]])
     elif share > 0.5:
-        verdict, reason = "not_excited", f"{share:.0%} of what was seen of it lies in channels that disturbances dominate, not the commands"
+        verdict, reason = "not_excited", Reason.of("drowned", share=share)
     elif not lasts and not thesis and sigma < SURE * tolerance and steady[0] >= BEGUN * steady[1]:
-        verdict = "converged"
-        reason = f"informed, and its sigma is below a tenth of the tolerance, though only {steady[0]} of {steady[1]} steady updates came"
+        verdict, reason = "converged", Reason.of("precise", steady=steady[0], count=steady[1])
         latched = len(history.time_s) - steady[0], 0, 0
     elif not lasts:
-        verdict = "not_converged"
-        reason = f"{steady[0]} of {steady[1]} steady updates: before these it moved more than the tolerance, or was not informed yet"
+        verdict, reason = "not_converged", Reason.of("unsteady", steady=steady[0], count=steady[1])
     else:
-        verdict, reason = "converged", "informed, and within tolerance for the required number of updates"
+        verdict, reason = "converged", Reason("steady")
     final_at = None
     if verdict == "converged" and latched:
         final_at = float(history.time_s[latched[0]]) if thesis else _settled(history, i, latched[0], tolerance)

@@ -18,7 +18,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
-from massprop_cli.conclude.verdict import NO_NOISE
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
@@ -39,7 +39,7 @@ TINY = 1e-300
 SENSORS = ("rates", "specific force")
 
 
-def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
+def unlike_noise(history: History, used: Resolved) -> dict[str, Reason]:
     """Why values are not to be called converged whose sigmas rest on disturbances that are no noise, by quantity; all where rates jump."""
     disturbed = used.environment.disturbance_torque_n_m + used.environment.disturbance_walk_n_m > 0
     along, tail, count = left(history.normalised)
@@ -52,14 +52,10 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, str]:
     worst = int(np.argmax(failed))
     own = along[:, 3 * worst : 3 * worst + 3]
     lag, axis = np.unravel_index(np.argmax(np.abs(own)), own.shape)
-    how = (
-        f"stands in a few cycles (its kurtosis is {heavy[worst]:.3g} beyond that of noise)"
-        if heavy[worst] > HEAVY
-        else f"follows itself from cycle to cycle (its autocorrelation is up to {own[lag, axis]:.2g}, at lag {LAGS[lag]})"
-    )
     reason = (
-        f"its sigma {NO_NOISE}: what the model leaves of the {SENSORS[worst]} {how}; look for a flexible or sloshing part, commands "
-        "that were not executed, bumps, a torque that is not stated, a sensor that counts in steps of more than its noise"
+        Reason.of("noise-heavy-tailed", sensor=SENSORS[worst], kurtosis=float(heavy[worst]))
+        if heavy[worst] > HEAVY
+        else Reason.of("noise-correlated", sensor=SENSORS[worst], correlation=float(own[lag, axis]), lag=LAGS[lag])
     )
     # a few cycles that turned the body otherwise than commanded: the same commands push it, wrong as they may be
     hanging = QUANTITIES if heavy[0] > HEAVY else resting(history, np.repeat(failed, 3))

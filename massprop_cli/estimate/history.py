@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,8 +60,8 @@ class History:
     reference: Reference | None = None
     """About which the last row was linearised, where it was."""
     notices: tuple[Notice, ...] = ()
-    belied: tuple[str, ...] = ()
-    """Known quantities that the log contradicts."""
+    belied: Mapping[str, str] = field(default_factory=dict)
+    """Known quantities that the log contradicts, each with why."""
     residual: Residual | None = None
     """Of an off-line fit: what its values leave of rate and specific force."""
 

@@ -17,8 +17,8 @@ DENSEST = 22590.0
 """kg/m³, osmium: of a given mass no body has less inertia than a ball of it."""
 
 
-def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[tuple[Quantity, ...], tuple[Notice, ...]]:
-    """Known quantities that the log does not bear out, and what is said; ``told`` is what the log alone says, one row."""
+def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[dict[str, str], tuple[Notice, ...]]:
+    """Known quantities that the log does not bear out, each with why, and what is said; ``told`` is what the log alone says, one row."""
     said: dict[Quantity, str] = {}
     for name, z in discrepancies(told, vehicle).items():
         if abs(z) > MISMATCH:
@@ -27,10 +27,8 @@ def belied(told: Parameters, vehicle: Vehicle, phase: str) -> tuple[tuple[Quanti
     weighed = vehicle.known.get("mass")
     if weighed is not None and "mass" not in said and weighed.value - MISMATCH * weighed.sigma > heaviest:
         said["mass"] = f"is more than {heaviest:.3g} kg, of which the densest matter already has more inertia than the log shows; check it"
-    notices = (
-        Notice("known-mismatch", f"phase {phase}: known.{name} = {vehicle.known[name].value:g} {text}") for name, text in said.items()
-    )
-    return tuple(said), tuple(notices)
+    found: dict[str, str] = {name: f"known.{name} = {vehicle.known[name].value:g} {text}" for name, text in said.items()}
+    return found, tuple(Notice("known-mismatch", f"phase {phase}: {message}") for message in found.values())
 
 
 def discrepancies(told: Parameters, vehicle: Vehicle) -> dict[Quantity, float]:

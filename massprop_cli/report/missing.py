@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from massprop_cli.conclude.verdict import NO_PART
+from massprop_cli.conclude.reason import HARDLY_INFORMED
 from massprop_cli.report import vocabulary
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
 
-_WISH = "; it wants "
-"""What a reason says of motion comes after this."""
+NAMES_MOTION = ("no-motion-informs", "hardly-informed", "no-part")
+"""Reasons that name the motion which would inform a quantity, or that none does."""
 
 
 def gaps(found: Result) -> list[str]:
@@ -27,12 +27,11 @@ def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:
     told = f"{item.verdict}: {reason(item, contradicted)}"
     if contradicted and item.verdict != "unobservable":
         return f"{told}; {vocabulary.remedy(quantity, item.verdict, contradicted)}"
-    cure = vocabulary.cure(quantity)
-    return told if cure in item.reason or item.reason == NO_PART else f"{told}{_WISH}{cure}"
+    return told if item.reason_code in NAMES_MOTION else f"{told}; it wants {vocabulary.cure(quantity)}"
 
 
 def reason(item: EstimateItem, contradicted: str = "") -> str:
     """Why, without the motion that it wants where none would help."""
     if item.verdict == "contradicted":
         return contradicted or item.reason
-    return item.reason.partition(_WISH)[0] if contradicted and item.verdict != "unobservable" else item.reason
+    return HARDLY_INFORMED if contradicted and item.reason_code == "hardly-informed" else item.reason

@@ -27,6 +27,7 @@ class Row:
     """As a class of CSS and, with spaces, in words."""
     sign: str
     reason: str
+    reason_code: str
     final: str
     nominal: str
     expected: str
@@ -141,6 +142,7 @@ def _row(name: str, item: EstimateItem, contradicted: str, limit: limiting.Limit
         verdict=item.verdict,
         sign=vocabulary.SIGNS[item.verdict],
         reason=reason(item, contradicted),
+        reason_code=item.reason_code,
         final="" if item.final_at_s is None else f"{item.final_at_s:.2f} s",
         nominal="" if item.nominal is None else digits.minus(f"{item.nominal:.6g}"),
         expected="" if expected is None else f"{digits.minus(f'{expected.value:.6g}')} ± {expected.stated}",
@@ -199,7 +201,7 @@ def cures(table: Table) -> list[tuple[str, Row, str]]:
     keys = {symbol: key for key, symbol in vocabulary.SYMBOLS.items()}
     alike: dict[tuple[str, str, str], list[Row]] = {}
     for row in sorted(table.open, key=lambda row: row.verdict != "contradicted"):
-        cure = vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason)
+        cure = vocabulary.remedy(keys[row.symbol], row.verdict, table.contradiction, row.reason_code)
         alike.setdefault((row.verdict, row.reason, cure), []).append(row)
     return [(", ".join(row.symbol for row in rows), rows[0], cure) for (*_, cure), rows in alike.items()]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from massprop_cli import CG
-from massprop_cli.conclude.verdict import NO_NOISE, NO_PART, PARTLY, WANTED, Verdict
+from massprop_cli.conclude.reason import NOT_WHITE
+from massprop_cli.conclude.verdict import WANTED, Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import Result
@@ -87,20 +88,20 @@ def _thrust_scale(result: Result) -> str:
     return f"{stated}; in phase {where} it is calibrated by what is known: {names}." if where else f"{stated}."
 
 
-def remedy(quantity: str, verdict: str, contradiction: str = "", reason: str = "") -> str:
-    """What to do about a quantity that is not converged for a ``reason``; in a phase with a contradiction no motion is the cure."""
+def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: str = "") -> str:
+    """What to do about a quantity that is not converged; in a phase with a contradiction no motion is the cure."""
     if verdict == "contradicted":
         return "mend the cause; no motion cures it"
     if contradiction and verdict != "unobservable":
         return "mend what contradicts this phase first"
-    if verdict == "not_converged" and NO_NOISE in reason:
+    if verdict == "not_converged" and reason_code in NOT_WHITE:
         return "find what disturbs, and keep it away or cut the log there"
-    if verdict == "not_converged" and PARTLY in reason:
+    if verdict == "not_converged" and reason_code == "oscillation":
         return "fix or drain what swings, or push so seldom that it comes to rest"
     if verdict == "not_converged":
         return f"a longer log, with more {cure(quantity)}"
     if verdict == "unobservable":
-        if reason == NO_PART:
+        if reason_code == "no-part":
             return "another test: in free flight, or on an air bearing"
         return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
     return f"{cure(quantity)}"

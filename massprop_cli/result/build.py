@@ -133,7 +133,7 @@ def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Arr
         name=conclusion.phase.name,
         start_s=conclusion.phase.start_s,
         end_s=conclusion.phase.end_s,
-        estimates=_estimates(conclusion.estimates, used.nominal),
+        estimates=estimate_items(conclusion.estimates, used.nominal),
         covariance=matrix(conclusion.covariance),
         inertia_about_origin=matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=physical(conclusion),
@@ -203,7 +203,8 @@ def _innovations(history: History, factors: Array) -> Innovations | None:
     )
 
 
-def _estimates(estimates: dict[str, Estimate], nominal: Nominal | None = None) -> dict[str, EstimateItem]:
+def estimate_items(estimates: Mapping[str, Estimate], nominal: Nominal | None = None) -> dict[str, EstimateItem]:
+    """The ten quantities as a result has them."""
     return {
         name: EstimateItem(
             value=e.value,
@@ -211,7 +212,8 @@ def _estimates(estimates: dict[str, Estimate], nominal: Nominal | None = None) -
             unit=e.unit,
             verdict=e.verdict,
             final_at_s=e.final_at_s,
-            reason=e.reason,
+            reason=str(e.reason),
+            reason_code=e.reason.code,
             nominal=nominal.value(name) if nominal else None,
         )
         for name, e in estimates.items()
@@ -224,7 +226,7 @@ def _docked(found: Docked | None, used: Vehicle) -> DockedObject | None:
     return DockedObject(
         before=found.before,
         after=found.after,
-        estimates=_estimates(found.estimates),
+        estimates=estimate_items(found.estimates),
         covariance=matrix(found.covariance),
         contradiction=found.contradiction,
         known=_known(used.docking.known if used.docking else {}),

@@ -17,6 +17,7 @@ from pydantic import Field
 from massprop_cli import QUANTITIES
 from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.tolerancefile import Gate
 from massprop_cli.result.judge import INFORMED, parts
@@ -209,7 +210,10 @@ def _missing(new: EstimateItem, old: EstimateItem) -> str:
 def _absent(other: EstimateItem | None) -> EstimateItem:
     """In place of a docked object that one of the two does not have."""
     unit = other.unit if other else ""
-    return EstimateItem(value=None, sigma=None, unit=unit, verdict="not_excited", final_at_s=None, reason="no docked object")
+    reason = str(Reason("no-docked-object"))
+    return EstimateItem(
+        value=None, sigma=None, unit=unit, verdict="not_excited", final_at_s=None, reason=reason, reason_code="no-docked-object"
+    )
 
 
 def failure(found: Comparison) -> str:

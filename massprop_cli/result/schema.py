@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from massprop_cli.base import escape
+from massprop_cli.conclude.reason import VerdictReason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.equipment import EnvironmentKind
 
@@ -120,6 +121,7 @@ class EstimateItem(Item):
     verdict: Verdict
     final_at_s: float | None = Field(description="start of the last sustained stretch")
     reason: str
+    reason_code: VerdictReason | Literal[""] = Field("", description="stable name of the reason; empty in results of versions without it")
     nominal: float | None = Field(None, description="the vehicle file's CAD value, products as tensor elements; never used in the estimate")
     expected: Expected | None = None
 

@@ -8,6 +8,7 @@ import pytest
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import executed
+from massprop_cli.conclude.reason import Reason
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -26,7 +27,7 @@ def flown(seed: int, seconds: float, noise: float, *settings: str) -> tuple[Log,
     return found.log(0), found.vehicle
 
 
-def told(found: Analysis) -> dict[str, str]:
+def told(found: Analysis) -> dict[str, Reason]:
     assert isinstance(found.vehicle, Resolved)
     return executed.unexecuted(found.settled[0], found.samples, found.vehicle)
 

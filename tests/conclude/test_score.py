@@ -156,12 +156,12 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(sigmas: fl
     assert (told.estimates["ixx"].verdict, told.estimates["iyy"].verdict) == ("not_converged" if hangs else "converged", "converged")
     if hangs:
         sigma = conclusion.estimates["ixx"].sigma or np.nan
-        assert f"ixx would move by {moves * conclusion.values[0] / sigma:.2g} of its sigmas" in told.estimates["ixx"].reason
+        assert f"ixx would move by {moves * conclusion.values[0] / sigma:.2g} of its sigmas" in str(told.estimates["ixx"].reason)
         assert told.estimates["ixx"].final_at_s is None
 
 
 def test_of_clean_logs_nothing_hangs_on_chance() -> None:
-    assert all("may be chance" not in estimate.reason for estimate in sound(SEED).conclusions[0].estimates.values())
+    assert all(estimate.reason.code != "assumption-in-doubt" for estimate in sound(SEED).conclusions[0].estimates.values())
 
 
 @pytest.mark.parametrize("part", ["gram", "shift"])

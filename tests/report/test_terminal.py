@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from massprop_cli import QUANTITIES
+from massprop_cli.conclude.reason import HARDLY_INFORMED
 from massprop_cli.inputs.expect import Expectations, Wanted
 from massprop_cli.inputs.tolerance import FOUR_SIGMA, Tolerance
 from massprop_cli.inputs.tolerancefile import Gate
@@ -66,7 +67,7 @@ def test_names_with_markup_are_shown_as_they_are() -> None:
 
 def test_each_verdict_but_converged_has_its_reason_and_what_would_cure_it() -> None:
     silent = {"value": None, "sigma": None}
-    izz = silent | {"verdict": "not_excited", "reason": "the motion in this phase hardly informed it; it wants torque about Z"}
+    izz = silent | {"verdict": "not_excited", "reason": f"{HARDLY_INFORMED}; it wants torque about Z", "reason_code": "hardly-informed"}
     cg_y = silent | {"verdict": "unobservable", "reason": "no force across Y"}
     text = printed(recorded.result([recorded.phase("all", izz=izz, cg_y=cg_y)]))
     assert "izz not_excited: the motion in this phase hardly informed it; it wants torque about Z\n" in text

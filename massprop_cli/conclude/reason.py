@@ -1,0 +1,156 @@
+"""Why a verdict is as it is: a code with its data, and the one catalogue of the sentences that are printed.
+
+Logic compares codes alone; :func:`str` makes the sentence where a result is written.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from massprop_cli.base.dataclass import dataclass
+
+VerdictReason = Literal[
+    "no-part",
+    "unweighed",
+    "no-motion-informs",
+    "estimate-ended",
+    "hardly-informed",
+    "drowned",
+    "precise",
+    "unsteady",
+    "steady",
+    "contradiction",
+    "assumption-in-doubt",
+    "cause-unknown",
+    "noise-correlated",
+    "noise-heavy-tailed",
+    "oscillation",
+    "commands-lost",
+    "phases-converged",
+    "phases-not-converged",
+    "phases-contradicted",
+    "docked-lighter",
+    "no-docked-object",
+    "sides-converged",
+    "sides-not-converged",
+    "sides-contradicted",
+    "logs-unobservable",
+    "logs-not-excited",
+    "logs-converged",
+    "logs-not-converged",
+    "logs-contradicted",
+]
+"""Of one quantity's verdict."""
+Cause = Literal[
+    "named-fault",
+    "known-mismatch",
+    "unexplained",
+    "innovations-too-large",
+    "residuals-follow",
+    "assumption-contradicted",
+    "causal-estimate-lost",
+    "no-body",
+]
+"""Of a contradiction between log and vehicle file."""
+Code = VerdictReason | Cause
+REPORTED: tuple[Code, ...] = ("named-fault", "known-mismatch", "unexplained")
+"""Causes that are warnings by themselves."""
+NOT_WHITE: tuple[Code, ...] = ("noise-correlated", "noise-heavy-tailed", "commands-lost")
+"""Reasons by which a disturbance stands for what is not noise."""
+HARDLY_INFORMED = "the motion in this phase hardly informed it"
+
+_LOOK_FOR = (
+    "look for a flexible or sloshing part, commands that were not executed, bumps, a torque that is not stated, a sensor that counts in "
+    "steps of more than its noise"
+)
+_NOT_NOISE = "its sigma treats as noise what is not noise"
+SENTENCES: dict[Code, str] = {
+    "no-part": "it has no part in the motion of a vehicle that slides and yaws on a table",
+    "unweighed": (
+        "the gravity torque gives only the mass times the offset from the bearing; weigh the vehicle and state known.mass, or push it "
+        "along the table"
+    ),
+    "no-motion-informs": "no motion of this vehicle can inform it by this method; it wants {wants}, which its commands don't give",
+    "estimate-ended": (
+        "an estimate stood until {until_s:.6g} s and none after: its numbers came too far apart; check units and noise levels"
+    ),
+    "hardly-informed": f"{HARDLY_INFORMED}; it wants {{wants}}",
+    "drowned": "{share:.0%} of the information on it lies in channels that disturbances dominate, not the commands",
+    "precise": "informed, and its sigma is below a tenth of the tolerance, though only {steady} of {count} steady updates came",
+    "unsteady": "{steady} of {count} steady updates: before these it moved more than the tolerance, or was not informed yet",
+    "steady": "informed, and within tolerance for the required number of updates",
+    "contradiction": "log and vehicle file contradict each other: {cause}",
+    "assumption-in-doubt": (
+        "the log would fit better by {sigmas:.2g} sigma, which may be chance, with another {assumption}, and {quantity} would move by "
+        "{moved:.2g} of its sigmas: check that, or record more of this motion"
+    ),
+    "cause-unknown": (
+        "log and vehicle file don't fit and the cause is unknown, so its sigma leaves out what the cause may do to it; look at what came "
+        "nearest in the warning cause-unknown"
+    ),
+    "noise-correlated": (
+        f"{_NOT_NOISE}: the residual of the {{sensor}} is correlated from cycle to cycle (autocorrelation up to {{correlation:.2g}}, at "
+        f"lag {{lag}}); {_LOOK_FOR}"
+    ),
+    "noise-heavy-tailed": (
+        f"{_NOT_NOISE}: the residual of the {{sensor}} stands in a few cycles (its kurtosis is {{kurtosis:.3g}} beyond that of noise); "
+        f"{_LOOK_FOR}"
+    ),
+    "oscillation": (
+        "after each push the body's {motion} swings on, about once in {period_s:.2g} s ({sigmas:.2g} sigma): the body seems lighter than "
+        "it is, by up to the part that swings; look for sloshing fuel, a flexible or loose part, thrust that trails off"
+    ),
+    "commands-lost": (
+        f"{_NOT_NOISE}: some of the commands seem not to have been executed, and it would be too large by the part that was lost; look for "
+        "lost packets, inhibited jets, pulses too short to open a valve"
+    ),
+    "phases-converged": "both phases converged",
+    "phases-not-converged": "not every quantity of both phases converged",
+    "phases-contradicted": "log and vehicle file contradict each other in {phases}",
+    "docked-lighter": "the docked object's mass is {mass:.4g} kg: {after} weighs less than {before}; {remedy}",
+    "no-docked-object": "no docked object",
+    "sides-converged": "both sides converged",
+    "sides-not-converged": "not every quantity of both sides converged",
+    "sides-contradicted": "a side is contradicted",
+    "logs-unobservable": "no motion of this vehicle could inform it in any of the logs",
+    "logs-not-excited": "no log's motion informed it, nor do all together",
+    "logs-converged": "{converged} of {logs} logs converged; together ± {percent:.2g} % of its natural size",
+    "logs-not-converged": "informed, but converged in no log, and together above a quarter of the tolerance",
+    "logs-contradicted": "contradicted by or in {logs}",
+    "named-fault": "{message}",
+    "known-mismatch": "{message}",
+    "unexplained": "{message}",
+    "innovations-too-large": "innovations are {ratio:.3g} times as large as all noise that was sized makes them: the model does not hold",
+    "residuals-follow": (
+        "the residuals still follow the commands or the motion, so they are no noise and the sigmas are not valid ({quantities}; {worst} "
+        "may be off by {sigmas:.2g} sigma); look for a wrong delay, rise, lag, jet, mounting or position of the IMU, a low-pass, a torque "
+        "that is not stated"
+    ),
+    "assumption-contradicted": (
+        "the log contradicts an assumption: with another {assumption} it would fit better by {sigmas:.2g} sigma, and {quantities} would "
+        "move by more than their sigmas"
+    ),
+    "causal-estimate-lost": (
+        "the causal estimate lost its way on this log: its {worst} lies {sigmas:.3g} sigmas from that of the fit of the whole phase, which "
+        "--refine gives"
+    ),
+    "no-body": "{breach}: no body has it",
+}
+"""Of each code, with its data in braces."""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A code of :data:`SENTENCES` with what its sentence names."""
+
+    code: Code
+    data: tuple[tuple[str, str | float], ...] = ()
+
+    @classmethod
+    def of(cls, code: Code, **data: str | float) -> Self:
+        """With its data by name."""
+        return cls(code, tuple(data.items()))
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return SENTENCES[self.code].format_map(dict(self.data))
