@@ -22,15 +22,16 @@ from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.residualtest import DOUBTFUL, share
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source
 
 LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
 """Parts p of the commands, and relative scatters s, that are tried."""
-SURE = 12.0
-"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise white and normal: for one p
-chance passes this in one log of 160,000 at most (Markov)."""
+SURE = -float(np.log(share(DOUBTFUL, len(LOST))))
+"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise white and normal: chance passes
+−log of a probability with that probability at most (Markov)."""
 FAINT = 1e-9
 """Power of a command below which it tells nothing."""
 NORMAL = 1.4826

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.score import SURE, Doubt
-from massprop_cli.diagnosis.lackoffit import deviate
+from massprop_cli.conclude.score import Doubt
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.model.layout import MU
 from massprop_cli.prepare.compensate import BLOCK, Samples, Source
 
@@ -32,15 +32,19 @@ def followed(settled: Sequence[History], samples: Source, names: Sequence[str], 
     told = sum(history.reference is not None for history in settled)
     freedom = AXES * max(told, 1)
     sigmas = deviate(explained / freedom, freedom)
+    limit = threshold(REFUTED, len(names))
     moves = [_moves(history) for history in settled]
 
     def doubt(i: int) -> Doubt:
         size = np.sqrt(explained[i])
         return Doubt(
-            f"response to {names[i]} or what moves like it", float(sigmas[i]), tuple(None if one is None else size * one for one in moves)
+            f"response to {names[i]} or what moves like it",
+            float(sigmas[i]),
+            limit,
+            tuple(None if one is None else size * one for one in moves),
         )
 
-    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > SURE]
+    return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > limit]
 
 
 def _explained(history: History, samples: Source) -> Array:

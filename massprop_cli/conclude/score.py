@@ -19,13 +19,12 @@ from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
+from massprop_cli.estimate.residualtest import REFUTED, threshold
 
-SURE = 4.8
-"""Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""
 WARY = 2.5
 """Sigmas from which on it is in doubt: so little, by chance, in one of 80 of each. Then what hangs on it is not called converged: seven of
 a thousand values of clean logs. Of faults that a log tells by five sigma one in 160 shows less than this by chance, one in two less than
-``SURE``. docs/faults.md moves."""
+what refutes it. docs/faults.md moves."""
 FAR, PART = 2.0, 0.005
 """Of its sigma and of its size, the change of a value that hangs on an assumption in doubt: its likeliest change is uncertain itself."""
 SCALES = (GYRO, ACCELEROMETER)
@@ -40,6 +39,8 @@ class Doubt:
 
     what: str
     sigmas: float
+    limit: float
+    """Sigmas beyond which it is refuted (:mod:`massprop_cli.estimate.residualtest`)."""
     moves: tuple[Array | None, ...]
     """(10, a) of each phase: by how much the likeliest value of it would move the estimates' state parameters, and as much of any that is
     of its kind, along another axis."""
@@ -49,7 +50,7 @@ class Doubt:
     @property
     def sure(self) -> bool:
         """Whether chance hardly makes so much."""
-        return self.sigmas > SURE
+        return self.sigmas > self.limit
 
     def moved(self, at: int) -> Array | None:
         """(10,) by how much at most the state parameters of phase number ``at`` would move; None where it came to nothing."""
@@ -87,10 +88,11 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
         sizes = np.nan_to_num(np.abs(cross) / own)
         sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
     shifts = [None if response is None else response.shift @ along for response in found.responses]
+    limit = threshold(REFUTED, 2 * len(whats))  # it may be more or less
 
     def doubt(i: int) -> Doubt:
         kin, faint = kind == kind[i], i >= told_apart
-        return Doubt(whats[i], float(sigmas[i]), tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
+        return Doubt(whats[i], float(sigmas[i]), limit, tuple(None if by is None else sizes[i] * by[:, kin] for by in shifts), faint)
 
     return [doubt(int(i)) for i in np.argsort(-sigmas, kind="stable") if sigmas[i] > WARY]
 

@@ -22,9 +22,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.white import resting
-from massprop_cli.diagnosis.lackoffit import correlation, deviate
+from massprop_cli.diagnosis.lackoffit import correlation
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import BLOCK, Source, apart
@@ -35,13 +36,9 @@ MEMORY = 3
 """Periods after which a push is forgotten."""
 REPEATED = 2
 """Least periods within a phase."""
-SWINGS, SIZED = 4.0, 3.0
-"""Sigmas from which on something swings: of a hundred periods, sensors and ``ANSWERS``, as if each were by itself, by chance in one of 300
-phases; and for a sensor's own answers in one of twenty-five where disturbances had to be sized beyond what is stated, so that something is
-known to be amiss."""
 ANSWERS = np.array([[0, 1, 2, 3, 4, 5], [4, 5, 3, 1, 2, 0], [5, 3, 4, 2, 0, 1]])
 """Which commanded component (torque x y z, force x y z) what is left of rate x y z and specific force x y z is held against: its own; and
-those across. For these ``SWINGS`` counts also where disturbances were sized."""
+those across."""
 EMPTY = 1e-9
 """Part of the power of all axes that is none."""
 TINY = 1e-300
@@ -73,7 +70,9 @@ def swinging(history: History, samples: Source, used: Resolved, stated: Vehicle)
         return {}
     found = lagged(history, samples)
     sigmas = swings(found, periods, np.array([correlation(used), 1.0]))
-    least = np.where(np.arange(len(ANSWERS)) == 0, SIZED if sized(used, stated) else SWINGS, SWINGS)
+    # where disturbances had to be sized something is known to be amiss: then chance may show a sensor's own answers in one of ten logs
+    own_rate = 10 * DOUBTFUL if sized(used, stated) else DOUBTFUL
+    least = np.array([threshold(own_rate if n == 0 else DOUBTFUL, sigmas.size) for n in range(len(ANSWERS))])
     reasons: dict[str, Reason] = {}
     for sensor, own in enumerate(sigmas.transpose(1, 0, 2)):
         answer, at = divmod(int((own - least[:, None]).argmax()), len(periods))

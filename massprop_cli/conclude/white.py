@@ -21,6 +21,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
 from massprop_cli.model.resolved import Resolved
 
@@ -28,15 +29,17 @@ LAGS = range(1, 12)
 """Cycles over which what is left may follow itself."""
 LEAST = 60
 """Cycles that tell."""
-COLOURED, SURE = 0.25, 130.0
-"""Σ r_k² and Q beyond which it does. No real disturbance is quite white, and of a long log a little shows; a part that swings leaves
-0.3 to 5. Chance exceeds that Q once in some millions of logs with a white torque."""
+COLOURED = 0.25
+"""Σ r_k² from which on a residual is correlated, where Q is beyond chance too. No real disturbance is quite white, and of a long log a
+little shows; a part that swings leaves 0.3 to 5."""
 HEAVY = 3.0
 """K beyond which a few cycles are most of what is left: that of a channel of which one cycle in a hundred has 3.5 times the noise."""
 PART = 0.2
 """Of the information on a quantity that such a sensor gives."""
 TINY = 1e-300
 SENSORS = ("rates", "specific force")
+FREEDOM, SPREAD = np.array([30, 33]), np.array([1.5, 1.0])
+"""Of Q: three axes of ten lags and of eleven; and what a torque that is white from cycle to cycle multiplies it by."""
 
 
 def unlike_noise(history: History, used: Resolved) -> dict[str, Reason]:
@@ -46,7 +49,8 @@ def unlike_noise(history: History, used: Resolved) -> dict[str, Reason]:
     power, heavy = (along**2).sum(0).reshape(2, 3).sum(1), tail.reshape(2, 3).max(1)
     widened = used.estimator.accel_noise_scale != UNWIDENED
     # coarse counts leave as little as is stated of what they don't show, in a few cycles
-    failed = (np.array([disturbed, widened]) & (power > COLOURED) & (count * power > SURE)) | (heavy > HEAVY)
+    correlated = (power > COLOURED) & (deviate(count * power / FREEDOM / SPREAD, FREEDOM) > threshold(DOUBTFUL, len(SENSORS)))
+    failed = (np.array([disturbed, widened]) & correlated) | (heavy > HEAVY)
     if not failed.any():
         return {}
     worst = int(np.argmax(failed))

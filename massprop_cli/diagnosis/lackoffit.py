@@ -23,6 +23,7 @@ from massprop_cli.base.arrays import Array, BoolArray, singular, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.model.layout import MU, PARAMETERS, RATE, Layout
@@ -37,8 +38,8 @@ from massprop_cli.prepare.compensate import BLOCK, Samples, Source, biased_attit
 LAGS = (0, 1, 2)
 """Cycles by which commands are shifted: pulses that come late or smeared. Not those still to come: a controller's answer to a disturbance
 follows it."""
-SIGNIFICANT = 5.5
-"""Normal deviate that a channel must exceed: one of 50 million clean ones does by chance. benchmarks/faults.py moves if it is changed."""
+CHANNELS = 6
+"""That are tested: rate x y z, specific force x y z."""
 WANDER, LEAST_WANDER = 21, 3
 """Cycles within which what wanders hardly moves, and pulses begin and end; the fewest over which a mean is one."""
 SPARE = 3
@@ -74,7 +75,7 @@ def innovation_test(history: History, samples: Source, spread: float = 1.0) -> A
     if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
         return np.ones(6)
     mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
-    return np.where(deviate(mean / spread, basis.shape[1]) > SIGNIFICANT, np.sqrt(mean), 1.0)
+    return np.where(deviate(mean / spread, basis.shape[1]) > threshold(REFUTED, CHANNELS), np.sqrt(mean), 1.0)
 
 
 def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: float = 1.0) -> Array:
@@ -258,7 +259,7 @@ def _hidden(rows: _Rows, share: Array, spread: float) -> Array:
         return np.zeros(10)
     explained = np.array([((basis.T @ own) ** 2).sum() for basis, own in zip(bases, residual, strict=True)])
     pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), 1e-300)
-    excess = np.where(deviate(explained / count / pure, count) > SIGNIFICANT, explained - count * pure, 0.0)
+    excess = np.where(deviate(explained / count / pure, count) > threshold(REFUTED, CHANNELS), explained - count * pure, 0.0)
     found = np.zeros(10)
     gain = ((right / values[:, None]) ** 2).sum(0) / size[seen] ** 2
     told = np.maximum(share[seen].sum(1), 1e-300)
@@ -316,10 +317,3 @@ def _orthonormal(columns: Array) -> Array:
     size = np.sqrt((columns**2).sum(0))
     left, values, _ = singular(columns[:, size > 0] / size[size > 0])
     return left[:, values > 1e-6 * values.max(initial=0.0)]
-
-
-def deviate(mean: Array, count: Array | int) -> Array:
-    """(...) normal deviate of a mean (...) of ``count`` squares of standard normals (Wilson and Hilferty 1931)."""
-    spread = 2 / (9 * count)
-    found: Array = (np.cbrt(mean) - (1 - spread)) / np.sqrt(spread)
-    return found

@@ -150,7 +150,7 @@ def test_what_hangs_on_an_assumption_in_doubt_is_not_called_converged(sigmas: fl
     shift = np.zeros((10, 1))
     mass = conclusion.estimates["mass"].sigma or np.nan
     shift[0], shift[9] = moves * conclusion.values[0], 1.5 * mass / conclusion.values[9] ** 2
-    reasons = score.hanging(conclusion, 0, [score.Doubt("gyro-scale", sigmas, (shift,), faint)], sizes)
+    reasons = score.hanging(conclusion, 0, [score.Doubt("gyro-scale", sigmas, 5.0, (shift,), faint)], sizes)
     assert set(reasons) == ({"ixx"} if hangs else set())  # the mass by less than two of its sigmas
     told = in_doubt(conclusion, reasons)
     assert (told.estimates["ixx"].verdict, told.estimates["iyy"].verdict) == ("not_converged" if hangs else "converged", "converged")

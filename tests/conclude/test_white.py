@@ -13,6 +13,7 @@ from massprop_cli import QUANTITIES, flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude import estimated, judge, white
 from massprop_cli.conclude.reason import NOT_WHITE
+from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, share, threshold
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -49,7 +50,8 @@ def test_noise_is_hardly_ever_found_to_be_none() -> None:
     found = [white.left(rows(seed)) for seed in range(500)]
     power = np.array([count * (along**2).sum(0) for along, _, count in found])
     tail = np.array([one for _, one, _ in found])
-    assert power.reshape(-1, 2, 3).sum(2).max() < white.SURE
+    limit = threshold(DOUBTFUL, 2)
+    assert (deviate(power.reshape(-1, 2, 3).sum(2) / white.FREEDOM, white.FREEDOM) > limit).mean() < 3 * share(DOUBTFUL, 2)
     assert tail.max() < white.HEAVY / 2
     assert 9 < power.mean() < 11
     assert (power[:, 3:] > stats.chi2.isf(1e-3, 11)).sum() < 9
