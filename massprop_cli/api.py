@@ -171,14 +171,8 @@ def run_campaign(
     named = [paths] if isinstance(paths, (str, Path)) else paths
     files = {key: None if file is None else str(file) for key, file in (("vehicle", vehicle), ("map", map_file), ("expect", expected))}
     stated = tuple(_assignments(method, delay, settings))
-    over = Settings(
-        **files,
-        assignments=stated,
-        require=requirements(require),
-        report=report,
-        check=check,
-        allow_contradicted=allow_contradicted,
-    )
+    asked = requirements(require)
+    over = Settings(**files, assignments=stated, require=asked, report=report, check=check, allow_contradicted=allow_contradicted)
     name, planned = discover.plan([str(path) for path in named], over)
     earlier = None if baseline is None else baselines.read(str(baseline))
     held_against = None if earlier is None else partial(baselines.compare, earlier=earlier, gate=Gate())
