@@ -27,7 +27,7 @@ from massprop_cli.prepare.timing import Timing
 Matrix = tuple[tuple[float, ...], ...]
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
-SECTIONS = ("jets", "imu", "environment", "thrust", "cycle", "wheels")
+SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
@@ -170,14 +170,15 @@ def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
 
 def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
     """Values that differ, and the sigmas by which values are uncertain, or let be estimated."""
-    keys = dict.fromkeys(one.key for one in TABLE if one.key is not None)
+    supposed = [one for one in TABLE if one.prior > 0]
+    keys = dict.fromkeys(one.key for one in supposed if one.key is not None)
     differing = [key for key in keys if not np.array_equal(before.value(key), after.value(key))]
     of_jets = [key for key in differing if key.startswith("jets")]
     each = [(key, np.any(np.atleast_2d(before.value(key).T != after.value(key).T), 0)) for key in of_jets]
     for i in range(len(before.vehicle.jets)):
         yield from (f"jets.{i}.{key.partition('.')[2]}={_literal(after.value(key)[i])}" for key, differs in each if differs[i])
     said = found.finding((), before, after)
-    for one in sorted(TABLE, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
+    for one in sorted(supposed, key=lambda one: SECTIONS.index((one.key or "cycle").partition(".")[0])):
         if one.key in differing and one.key not in of_jets:
             differing.remove(one.key)
             value = after.value(one.key)
