@@ -16,8 +16,8 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
-from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
+from massprop_cli.errorparameters.sensor import ACCELEROMETER, GYRO
 
 SURE = 4.8
 """Sigmas beyond which an assumption is wrong: by chance in one of 12,000 logs, of fifty assumptions each. docs/faults.md moves."""

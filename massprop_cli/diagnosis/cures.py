@@ -25,6 +25,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 Matrix = tuple[tuple[float, ...], ...]
+MOUNTING = BY_NAME["mounting"]
 ROUNDING = 1e-12
 """Of a turn or a scale, what is none."""
 SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
@@ -119,7 +120,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
         return None
     setup = Setup(_on_columns(found).log(case.log), case.vehicle, case.timing, tuple(fired), found.model.clock_s)
     for one in moved:
-        further = setup if one.shown is not None else one.apply(setup, found.error(one.name))
+        further = setup if one.by_columns else one.apply(setup, found.error(one.name))
         if further is None:
             return None
         setup = further
@@ -138,7 +139,7 @@ def _on_columns(found: Fitted) -> Cure:
         """What undoes the sensor's parameters, each of which multiplies what it shows of what is."""
         shows = np.eye(3) if both else mounting.T @ base @ mounting
         for one in reversed(TABLE):
-            if one.shown is not None and one.name.startswith(sensor) and not (both and one.name.endswith("turn")):
+            if one.shown is not None and one.sensor == sensor and not (both and one.name in MOUNTING.entries):
                 shows = one.shown(found.error(one.name), mounting) @ shows
         matrix = np.linalg.inv(shows)
         small = np.abs(matrix) < ROUNDING

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Finding, SpecialCase, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.wheel import Wheel
@@ -78,9 +78,9 @@ PARAMETERS = (
         key="wheels.spin_inertia_kg_m2",
         sigma_key="wheels.spin_inertia_sigma_kg_m2",
         change=_heavier,
-        redone="commands",
+        redone="all",
         difference=0.01,
-        assumption=Assumption("wheel-inertia", 0.01, "1 %", _spin, lambda setup: bool(setup.vehicle.spinning)),
+        step=Step("wheel-inertia", 0.01, "1 %", _spin, lambda setup: bool(setup.vehicle.spinning)),
     ),
 )
 SPECIAL_CASES = (

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Facts, Finding, Unit, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, Step, Unit, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
 
@@ -69,7 +69,7 @@ def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
         scale=lambda vehicle: float(getattr(vehicle.environment, name)),
         environments=("air_bearing",),
         difference=0.01,
-        assumption=Assumption(
+        step=Step(
             code,
             0.01,
             "1 %",
@@ -110,7 +110,7 @@ PARAMETERS = (
             "mend it",
             lambda finding: {"by": vector(finding.errors["bearing"], 1e3)},
         ),
-        assumption=Assumption(
+        step=Step(
             "bearing-position",
             1e-3,
             "1 mm along {axis}",
@@ -151,7 +151,7 @@ PARAMETERS = (
         environments=("air_bearing",),
         redone="motion",
         difference=0.1 * DEGREE,
-        assumption=Assumption(
+        step=Step(
             "initial-attitude",
             DEGREE,
             "1 degree about the world's {axis}",
@@ -160,6 +160,7 @@ PARAMETERS = (
                 "tilted about the world's {axis}"
             ),
             lambda setup: _on_bearing(setup) and setup.log.attitude_wxyz is None,
+            axes="XY",
         ),
     ),
     ErrorParameter(

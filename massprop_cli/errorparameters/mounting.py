@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Facts, Finding, SpecialCase, Wording, matrix, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Wording, matrix, vector
 from massprop_cli.errorparameters.sensor import WORDS
 from massprop_cli.errorparameters.setup import Setup
 
@@ -20,6 +21,12 @@ _TURNED = "no key of a sensor alone: the remedy is a calibration, or another axi
 
 def _rotated(setup: Setup, error: Array) -> Setup:
     return setup.having("imu.body_from_imu", rotation(error) @ np.array(setup.vehicle.imu.body_from_imu))
+
+
+def _seen_turned(error: Array, mounting: Array) -> Array:
+    """(3, 3) what sensors show, IMU axes, whose axes are turned in the body's."""
+    found: Array = mounting.T @ rotation(error) @ mounting
+    return found
 
 
 def _stated_place(setup: Setup) -> str:
@@ -38,7 +45,7 @@ def _tilt(sensor: str) -> Facts:
     return lambda finding: {"angle": np.degrees(np.linalg.norm(finding.errors[f"{sensor}_turn"]))}
 
 
-def _turn(sensor: str) -> ErrorParameter:
+def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
     return ErrorParameter(
         f"{sensor}_turn",
         "imu-mounting",
@@ -48,7 +55,8 @@ def _turn(sensor: str) -> ErrorParameter:
         no_key=_TURNED,
         no_sigma=_TURNED,
         size=3,
-        shown=lambda error, mounting: mounting.T @ rotation(error) @ mounting,
+        sensor=sensor,
+        shown=_seen_turned,
         columns=("east", "north") if sensor == "gyro" else (),
         bends="with gravity" if sensor == "gyro" else "never",
         redone="motion",
@@ -92,7 +100,7 @@ PARAMETERS = (
         wording=Wording(
             "the IMU sits {by} mm away from imu.position_m", "mend it", lambda finding: {"by": vector(finding.errors["imu"], 1e3)}
         ),
-        assumption=Assumption("imu-position", 1e-3, "1 mm along {axis}", _stated_place),
+        step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place),
     ),
     _turn("gyro"),
     _turn("accel"),
@@ -107,13 +115,14 @@ PARAMETERS = (
         size=3,
         entries=("gyro_turn", "accel_turn"),
         change=_rotated,
+        shown=_seen_turned,
         redone="motion",
         difference=TURN,
         uncertain=("imu-mounting", "the IMU is turned as it is stated to within imu.mounting_sigma_rad"),
         wording=Wording(
             "imu.body_from_imu is {words}{rows}, {away:.3g} degrees away from what is stated", "look at the IMU's mounting", _from_stated
         ),
-        assumption=Assumption("imu-mounting", DEGREE, "1 degree about {axis}", _stated_turn),
+        step=Step("imu-mounting", DEGREE, "1 degree about {axis}", _stated_turn),
     ),
 )
 SPECIAL_CASES = (

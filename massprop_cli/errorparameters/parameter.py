@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,8 +14,8 @@ from massprop_cli.errorparameters.setup import Setup, stated
 from massprop_cli.inputs.vehicle import Vehicle
 
 Unit = Literal["1", "m", "N", "rad", "rad/s", "m/s²", "N m", "N m s", "cycles", "parts", "kg", "kg m²"]
-Redone = Literal["body", "motion", "commands"]
-"""What another value changes: the model of the body alone; the IMU's readings or the attitude; or what commands do."""
+Redone = Literal["body", "motion", "commands", "all"]
+"""What another value changes: the model of the body alone; the IMU's readings or the attitude, too; what commands do; or all of it."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,13 @@ class SpecialCase:
 
 
 @dataclass(frozen=True)
-class Assumption:
+class Step:
     """How an estimate's dependence on a parameter is shown, where the parameter is assumed as stated."""
 
     code: str
     size: float
     """Of the step that is shown, in the parameter's unit."""
-    step: str
+    words: str
     """The same in words; ``{axis}``: the axis."""
     message: Callable[[Setup], str]
     """``{axis}``: the axis."""
@@ -104,6 +105,8 @@ class Assumption:
     """Code of the assumption that reports its effect; it is tested by itself all the same."""
     axes: str = "XYZ"
     """Of its components."""
+    stated: Callable[[Setup], bool] | None = None
+    """Whether the vehicle file states it; None: by its key."""
     by_axis: Literal["alone", "parts", "columns"] = "alone"
     """Whether each axis is an assumption, or a part of one; or the filter carries columns of its own for them."""
 
@@ -156,13 +159,15 @@ class ErrorParameter:
     """Whether the estimator has it as an unknown where ``sigma_key`` is stated."""
     environments: tuple[str, ...] = ()
     """Kinds of environment in which it has a part; empty: all."""
+    sensor: Literal["", "gyro", "accel"] = ""
+    """The sensor that it is about alone."""
     redone: Redone = "body"
     difference: float = 0.0
     """In ``unit``: the step behind derivatives; 0: none is taken."""
     uncertain: tuple[str, str] = ("", "")
     """Code suffix and message of the assumption that its stated sigma adds to every sigma."""
     wording: Wording = Wording()
-    assumption: Assumption | None = None
+    step: Step | None = None
 
     def __post_init__(self) -> None:
         """:class:`ValueError` for a declaration that cannot be."""
@@ -185,6 +190,11 @@ class ErrorParameter:
     def moved(self) -> tuple[str, ...]:
         """The entries of x that it is made of."""
         return self.entries or (self.name,)
+
+    @property
+    def by_columns(self) -> bool:
+        """Whether factors on the log's columns alone correct it."""
+        return self.key is None and self.shown is not None
 
     @property
     def by_hand(self) -> bool:
@@ -212,13 +222,33 @@ class ErrorParameter:
         return None if value.max(initial=self.lowest) > self.highest else setup.having(self.key, np.maximum(value, self.lowest))
 
     def differing(self, setup: Setup, by: float, axis: int = 0) -> Setup:
-        """With one component of its value ``by`` more, in ``unit``."""
-        error = np.zeros(self.size)
-        error[axis] = by
-        found = self.apply(setup, error)
+        """With one component of its value ``by`` more, in ``unit``, in range or not."""
+        found = replace(self, highest=np.inf).apply(setup, self.error(by, axis))
         if found is None:
-            raise ValueError(f"{self.name} cannot be {by:g} more")
+            raise ValueError(f"{self.name} has no key to differ by")
         return found
+
+    def error(self, by: float, axis: int = 0) -> Array:
+        """(size,) of one component."""
+        found: Array = by * np.eye(self.size)[axis]
+        return found
+
+    def ends(self, setup: Setup) -> tuple[float, float]:
+        """Errors between which a derivative is taken, in ``unit``: both sides of what is stated where it is far from linear."""
+        low = max(-self.difference, self.least(setup)) if self.bends == "always" else 0.0
+        return low, self.difference
+
+    @property
+    def considered(self) -> bool:
+        """Whether its stated sigma goes into every sigma without its being estimated (a consider parameter)."""
+        return self.redone == "commands" and self.sigma_key is not None
+
+    def stated_in(self, setup: Setup) -> bool:
+        """Whether the vehicle file states its value."""
+        if self.step is not None and self.step.stated is not None:
+            return self.step.stated(setup)
+        section, _, name = (self.key or "").partition(".")
+        return self.key is not None and name in getattr(getattr(setup.vehicle, section), "model_fields_set", {name})
 
 
 def _known(key: str | None) -> bool:

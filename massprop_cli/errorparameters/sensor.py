@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Facts, Finding, SpecialCase, Unit, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
 
@@ -16,6 +17,9 @@ DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
 INCREMENTS = {"gyro": "delta_theta_imu_rad", "accel": "delta_v_imu_m_s"}
+GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
+"""Codes of the assumptions that the sensors' scales are exact."""
+ASSUMED: dict[str, tuple[str, Literal["parts", "columns"]]] = {"gyro": (GYRO, "parts"), "accel": (ACCELEROMETER, "columns")}
 _CALIBRATE = "no key: the remedy is a calibration, or a factor under [columns]"
 
 
@@ -47,8 +51,8 @@ def _largest(name: str, finding: Finding) -> float:
     return float(np.abs(finding.errors[name]).max())
 
 
-def _scale(sensor: str) -> ErrorParameter:
-    word, code = WORDS[sensor], "gyro-scale" if sensor == "gyro" else "accelerometer-scale"
+def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
+    word, code, by_axis = WORDS[sensor], *ASSUMED[sensor]
     columns = tuple(f"gyro_scale {i}" for i in range(3)) if sensor == "gyro" else ()
     return ErrorParameter(
         f"{sensor}_scale",
@@ -59,6 +63,7 @@ def _scale(sensor: str) -> ErrorParameter:
         no_key=_CALIBRATE,
         no_sigma=_CALIBRATE,
         size=3,
+        sensor=sensor,
         shown=lambda error, _: np.diag(np.exp(error)),
         columns=columns,
         bends="with gravity" if sensor == "gyro" else "never",
@@ -69,7 +74,7 @@ def _scale(sensor: str) -> ErrorParameter:
             "calibrate it, or scale its columns under [columns] ({inverse:.6g})",
             _factor(sensor),
         ),
-        assumption=Assumption(code, 0.01, "1 %", lambda _: f"the {word}'s scale is taken as exact"),
+        step=Step(code, 0.01, "1 %", lambda _: f"the {word}'s scale{{along}} is taken as exact", by_axis=by_axis),
     )
 
 

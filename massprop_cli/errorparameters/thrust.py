@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Finding, SpecialCase, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, vector
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import MOST_DROOP
 from massprop_cli.prepare.actuators import together
@@ -97,9 +97,13 @@ def _lost(key: str) -> Wording:
     return Wording(sentence, f"state thrust.{key}", facts)
 
 
+def _droop_stated(setup: Setup) -> bool:
+    return bool({"droop", "cycle_droop"} & setup.vehicle.thrust.model_fields_set)
+
+
 def _supply(setup: Setup) -> str:
     thrust = setup.vehicle.thrust
-    if {"droop", "cycle_droop"} & thrust.model_fields_set:
+    if _droop_stated(setup):
         return f"each jet loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each further one"
     return "each jet gives the same however many others are open (thrust.droop is not stated)"
 
@@ -125,7 +129,7 @@ def _droop(key: str, column: str, what: str, part_of: str = "") -> ErrorParamete
         redone="commands",
         difference=0.01,
         wording=_lost(key),
-        assumption=Assumption(f"thrust-{key.replace('_', '-')}", 0.01, "1 % for each", _supply, _sharing, part_of),
+        step=Step(f"thrust-{key.replace('_', '-')}", 0.01, "1 % for each", _supply, _sharing, part_of, stated=_droop_stated),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import Assumption, ErrorParameter, Finding, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, Step, Wording
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup
 from massprop_cli.inputs.equipment import FASTEST_PPM
 
@@ -21,10 +21,15 @@ DELAY_STEP = 0.1
 
 def _drifting(setup: Setup, error: Array) -> Setup:
     """The clocks agree where the log begins, so the delay of the stretch is that of its own less what has run up before."""
-    faster_ppm = 1e6 * setup.period_s / setup.clock_s[1] * float(error[0])
+    faster_ppm = 1e6 * float(error[0]) * setup.period_s / setup.clock_s[1]
     began = 1e-6 * faster_ppm * setup.clock_s[0] / setup.period_s
     changed = setup.having("imu.clock_drift_ppm", setup.value("imu.clock_drift_ppm") + faster_ppm)
     return changed.having(DELAY, changed.value(DELAY) - began)
+
+
+def _lagging(setup: Setup, error: Array) -> Setup:
+    """In cycles, as the timing has it."""
+    return setup._replace(timing=setup.timing.moved(["lag"], error))
 
 
 def _delay(finding: Finding) -> Mapping[str, object]:
@@ -94,7 +99,7 @@ PARAMETERS = (
             "mend it, or state {automatic} to have it found",
             _delay,
         ),
-        assumption=Assumption("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
+        step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
     ),
     ErrorParameter(
         "lag",
@@ -107,6 +112,7 @@ PARAMETERS = (
         lowest=0.0,
         slack=EARLIEST,
         scale=lambda vehicle: vehicle.cycle.period_s,
+        change=_lagging,
         stated_sigma=lambda finding: float(finding.sigmas["lag"][0]) * finding.stated.period_s,
         columns=LATER,
         bends="always",
