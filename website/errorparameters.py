@@ -61,7 +61,7 @@ def _range(one: ErrorParameter) -> str:
 
 
 def _texts(wording: Wording) -> str:
-    return " | ".join(re.sub(r"\{[^}]*\}", "…", text) for text in (wording.sentence, wording.remedy))
+    return " | ".join(re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text) for text in (wording.sentence, wording.remedy))
 
 
 def _special(case: SpecialCase) -> str:

@@ -37,7 +37,6 @@ def _delay(finding: Finding) -> Mapping[str, object]:
         "stated": finding.stated.timing.delay,
         "shown": finding.corrected.timing.delay,
         "sigma": finding.sigmas["delay"][0],
-        "automatic": '"auto"',
     }
 
 
@@ -96,7 +95,7 @@ PARAMETERS = (
         difference=DIFFERENCE,
         wording=Wording(
             "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {shown:.4g} ± {sigma:.2g} cycles",
-            "mend it, or state {automatic} to have it found",
+            'mend it, or state "auto" to have it found',
             _delay,
         ),
         step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
