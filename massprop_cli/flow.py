@@ -14,6 +14,7 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
+from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.logfile import read_table
@@ -87,8 +88,6 @@ def _by_any_delay(log: Log, source: VehicleSource, say: Progress) -> str:
 
     Not what makes motion late: another delay than the right one looks like that.
     """
-    from massprop_cli.diagnosis.search import LATE  # nine modules that a clean log does without
-
     for delay in USUAL:
         settings = [f"cycle.command_delay_cycles={delay}"] + ["thrust.lag_s=0"] * (source.vehicle.thrust.lag_s == "auto")
         try:

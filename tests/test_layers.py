@@ -12,7 +12,7 @@ import massprop_cli
 
 ROOMS = Path(massprop_cli.__file__).parent
 FLOW = (
-    *("base", "kernel", "inputs", "prepare", "model", "estimate", "diagnosis", "conclude", "flow", "result", "report"),
+    *("base", "kernel", "inputs", "prepare", "errorparameters", "model", "estimate", "diagnosis", "conclude", "flow", "result", "report"),
     *("job", "check", "combine", "campaign", "plan", "export", "live", "schemas", "api", "cli"),
 )
 """Each imports those before it alone, and itself."""

@@ -92,7 +92,15 @@ def navigation(pages: Path) -> Nav:
         {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
         {"Tables, wheels, on board": ["planar.md", "actuators.md", "wheels.md", "uncertain-geometry.md", "kernel.md", "control.md"]},
-        {"What it says": ["verdicts/index.md", *verdicts, {"Warnings": ["warnings/index.md", *warnings]}, "assumptions.md"]},
+        {
+            "What it says": [
+                "verdicts/index.md",
+                *verdicts,
+                {"Warnings": ["warnings/index.md", *warnings]},
+                "assumptions.md",
+                "error-parameters.md",
+            ]
+        },
         {"How it works": ["theory.md", "where.md"]},
         {"How good": ["how-good.md", *GOOD]},
         {"How fast": FAST},

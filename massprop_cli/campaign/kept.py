@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.campaign import outcome
 from massprop_cli.campaign.outcome import Body, Value
 from massprop_cli.check.finding import Expected
-from massprop_cli.conclude.granted import DELAY_STEP
+from massprop_cli.errorparameters.timing import DELAY_STEP
 from massprop_cli.estimate.quantities import by_scale, by_scale_beside, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource

@@ -16,9 +16,11 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.granted import AXES, granted
+from massprop_cli.conclude.granted import granted
 from massprop_cli.conclude.taken import Taken
 from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import respond
 from massprop_cli.estimate.quantities import by_scale, left_by_known
@@ -131,7 +133,7 @@ def examined(
 
     The geometry that is uncertain in ``consider`` is unknown beside what is varied.
     """
-    taken = tuple(granted(log, vehicle, timing, samples, more))
+    taken = tuple(granted(Setup(log, vehicle, timing), samples, more))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
@@ -223,21 +225,14 @@ def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Concl
     return [Assumption("mass-thrust", message, "1 %", True, (_effect(history, conclusion, vehicle, response, step),))]
 
 
-BESIDE = {
-    "jet-thrust": ("each jet's own thrust is as uncertain as jets.thrust_sigma says", "jets.thrust_sigma"),
-    "jet-position": ("jets sit where they are stated to within jets.position_sigma_m", "jets.position_sigma_m"),
-    "jet-direction": ("jets point where they are stated to within jets.direction_sigma_rad", "jets.direction_sigma_rad"),
-    "imu-position": ("the IMU sits where it is stated to within imu.position_sigma_m", "imu.position_sigma_m"),
-    "imu-mounting": ("the IMU is turned as it is stated to within imu.mounting_sigma_rad", "imu.mounting_sigma_rad"),
-    "damping": ("the log was asked for a torque against the rate, {damping} N m s times it", "environment.damping_sigma_n_m_s"),
-}
+BESIDE = {one.uncertain[0]: (one.uncertain[1], one.sigma_key) for one in TABLE if one.uncertain[0]}
 """What is unknown beside the mass properties and found with them, and the key that says by how much."""
 
 
 def _beside(history: History, conclusion: Conclusion, response: Response) -> list[Assumption]:
     """What the stated uncertainty of jets and IMU, and damping, add to each sigma, squares added; it is in every sigma."""
     found = []
-    damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip(AXES, response.damping, strict=False))
+    damping = ", ".join(f"{axis}: {value:.4g} ± {sigma:.2g}" for axis, (value, sigma) in zip("XYZ", response.damping, strict=False))
     for kind, variance in response.added.items():
         part = np.sqrt(np.maximum(variance, 0.0))
         part[MU] = part[MU] / history.reference.mu**2 if history.reference is not None else np.nan

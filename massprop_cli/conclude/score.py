@@ -16,9 +16,9 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Examined
 from massprop_cli.conclude.contradict import Contradiction
-from massprop_cli.conclude.granted import ACCELEROMETER, GYRO
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion
+from massprop_cli.errorparameters.sensor import ACCELEROMETER, GYRO
 from massprop_cli.estimate.residualtest import REFUTED, threshold
 
 WARY = 2.5

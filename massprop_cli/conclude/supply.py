@@ -1,4 +1,4 @@
-"""That each jet's thrust is its own: what comes of one supply falls with all that takes from it, and a jet that has rested may give less.
+"""Thrust that remembers: what comes of one supply falls with all that was taken from it, and a jet that has rested may give less.
 
 Most of such an error is a factor common to all thrust, which no log tells: mass and inertia are as far off. The rest of it goes with the
 commands, and a disturbance that stands for it as noise leaves values converged that are off by per cents.
@@ -12,45 +12,32 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.taken import Taken, having
+from massprop_cli.conclude.taken import Taken
+from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.sensitivity import Side, Variant
-from massprop_cli.prepare.actuators import together
 from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing
 
 DROOP = "thrust-droop"
 STEP = 0.01
+"""Part of its thrust that a jet loses, behind the derivative."""
 MEMORIES_S = (0.3, 1.0, 3.0)
 """How long a supply may remember what was taken from it."""
 RESTED_S = 1.0
 """After how long a jet may have cooled, or its line emptied."""
 
 
-def droop(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Iterator[Taken]:
-    """Thrust that falls with the number of jets that fire, at once or cycle by cycle; each is tested by itself."""
-    if together(log) < 2:
-        return
-    thrust = vehicle.thrust
-    stated = bool({"droop", "cycle_droop"} & thrust.model_fields_set)
-    words = f"loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each further one" if stated else "gives the same"
-    message = f"each jet {words}{'' if stated else ' however many others are open (thrust.droop is not stated)'}"
-    for key, part_of in (("droop", ""), ("cycle_droop", DROOP)):
-        more = having(vehicle, "thrust", key, getattr(thrust, key) + STEP)
-        code = f"thrust-{key.replace('_', '-')}"
-        yield Taken(code, message, "1 % for each", stated, Variant(here, Side(Stream.of(log, more, timing)), STEP), STEP, part_of=part_of)
-
-
-def memory(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Iterator[Taken]:
+def memory(setup: Setup, samples: Stream) -> Iterator[Taken]:
     """Thrust that falls with what was taken before, or that is less after a rest: tested where something else than noise is left.
 
     A pulse that gives less is taken for a shorter one, which is as much less, and ends but little sooner.
     """
+    log, vehicle, timing = setup[:3]
     of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in MEMORIES_S}
     for what, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
-        less = replace(log, command=log.command * (1 - STEP * factor))
-        yield Taken(what, what, "1 %", False, Variant(here, Side(Stream.of(less, vehicle, timing)), STEP), STEP, part_of=DROOP)
+        less = Side(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
+        yield Taken(what, what, "1 %", False, Variant(Side(samples), less, STEP), STEP, part_of=DROOP)
 
 
 def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.sensitivity import Reading, Variant
 
 
@@ -27,8 +26,3 @@ class Taken:
     def whole(self) -> str:
         """Code of what is told."""
         return self.part_of or self.code
-
-
-def having(vehicle: Vehicle, section: str, key: str, value: object) -> Vehicle:
-    """The vehicle with another value of one of its keys."""
-    return vehicle.model_copy(update={section: getattr(vehicle, section).model_copy(update={key: value})})

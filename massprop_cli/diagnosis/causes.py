@@ -12,41 +12,13 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS, SUPPLY
 from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
+from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
-DEGREE = float(np.pi / 180)
-GRAVITY = 9.80665
 ROUNDING = 1e-9
 """Between elements of matrices that are the same."""
-EXPECTED = {
-    "thrust": 0.3,
-    "position": 0.03,
-    "direction": 0.2,
-    "imu": 0.05,
-    "bearing": 0.005,
-    "gyro_turn": 0.3,
-    "accel_turn": 0.3,
-    "gyro_scale": 0.05,
-    "accel_scale": 0.05,
-    "gyro_bias": 0.05,
-    "accel_bias": 0.5,
-    "torque": 1.0,
-    "drag": 1.0,
-    "delay": 1.0,
-    "rise": 0.3,
-    "fall": 0.3,
-    "droop": 0.03,
-    "cycle_droop": 0.03,
-    "lag": 0.5,
-    "gyro_lag": 1.0,
-    "accel_lag": 1.0,
-    "drift": 2.0,
-    "mass_rate": 0.3,
-    "inertia_rate": 0.3,
-    "tilt": 0.1,
-}
-"""One sigma of what an error of each may be: units of :mod:`massprop_cli.diagnosis.coefficients`, turns in rad, times in cycles."""
 
 
 def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Supposition]:
@@ -58,7 +30,7 @@ def along(model: Model, *moves: tuple[str, Array]) -> Array:
     """(nx, 1) of one unknown that moves several entries together."""
     column = np.zeros((len(model.stated), 1))
     for name, part in moves:
-        column[model.place(name), 0] = EXPECTED[name] * part
+        column[model.place(name), 0] = PRIORS[name] * part
     return column
 
 
@@ -139,7 +111,7 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
 def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: float = 1.0) -> Supposition:
     """Channels that all give the same part of what is stated; looked for from ``begin`` on: another unit may be any factor."""
     start = {} if begin == 1 else {model.place("thrust").start + i: begin for i in group}
-    marks = np.isin(np.arange(len(names)), group) * max(1.0, abs(begin - 1) / EXPECTED["thrust"])
+    marks = np.isin(np.arange(len(names)), group) * max(1.0, abs(begin - 1) / PRIORS["thrust"])
     return Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)), start=start)
 
 

@@ -17,11 +17,12 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
-from massprop_cli.diagnosis.design import SWUNG, level_of
+from massprop_cli.diagnosis.design import SWUNG
 from massprop_cli.diagnosis.suppositions import STRAIGHT, Supposition
+from massprop_cli.errorparameters.environment import level_of
+from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products, products_by_rate
-from massprop_cli.model.plant import plant_of
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 from massprop_cli.prepare.attitude import world_up_b
 
@@ -33,50 +34,8 @@ RAMP = 2 / 3
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 _PAIRS = np.array(_SECOND).T
 _SENSORS = (slice(0, 3), slice(3, 6))
-ENTRIES = {
-    "theta": 10,
-    "gyro_turn": 3,
-    "accel_turn": 3,
-    "gyro_scale": 3,
-    "accel_scale": 3,
-    "imu": 3,
-    "bearing": 3,
-    "gyro_bias": 3,
-    "accel_bias": 3,
-    "torque": 3,
-    "drag": 3,
-    "delay": 1,
-    "rise": 1,
-    "fall": 1,
-    "droop": 1,
-    "cycle_droop": 1,
-    "lag": 1,
-    "gyro_lag": 1,
-    "accel_lag": 1,
-    "drift": 1,
-    "mass_rate": 1,
-    "inertia_rate": 1,
-    "tilt": 2,
-    "slope": 2,
-}
-"""Of x, before the channels' own: thrust, place and direction."""
-_LATE = ("delay", "lag", "gyro_lag", "accel_lag")
-BY = {
-    "rates": ("drag", "gyro_bias"),
-    "later": _LATE,
-    "lagging": _LATE,
-    "smeared": (*_LATE, "rise", "fall"),
-    "drifting": ("drift",),
-    "aging": ("mass_rate", "inertia_rate"),
-    "rising": ("rise",),
-    "falling": ("fall",),
-    "sagging": ("droop",),
-    "ebbing": ("cycle_droop",),
-    "east": ("tilt", "gyro_turn"),
-    "north": ("tilt", "gyro_turn"),
-    **{f"{name} {i}": (name,) for name in (*SWUNG, "slope") for i in range(3)},
-}
-"""Columns without which the motion is explained while these entries are as stated; they come last."""
+THETA = 10
+"""Entries of x that are mass properties; those of the error parameters come after them, and the channels' own last."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +79,7 @@ class Model:
         bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
-        sigmas = {"gyro_bias": vehicle.imu.gyro_bias_sigma_rad_s, "accel_bias": vehicle.imu.accel_bias_sigma_m_s2}
-        sigmas |= {"slope": plant_of(vehicle).tilt_sigma, "drag": vehicle.environment.damping_sigma_n_m_s}
-        biases = {name: sigma for name, sigma in sigmas.items() if sigma > 0}
+        biases = {one.name: sigma for one in TABLE if one.estimated and (sigma := one.sigma(vehicle)) > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
         up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
@@ -132,8 +89,9 @@ class Model:
     @cached_property
     def entries(self) -> dict[str, slice]:
         """Where each stands in x."""
-        count, at, found = len(self.force), 0, {}
-        for name, size in {**ENTRIES, "thrust": count, "position": 3 * count, "direction": 3 * count}.items():
+        found, at = {"theta": slice(0, THETA)}, THETA
+        for name in ENTRIES:
+            size = BY_NAME[name].size * (len(self.force) if BY_NAME[name].per_channel else 1)
             found[name] = slice(at, at + size)
             at += size
         return found
@@ -169,7 +127,7 @@ class Model:
     def _counted(self, moved: BoolArray) -> int:
         before = np.concatenate([[0], np.cumsum(moved)])
         away = {name for name, place in self.entries.items() if before[place.stop] > before[place.start]} | self.biases.keys()
-        most = max(place.stop for name, place in self.places.items() if name not in BY or away & set(BY[name]))
+        most = max(place.stop for name, place in self.places.items() if name not in BY_COLUMN or away & BY_COLUMN[name])
         late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
         return int(late if self.places["rates"].start < most < late else most)
 

@@ -19,6 +19,9 @@ from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.handed import Fits, Posed
 from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.errorparameters.parameter import Finding
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import ENTRIES
 from massprop_cli.estimate.regression import HEAVIER
 from massprop_cli.estimate.whitening import Told
 from massprop_cli.kernel import kernel
@@ -51,6 +54,10 @@ class Fitted:
         """An entry of x."""
         return self.x[self.model.place(name)]
 
+    def error(self, name: str) -> Array:
+        """An entry of x less what is stated."""
+        return self.value(name) - self.model.stated[self.model.place(name)]
+
     @cached_property
     def parts(self) -> list[Fitted]:
         """Of two suppositions at once, each; else itself."""
@@ -75,6 +82,13 @@ class Fitted:
         """One sigma of an entry of x, as far as its own unknowns go."""
         found: Array = np.sqrt(((self.supposed.free[self.model.place(name)] * self.spread) ** 2).sum(1))
         return found
+
+    def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> Finding:
+        """What sentences and settings are made of; ``names`` of the channels that fired."""
+        errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
+        turns, force = (self.supposed.gyro, self.supposed.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
+        about = (self.supposed.subject, tuple(names), errors, sigmas, stated, corrected)
+        return Finding(*about, self.model.mounting, turns, force, float(self.x[MU]))
 
     @cached_property
     def moved(self) -> Array:

@@ -15,6 +15,9 @@ from massprop_cli.base.arrays import Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import rotation
+from massprop_cli.errorparameters.environment import level_of
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME
 from massprop_cli.estimate.whitening import Driven
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -32,8 +35,6 @@ from massprop_cli.prepare.timing import Timing
 
 SHIFT = 0.25
 """Cycles by which commands are moved to see what a delay would do."""
-SLOWER = 0.02
-"""Cycles by which half of a thrust that rises, or falls, is made to come later, to see what that would do."""
 SWUNG = ("gyro_scale", "gyro_bias")
 """Errors of a gyro that the attitude is integrated from: each axis of each moves the vertical. A turned gyro needs no columns of its own:
 with it the vertical is turned, and begins elsewhere."""
@@ -44,8 +45,6 @@ COUPLING = 0.5
 inertia's differences over one of them, squared, as it is of a slab."""
 RAMPS, SUPPLY = ("rising", "falling"), ("sagging", "ebbing")
 """Columns of thrust that rises, and that falls, more slowly; and that is less beside other jets. A short log does without."""
-SAGGED = 0.01
-"""Part of its thrust that a jet is made to lose beside each further one, to see what that would do."""
 ENOUGH = 2
 """Cycles that there must be for each column."""
 KEPT = 16
@@ -135,7 +134,9 @@ class Designs:
         # what comes before it was commanded is no effect of a command that a controller made of the noise that is measured
         earliest = max(timing.delay - SHIFT, 0.0)
         moved = [self._window(log, vehicle, earliest + by, lag_s) for by in (0.0, SHIFT, 2 * SHIFT)]
-        thrusts = [_Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle)]
+        thrusts = [
+            _Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
+        ]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
         if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
@@ -212,23 +213,13 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
     return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
-def _slower(vehicle: Vehicle, ramp: str) -> Vehicle:
-    """With jets that rise, or fall, so that half of their thrust comes, or goes, ``SLOWER`` cycles later."""
-    by = 2 * SLOWER * vehicle.cycle.period_s
-    jets = tuple(jet.model_copy(update={ramp: getattr(jet, ramp) + by}) for jet in vehicle.jets)
-    return Vehicle.model_construct(**{**dict(vehicle), "jets": jets})
-
-
-def _otherwise(log: Log, vehicle: Vehicle) -> Iterator[tuple[str, Vehicle, float]]:
+def _otherwise(log: Log, vehicle: Vehicle, timing: Timing) -> Iterator[tuple[str, Vehicle, float]]:
     """Columns of jets that act otherwise: the vehicle that has them so, and by how many units."""
     if log.command_kind != "jets":
         return
-    for name, ramp in zip(RAMPS, ("rise_s", "fall_s"), strict=True):
-        yield name, _slower(vehicle, ramp), SLOWER
-    if together(log) > 1:
-        for name, key in zip(SUPPLY, ("droop", "cycle_droop"), strict=True):
-            thrust = vehicle.thrust.model_copy(update={key: getattr(vehicle.thrust, key) + SAGGED})
-            yield name, Vehicle.model_construct(**{**dict(vehicle), "thrust": thrust}), SAGGED
+    for column in (*RAMPS, *SUPPLY) if together(log) > 1 else RAMPS:
+        (one,) = (BY_NAME[name] for name in BY_COLUMN[column])
+        yield column, one.differing(Setup(log, vehicle, timing), one.difference).vehicle, one.difference
 
 
 class _Part(NamedTuple):
@@ -343,12 +334,6 @@ def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
     slopes = (ups[: len(moved)] - ups[len(moved) :]) / (2 * ANGLE)
     east, north = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, level_of(samples.up_b[0]))
     return [("east", east), ("north", north), *zip(changes, slopes, strict=True)]
-
-
-def level_of(up: Array) -> Array:
-    """(2, 3) what is level where this (3,) is up, called east and north."""
-    found: Array = np.linalg.svd(up[None])[2][1:]
-    return found
 
 
 def verticals(rate: Array, duration_s: Array, start: Array) -> Array:

@@ -28,6 +28,7 @@ from massprop_cli.diagnosis.search import codes, same, searched
 from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import DEAD, TRIED, UNANSWERED, alone, words_of
+from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
 from massprop_cli.model.resolved import Resolved
@@ -241,7 +242,7 @@ def _lowpassed(look: Look) -> Diagnosis | None:
     for sensor in ("gyro", "accel"):
         supposed = next(one for one in causes.timing(look.model, False) if one.code == f"{sensor}-filter")
         x = look.stated.x.copy()
-        x[look.model.place(f"{sensor}_lag")] = causes.EXPECTED[f"{sensor}_lag"]
+        x[look.model.place(f"{sensor}_lag")] = PRIORS[f"{sensor}_lag"]
         begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
         trial = helped(look, begun)
         trials += [] if trial is None else [trial]

@@ -14,10 +14,11 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.cures import NEAR, Cure, shown
+from massprop_cli.diagnosis.cures import Cure, shown
 from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, looked
 from massprop_cli.diagnosis.trial import PART
 from massprop_cli.diagnosis.windows import Reduced, Window
+from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.model.plant.plant import J

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import RAMP, Model
-from massprop_cli.diagnosis.design import SWUNG, level_of
+from massprop_cli.diagnosis.design import SWUNG
+from massprop_cli.errorparameters.environment import level_of
 from massprop_cli.estimate.whitening import Told
 from massprop_cli.kernel import kernel, pointer
 

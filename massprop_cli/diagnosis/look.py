@@ -21,6 +21,7 @@ from massprop_cli.diagnosis.cures import Case, at_once
 from massprop_cli.diagnosis.design import verticals
 from massprop_cli.diagnosis.ranking import Ranking
 from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
@@ -177,7 +178,7 @@ class Look:
         make a response that no coefficients stand for.
         """
         ratio = np.log(np.maximum(self.free.pure / self.noise, TINY)).reshape(2, 3)
-        unit = 2 * np.log([[causes.DEGREE], [causes.GRAVITY]])
+        unit = 2 * np.log([[DEGREE], [GRAVITY]])
         away = np.abs(ratio - unit * np.rint(ratio.mean(1, keepdims=True) / unit))
         spare = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
         return bool((away < AS_STATED * np.sqrt(2 / spare)).all())

@@ -10,6 +10,7 @@ import numpy as np
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
+from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log, Notice
@@ -61,7 +62,8 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
         log = outliers.without(log, stated)
     if log is not read:
         samples = Stream.of(log, stated, timing)
-    consider = with_geometry(uncertain_timing(log, stated, timing), log, stated, samples)
+    setup = Setup(log, stated, timing)
+    consider = with_geometry(uncertain_timing(setup, samples), setup, samples)
     return Ready(log, stated, samples, phases, timing, detected, consider, told)
 
 

@@ -14,13 +14,15 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import UntoldError
 from massprop_cli.diagnosis import delay, stretch
 from massprop_cli.diagnosis.delay import Found
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.sensitivity import Consider, late, lowpassed
+from massprop_cli.model.sensitivity import Consider, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -47,18 +49,15 @@ def with_timing(stated: Vehicle, detected: Found | None) -> Vehicle:
     return stated.model_copy(update={"cycle": stated.cycle.model_copy(update=cycle), "thrust": stated.thrust.model_copy(update=thrust)})
 
 
-def uncertain_timing(log: Log, stated: Vehicle, used: Timing) -> Consider:
+def uncertain_timing(setup: Setup, samples: Stream) -> Consider:
     """Delay, lag and the sensors' low-passes where they are uncertain."""
-    period = stated.cycle.period_s
-    sigmas = {"delay": stated.cycle.command_delay_sigma_cycles, "lag": stated.thrust.lag_sigma_s / period}
-    sensors = {"gyro": stated.imu.gyro_lag_sigma_s / period, "accel": stated.imu.accel_lag_sigma_s / period}
-    variants = {name: late(log, stated, used, name) for name, sigma in sigmas.items() if sigma > 0}
-    variants |= {name: lowpassed(log, stated, used, name) for name, sigma in sensors.items() if sigma > 0}
-    found = {name: variant for name, variant in variants.items() if variant is not None}
-    sigma = np.diag([{**sigmas, **sensors}[name] for name in found])
-    correlation = np.eye(len(found))
-    if "delay" in found and "lag" in found:
-        correlation[0, 1] = correlation[1, 0] = stated.thrust.lag_delay_correlation
+    uncertain = [one for one in TABLE if one.considered and one.sigma(setup.vehicle) > 0]
+    found = {one.name: changed for one in uncertain if (changed := variant(one, setup, samples)) is not None}
+    sigma = np.diag([one.sigma(setup.vehicle) for one in uncertain if one.name in found])
+    names, correlation = list(found), np.eye(len(found))
+    if {"delay", "lag"} <= found.keys():
+        both = names.index("delay"), names.index("lag")
+        correlation[both] = correlation[both[::-1]] = setup.vehicle.thrust.lag_delay_correlation
     return Consider(tuple(found.values()), sigma @ correlation @ sigma)
 
 

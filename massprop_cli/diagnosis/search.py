@@ -10,11 +10,12 @@ from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.cures import at_once
 from massprop_cli.diagnosis.look import CLEAR, Look
 from massprop_cli.diagnosis.trial import Begun, Trial, begin, drifts_no_more, hopeless, tried
+from massprop_cli.errorparameters.table import LATE
 
 FURTHER = 1.5
 """Before it is applied a large change looks worse than it is, by up to so much."""
-LATE, LATER = frozenset({"delay-mismatch", "thrust-lag", "thrust-rise", "thrust-droop", "gyro-filter", "clock-drift"}), 5.0
-"""Codes of what makes motion late, which only the shape within a cycle tells apart; among these, by up to so much."""
+LATER = 5.0
+"""The same among codes of :data:`LATE`."""
 IN_VAIN = 3.0
 """Times what doesn't fit leaves, from which on one that is looked at roughly doesn't either; among what makes motion late ``LATER`` times
 that. What fitted after one that didn't was at most 1.1, and 8 if late. docs/faults.md moves."""

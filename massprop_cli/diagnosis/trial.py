@@ -8,11 +8,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import causes
-from massprop_cli.diagnosis.coefficients import ENTRIES, Model
+from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.contest import Fitted, fitted
 from massprop_cli.diagnosis.cures import Case, applied, at_once
 from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
+from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.lowpass import narrowed
 
@@ -21,19 +21,11 @@ PROMISED = 0.5
 of the log's."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
-TIMES = frozenset({"delay", "rise", "fall", "lag", "gyro_lag", "accel_lag", "drift"})
-TURNING = frozenset({"gyro_turn", "gyro_scale", "gyro_bias", "tilt"})
-"""Entries of x by which what is measured changes along no straight line: when things happen, and on a bearing, where it moves the
-vertical, what a gyro gets wrong."""
 HOPELESS, SMALL = 8.0, 0.01
 """Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit. docs/faults.md
 moves."""
 NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
-EARLIEST = 0.5
-"""Cycles below zero that a small step may lead to where a large one doesn't."""
-GAINED, DROOPS = 0.002, ("droop", "cycle_droop")
-"""Part of its thrust that a jet may gain beside another by chance."""
 ASTRAY = 1e5
 """Times pure error that is more than the motion within the cycles may leave."""
 NO_WAY, STRAIGHT = 100.0, 2
@@ -78,8 +70,9 @@ def hopeless(look: Look, found: Fitted, most: float) -> bool:
     on_bearing = look.model.bearing is not None
     # other units make of the motion within the cycles another motion
     curved = bool(turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in turns)
-    moved = {name for name in ENTRIES if found.supposed.free[found.model.place(name)].any()}
-    return not curved and not moved & (TIMES | TURNING if on_bearing else TIMES)
+    free = found.supposed.free
+    moved = {BY_NAME[name].bends for name in ENTRIES if free[found.model.place(name)].any()}
+    return not curved and not moved & ({"always", "with gravity"} if on_bearing else {"always"})
 
 
 def beyond(look: Look) -> float:
@@ -89,20 +82,8 @@ def beyond(look: Look) -> float:
 
 def _before_its_cause(look: Look, found: Fitted) -> bool:
     """Whether it takes a delay, a lag, a rise or a droop below zero, by more than chance."""
-    (_, vehicle, timing, _), period = look.case, look.case.vehicle.cycle.period_s
-    rise, fall = (max((getattr(jet, ramp) for jet in vehicle.jets), default=0.0) / period / 2 for ramp in ("rise_s", "fall_s"))
-    imu = vehicle.imu
-    least = {
-        "delay": timing.delay,
-        "lag": timing.lag,
-        "rise": rise,
-        "fall": fall,
-        "droop": vehicle.thrust.droop,
-        "cycle_droop": vehicle.thrust.cycle_droop,
-        "gyro_lag": imu.gyro_lag_s / period,
-        "accel_lag": imu.accel_lag_s / period,
-    }
-    return any(float(found.value(name)[0]) < -since - (GAINED if name in DROOPS else EARLIEST) for name, since in least.items())
+    limited = (BY_NAME[name] for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
+    return any(float(found.error(one.name)[0]) < one.least(look.case.setup) - one.slack for one in limited)
 
 
 @dataclass(frozen=True)
@@ -254,7 +235,7 @@ def _no_drift(found: Fitted) -> bool:
     """Whether a drift of the clocks is none beside the delay that is supposed with it: then it is the delay alone."""
     drift = abs(float(found.value("drift")[0]))
     own = found.supposed.code == "clock-drift"
-    return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * causes.EXPECTED["drift"])
+    return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * PRIORS["drift"])
 
 
 def _led(

@@ -17,8 +17,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import cross_matrix, rotation, times
-from massprop_cli.inputs.telemetry import Log
+from massprop_cli.base.rigidbody import times
+from massprop_cli.errorparameters.parameter import ErrorParameter
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.handed import packed
@@ -29,12 +31,6 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
-from massprop_cli.prepare.timing import Timing
-
-TURN = float(np.radians(0.1))
-"""rad; the difference behind the derivative with respect to the IMU's mounting."""
-STEP = 0.02
-"""Cycles; half the difference behind the derivative with respect to delay and lag."""
 
 
 @dataclass(frozen=True)
@@ -74,31 +70,55 @@ def reads_alone(vehicle: Vehicle) -> bool:
     return vehicle.environment.kind == "free" and not vehicle.spinning
 
 
-def turned_reading(axis: int, by_rad: float = 1.0) -> Reading:
-    """Of an IMU that is turned about a body axis: what it reads turns with it, θ × ω and θ × f."""
-    turn = by_rad * cross_matrix(np.eye(3)[axis])
-    return Reading(turn, turn)
+def reading(parameter: ErrorParameter, vehicle: Vehicle, axis: int, by: float = 1.0) -> Reading:
+    """The derivative of what the IMU reads by ``by`` units of one component of a parameter that says what its sensor shows."""
+    assert parameter.shown is not None
+    step, mounting = parameter.difference, np.array(vehicle.imu.body_from_imu)
+    high, low = (parameter.shown(parameter.error(end, axis), mounting) for end in (step, -step))
+    slope = by * mounting @ (high - low) @ mounting.T / (2 * step)
+    rate, force = (slope * (parameter.sensor in ("", sensor)) for sensor in ("gyro", "accel"))
+    return Reading(rate, force)
+
+
+def variant(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int = 0) -> Variant | Reading | None:
+    """One component of a parameter changed, per its unit, beside the log as it was read; None where the log is too short for it."""
+    if parameter.shown is not None and reads_alone(setup.vehicle):
+        return reading(parameter, setup.vehicle, axis)
+    low, high = parameter.ends(setup)
+    try:
+        sides = [Side(samples) if not end else _side(parameter, setup, samples, axis, end) for end in (low, high)]
+    except InputError:
+        return None
+    return Variant(sides[0], sides[1], high - low)
+
+
+def _side(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int, by: float) -> Side:
+    if parameter.by_columns and parameter.shown is not None:
+        shows = parameter.shown(parameter.error(by, axis), np.array(setup.vehicle.imu.body_from_imu))
+        return Side(samples.changed(gyro=np.diag(shows)))
+    used = parameter.differing(setup, by, axis)
+    if parameter.redone in ("commands", "all"):
+        return Side(Stream.of(*used[:3]), used.vehicle if parameter.redone == "all" else None)
+    return Side(samples if parameter.redone == "body" else samples.changed(used.vehicle), used.vehicle)
 
 
 @dataclass(frozen=True)
 class ImuChange:
     """The IMU further along a body axis, or turned about it."""
 
-    kind: str
-    """imu-position or imu-mounting."""
+    parameter: ErrorParameter
     axis: int
-    samples: Source
+    samples: Stream
     """The log as it would have been read."""
-    step: float
-    """m or rad"""
     sigma: float
 
     def variant(self, samples: Source, vehicle: Vehicle) -> Variant | Reading:
         """Beside the log as it was read, by one sigma."""
-        if self.kind == "imu-mounting" and reads_alone(vehicle):
-            return turned_reading(self.axis, self.sigma)
-        changed = (imu_moved if self.kind == "imu-position" else imu_turned)(vehicle, self.axis, self.step)
-        return Variant(Side(samples), Side(self.samples, changed), self.step / self.sigma)
+        one = self.parameter
+        if one.shown is not None and reads_alone(vehicle):
+            return reading(one, vehicle, self.axis, self.sigma)
+        changed = one.differing(Setup(self.samples.log, vehicle, self.samples.alignment.timing), one.difference, self.axis).vehicle
+        return Variant(Side(samples), Side(self.samples, changed), one.difference / self.sigma)
 
 
 @dataclass(frozen=True)
@@ -121,7 +141,7 @@ class Consider:
     @property
     def kinds(self) -> tuple[str, ...]:
         """(u,) of each unknown."""
-        return (*(change.kind for change in self.imu), *self.jets.kinds)
+        return (*(change.parameter.uncertain[0] for change in self.imu), *self.jets.kinds)
 
     def about(self, other: Consider) -> Consider:
         """Of the same unknowns, with the assumptions of another."""
@@ -195,30 +215,18 @@ def wrench_columns(
     return begun + ended, felt * (whole / duration[:, None])[:, None, :]
 
 
-def with_geometry(consider: Consider, log: Log, vehicle: Vehicle, samples: Stream) -> Consider:
+def with_geometry(consider: Consider, setup: Setup, samples: Stream) -> Consider:
     """With what the vehicle file says to be uncertain of jets and IMU."""
-    stated, imu = vehicle.imu, []
+    imu, vehicle = [], setup.vehicle
     for axis in range(3):
-        if stated.position_sigma_m > 0:
-            imu.append(ImuChange("imu-position", axis, samples, stated.position_sigma_m, stated.position_sigma_m))
-        if stated.mounting_sigma_rad > 0:
-            turned = samples if reads_alone(vehicle) else samples.changed(imu_turned(vehicle, axis, TURN))
-            imu.append(ImuChange("imu-mounting", axis, turned, TURN, stated.mounting_sigma_rad))
-    jets = uncertain_jets(vehicle) if log.command_kind == "jets" else Wrenches()
+        for one in (BY_NAME["imu"], BY_NAME["mounting"]):
+            if (sigma := one.sigma(vehicle)) > 0:
+                read = samples
+                if one.redone == "motion" and not reads_alone(vehicle):
+                    read = samples.changed(one.differing(setup, one.difference, axis).vehicle)
+                imu.append(ImuChange(one, axis, read, sigma))
+    jets = uncertain_jets(vehicle) if setup.log.command_kind == "jets" else Wrenches()
     return replace(consider, imu=tuple(imu), jets=jets)
-
-
-def imu_moved(vehicle: Vehicle, axis: int, by_m: float) -> Vehicle:
-    """With the IMU further along a body axis."""
-    place = tuple(float(x) + by_m * (i == axis) for i, x in enumerate(vehicle.imu.position_m))
-    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"position_m": place})})
-
-
-def imu_turned(vehicle: Vehicle, axis: int, by_rad: float) -> Vehicle:
-    """With the IMU turned about a body axis."""
-    mounted = rotation(by_rad * np.eye(3)[axis]) @ np.array(vehicle.imu.body_from_imu)
-    rows = tuple(tuple(float(x) for x in row) for row in mounted)
-    return vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={"body_from_imu": rows})})
 
 
 class _Shared(NamedTuple):
@@ -252,23 +260,3 @@ def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Arr
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, of ``coefficients``."""
     driven, measured = (part[..., 0] + part[..., 1:] @ coefficients for part in (free.drive, free.measured))
     return times(free.transition, state[:-1]) + driven, measured - times(free.observation, state)
-
-
-def late(log: Log, vehicle: Vehicle, timing: Timing, name: str) -> Variant | None:
-    """Delay or lag (``name``) changed, per control cycle; None where the log is too short for it."""
-    low, high = timing.moved([name], [-STEP]), timing.moved([name], [STEP])
-    try:
-        sides = [Side(Stream.of(log, vehicle, side)) for side in (low, high)]
-    except InputError:
-        return None
-    return Variant(sides[0], sides[1], sum(high) - sum(low))
-
-
-def lowpassed(log: Log, vehicle: Vehicle, timing: Timing, sensor: str) -> Variant:
-    """The low-pass within the gyro or the accelerometer ("accel") changed, per control cycle."""
-    key, period = f"{sensor}_lag_s", vehicle.cycle.period_s
-    lag = getattr(vehicle.imu, key) / period
-    ends = max(lag - STEP, 0.0), lag + STEP
-    changed = (vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update={key: end * period})}) for end in ends)
-    low, high = (Side(Stream.of(log, one, timing)) for one in changed)
-    return Variant(low, high, ends[1] - ends[0])

@@ -43,7 +43,12 @@ def off(found: Analysis) -> Array:
 
 @pytest.mark.parametrize(
     ("true", "key", "earlier"),
-    [(0.0, "", -2), (1.6, LATE, 0), (3.6, LATE, 2), *(pytest.param(*case, marks=pytest.mark.thorough) for case in ((2.0, "", 0), (9.6, LATE, 8)))],
+    [
+        (0.0, "", -2),
+        (1.6, LATE, 0),
+        (3.6, LATE, 2),
+        *(pytest.param(*case, marks=pytest.mark.thorough) for case in ((2.0, "", 0), (9.6, LATE, 8))),
+    ],
 )
 def test_an_unknown_delay_is_found_to_a_tenth_of_a_cycle_with_an_honest_sigma(true: float, key: str, earlier: int) -> None:
     found = examined(AUTO, key=key, earlier=earlier)

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from massprop_cli.diagnosis import change
-from massprop_cli.diagnosis.causes import DEGREE, listed
+from massprop_cli.diagnosis.causes import listed
 from massprop_cli.diagnosis.contest import fitted
 from massprop_cli.diagnosis.cures import Case
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.diagnose import _changed
 from massprop_cli.diagnosis.look import Look, about_its_body, beside_a_torque, busiest, looked
 from massprop_cli.diagnosis.trial import _nothing
+from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehiclefile import changed

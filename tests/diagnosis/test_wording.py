@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis import wording
+from massprop_cli.errorparameters.parameter import Finding
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, words_of
+from massprop_cli.prepare.timing import Timing
+from tests import flight
+
+
+def finding(**errors: np.ndarray) -> Finding:
+    """Of errors, zero where none are given."""
+    flown = flight.standard()
+    setup = Setup(flown.log(), flown.used, Timing(2.0, 0.0))
+    none = {name: np.zeros(BY_NAME[name].size) for name in ENTRIES}
+    eye = np.eye(3)
+    return Finding((), (), none | errors, none, setup, setup, eye, (eye, eye), (eye, eye), 0.1)
 
 
 def said(mass: float, inertia: float) -> str:
-    rates = {"mass_rate": np.array([mass]), "inertia_rate": np.array([inertia])}
-    return wording._fuel(cast(Any, SimpleNamespace(found=SimpleNamespace(value=rates.__getitem__))))
+    return words_of("fuel-use", finding(mass_rate=np.array([mass]), inertia_rate=np.array([inertia])))[1]
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [(-0.05, -0.002), (-0.2, 0.004)])
@@ -24,3 +35,24 @@ def test_what_grows_lighter_uses_fuel(mass: float, inertia: float) -> None:
 @pytest.mark.parametrize(("mass", "inertia"), [(0.06, 0.05), (0.0, 0.05)])
 def test_what_seems_to_grow_heavier_has_thrust_that_falls(mass: float, inertia: float) -> None:
     assert "rather, thrust falls, as the pressure of a tank that empties" in said(mass, inertia)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "errors", "words"),
+    [
+        ((), ("gyro_turn", "accel_turn"), "imu.body_from_imu is "),
+        (("gyro",), ("gyro_turn",), "the gyro's axes alone are tilted by 5.73 degrees; calibrate it"),
+        (("accelerometer",), ("accel_turn",), "the accelerometer's axes alone are tilted by 5.73 degrees; calibrate it"),
+    ],
+)
+def test_a_turn_is_of_the_imu_or_of_one_sensor(sensor: tuple[str, ...], errors: tuple[str, ...], words: str) -> None:
+    found = finding(**dict.fromkeys(errors, np.array([0.1, 0.0, 0.0])))
+    assert words_of("imu-mounting", replace(found, subject=sensor))[1].startswith(words)
+
+
+def test_a_ramp_says_what_a_valve_does_and_what_each_pulse_gives() -> None:
+    cycle_s = flight.standard().used.cycle.period_s
+    late = words_of("thrust-rise", finding(rise=np.array([0.1])))[1]
+    assert late.startswith(f"thrust takes {200 * cycle_s:.3g} ms longer to rise than rise_s says")
+    assert late.endswith("later, so each pulse gives less; mend it")
+    assert words_of("thrust-rise", finding(rise=np.array([0.1]), fall=np.array([0.1])))[1].endswith("than rise_s and fall_s say; mend them")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.rigidbody import tensor
+from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -79,8 +80,8 @@ def test_a_place_along_the_jet_is_nothing_and_on_a_table_neither_is_what_it_take
 def test_what_is_not_uncertain_has_no_column() -> None:
     log, vehicle, _ = flown("planar")
     samples = Stream.of(log, vehicle, Timing(1.0, 0.0))
-    assert with_geometry(Consider(), log, vehicle, samples).kinds == ()
+    assert with_geometry(Consider(), Setup(log, vehicle, Timing(1.0, 0.0)), samples).kinds == ()
     imu = vehicle.imu.model_copy(update={"position_sigma_m": 1e-3})
-    only = with_geometry(Consider(), log, vehicle.model_copy(update={"imu": imu}), samples)
+    only = with_geometry(Consider(), Setup(log, vehicle.model_copy(update={"imu": imu}), Timing(1.0, 0.0)), samples)
     assert only.kinds == ("imu-position",) * 3
     assert replace(only, imu=()).kinds == ()

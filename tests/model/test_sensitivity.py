@@ -10,13 +10,15 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross_matrix
 from massprop_cli.conclude.assumptions import Assumption, examined
 from massprop_cli.diagnosis import delay
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate import engine, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.flow import Analysis
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import lifted
 from massprop_cli.model.plant import plant_of
-from massprop_cli.model.sensitivity import Consider, Reading, Side, Variant, fed, imu_turned, late
+from massprop_cli.model.sensitivity import Consider, Reading, Side, Variant, fed, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.result.settings import effective_settings
@@ -71,7 +73,8 @@ def test_what_the_imu_reads_is_all_that_its_turn_and_the_gyros_scale_change(flye
     assert settled.reference is not None
     own = np.array(flyer.vehicle.imu.body_from_imu)[:, axis]
     turn, angle = cross_matrix(np.eye(3)[axis]), 1e-6
-    here, turned = Side(flyer.samples), imu_turned(flyer.vehicle, axis, angle)
+    here, stated = Side(flyer.samples), Setup(flyer.log, flyer.vehicle, Timing(2.0, 0.0))
+    turned = BY_NAME["mounting"].differing(stated, angle, axis).vehicle
     scaled = Side(flyer.samples.changed(gyro=1 + 1e-6 * np.eye(3)[axis]))
     variants = (
         *(Reading(turn, turn), Reading(np.outer(own, own), np.zeros((3, 3)))),
@@ -196,9 +199,10 @@ def shorter(consider: Consider) -> History:
 
 def test_an_uncertain_delay_enters_every_sigma_by_its_shift_and_no_value() -> None:
     log, used = faulty.sample("free-flyer", 20.0)
-    variant = late(log, used, Timing(2.0, 0.0), "delay")
-    assert variant is not None
-    plain, wide = shorter(Consider()), shorter(Consider((variant,), np.array([[0.01**2]])))
+    timing = Timing(2.0, 0.0)
+    later = variant(BY_NAME["delay"], Setup(log, used, timing), Stream.of(log, used, timing))
+    assert later is not None
+    plain, wide = shorter(Consider()), shorter(Consider((later,), np.array([[0.01**2]])))
     np.testing.assert_allclose(wide.values, plain.values, rtol=1e-6, atol=1e-9, equal_nan=True)
     told = np.isfinite(plain.sigmas[:, 0])
     assert (wide.sigmas[told, :9] >= plain.sigmas[told, :9] * (1 - 1e-9)).all()

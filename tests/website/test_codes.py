@@ -12,7 +12,7 @@ import pytest
 
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.diagnosis import UNKNOWN
-from massprop_cli.diagnosis.wording import _WORDS
+from massprop_cli.errorparameters.table import CODES
 from website.examples import VERDICTS, WARNINGS
 from website.pictures import picture
 from website.stage import ROOT
@@ -35,15 +35,13 @@ def literals(node: ast.expr) -> Iterator[str]:
 
 
 def codes() -> set[str]:
-    found = {*_WORDS, UNKNOWN}
+    found = {*CODES, UNKNOWN}
     for path in (ROOT / "massprop_cli").rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in TOLD:
                 given = [*node.args[:2], *(word.value for word in node.keywords if word.arg == "code")]
                 found |= {text for part in given for text in literals(part) if CODE.fullmatch(text.replace(".+", "x"))}
-            elif isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and path.name == "wording.py":
-                found |= {text for text in literals(node.value.elts[0]) if CODE.fullmatch(text)}
     return found
 
 

@@ -1,0 +1,94 @@
+"""How the body may change, and what spins in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.rotor import Rotor
+from massprop_cli.inputs.wheel import Wheel
+
+GROWN = 1.0
+"""Percent by which mass or inertia may seem to grow by chance: what thrust is repeatable to."""
+Spinner = TypeVar("Spinner", Wheel, Rotor)
+
+
+def _rates(finding: Finding) -> Mapping[str, object]:
+    return {name: 100 * finding.mean(f"{name}_rate") for name in ("mass", "inertia")}
+
+
+def _walk(finding: Finding) -> float:
+    """Relative, per √s: a random walk that may change the mass over the log by as much as is estimated."""
+    span_s = float(np.ptp(finding.stated.log.time_s)) or 1.0
+    return abs(finding.mean("mass_rate")) / finding.inverse_mass / float(np.sqrt(span_s))
+
+
+def _heavier(setup: Setup, error: Array) -> Setup:
+    def one(each: Spinner) -> Spinner:
+        spin = each.spin_inertia_kg_m2
+        return each if spin is None else each.model_copy(update={"spin_inertia_kg_m2": (1 + float(error[0])) * spin})
+
+    vehicle = setup.vehicle
+    changed = {"wheels": tuple(map(one, vehicle.wheels)), "rotors": tuple(map(one, vehicle.rotors))}
+    return setup._replace(vehicle=type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), **changed}))
+
+
+def _spin(setup: Setup) -> str:
+    uncertain = any(wheel.spin_inertia_sigma_kg_m2 > 0 for wheel in setup.vehicle.spinning)
+    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
+    return f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
+
+
+_CHANGES = "the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle"
+_NO_KEY = "no key: a change is not stated but allowed for, by [drift]"
+PARAMETERS = (
+    ErrorParameter(
+        "mass_rate",
+        "fuel-use",
+        "change of the mass over the log",
+        "parts",
+        prior=0.3,  # a tank is a third of a small vehicle
+        no_key=_NO_KEY,
+        sigma_key="drift.mass",
+        stated_sigma=_walk,
+        columns=("aging",),
+        wording=Wording(_CHANGES, "state [drift]", _rates),
+    ),
+    ErrorParameter(
+        "inertia_rate",
+        "fuel-use",
+        "change of the inertia over the log",
+        "parts",
+        prior=0.3,  # as of the mass that makes it
+        no_key=_NO_KEY,
+        no_sigma="drift.mass allows for both",
+        columns=("aging",),
+        wording=Wording(_CHANGES, "state [drift]", _rates),
+    ),
+    ErrorParameter(
+        "spin_inertia",
+        "wheel-inertia",
+        "spin inertia of wheels and rotors",
+        "1",
+        key="wheels.spin_inertia_kg_m2",
+        sigma_key="wheels.spin_inertia_sigma_kg_m2",
+        change=_heavier,
+        redone="all",
+        difference=0.01,
+        step=Step("wheel-inertia", 0.01, "1 %", _spin, lambda setup: bool(setup.vehicle.spinning)),
+    ),
+)
+SPECIAL_CASES = (
+    # no fuel is won
+    SpecialCase(
+        "fuel-use",
+        "fuel-use",
+        lambda finding: max(map(float, _rates(finding).values())) > GROWN,  # type: ignore[arg-type]
+        Wording(f"{_CHANGES}; rather, thrust falls, as the pressure of a tank that empties", "regulate it, or use less of the log", _rates),
+    ),
+)

@@ -1,0 +1,210 @@
+"""What the test environment may be otherwise than stated: bearing, gravity, torques, the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, Step, Unit, Wording, vector
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
+
+DEGREE = float(np.pi / 180)
+WALK = 1e-3
+"""Of a steady torque, what a correction lets it change per cycle: over 1,000 cycles it wanders by 3 % of itself, so it stays steady."""
+
+
+_BY_GRAVITY = "massprop reports what one degree of it does"
+
+
+def level_of(up: Array) -> Array:
+    """(2, 3) what is level where this (3,) is up, called east and north."""
+    found: Array = np.linalg.svd(up[None])[2][1:]
+    return found
+
+
+def _tilted(setup: Setup, error: Array) -> Setup:
+    """The attitude at the start with its vertical moved by so much of what was level then (:mod:`massprop_cli.diagnosis.channelwise`)."""
+    key = "environment.initial_attitude_wxyz"
+    first = setup.value(key)
+    up = world_up_b(first)
+    # u + δ = u turned by u × δ, so the body turns by the opposite
+    return setup.having(key, np.array(quaternion_product(first, quaternion_of(-np.cross(up, error @ level_of(up))))))
+
+
+def _tilted_in_world(setup: Setup, error: Array) -> Setup:
+    key = "environment.initial_attitude_wxyz"
+    return setup.having(key, np.array(quaternion_product(quaternion_of(np.append(error, 0.0)), setup.value(key))))
+
+
+def _on_bearing(setup: Setup) -> bool:
+    return setup.vehicle.on_air_bearing
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _stated(name: str, unit: str) -> Callable[[Setup], str]:
+    def message(setup: Setup) -> str:
+        environment = setup.vehicle.environment
+        said = "stated" if name in environment.model_fields_set else "not stated and taken"
+        return f"environment.{name} is {said} as {getattr(environment, name):g} {unit}"
+
+    return message
+
+
+def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
+    """A number that scales what gravity does; an error is a part of it."""
+    return ErrorParameter(
+        name,
+        code,
+        what,
+        "1",
+        key=f"environment.{name}",
+        no_sigma="it is weighed, or known, to better than it moves a value",
+        lowest=0.0,
+        scale=lambda vehicle: float(getattr(vehicle.environment, name)),
+        environments=("air_bearing",),
+        difference=0.01,
+        step=Step(
+            code,
+            0.01,
+            "1 %",
+            _stated(name, unit),
+            lambda setup: _on_bearing(setup) and getattr(setup.vehicle.environment, name) > 0,
+        ),
+    )
+
+
+def _acting(name: str) -> Facts:
+    return lambda finding: {name: vector(finding.errors[name])}
+
+
+def _angle(finding: Finding) -> Mapping[str, object]:
+    return {"angle": np.degrees(np.linalg.norm(finding.errors["tilt"]))}
+
+
+def _largest(name: str, finding: Finding) -> float:
+    return float(np.abs(finding.errors[name]).max())
+
+
+PARAMETERS = (
+    _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn"),
+    _assumed("gravity_m_s2", "gravity", "m/s²", "gravity"),
+    ErrorParameter(
+        "bearing",
+        "bearing-position",
+        "position of the bearing's centre",
+        "m",
+        prior=0.005,  # half a ball's clearance and its seat: machined
+        key="environment.bearing_position_m",
+        no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
+        size=3,
+        environments=("air_bearing",),
+        difference=1e-4,
+        wording=Wording(
+            "the bearing's centre is {by} mm away from environment.bearing_position_m",
+            "mend it",
+            lambda finding: {"by": vector(finding.errors["bearing"], 1e3)},
+        ),
+        step=Step(
+            "bearing-position",
+            1e-3,
+            "1 mm along {axis}",
+            lambda setup: (
+                f"environment.bearing_position_m is {_listed(setup.vehicle.environment.bearing_position_m)} m; further along {{axis}}"
+            ),
+            _on_bearing,
+        ),
+    ),
+    ErrorParameter(
+        "tilt",
+        "attitude-start",
+        "tilt at the start",
+        "rad",
+        prior=0.1,  # what a ball's cup lets a vehicle lean, 6 degrees
+        key="environment.initial_attitude_wxyz",
+        no_sigma=_BY_GRAVITY,
+        size=2,
+        change=_tilted,
+        columns=("east", "north"),
+        bends="with gravity",
+        environments=("air_bearing",),
+        redone="motion",
+        difference=0.1 * DEGREE,
+        wording=Wording(
+            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "mend it, or level the table", _angle
+        ),
+    ),
+    ErrorParameter(
+        "attitude",
+        "initial-attitude",
+        "tilt at the start about the world's axes",
+        "rad",
+        key="environment.initial_attitude_wxyz",
+        no_sigma=_BY_GRAVITY,
+        size=2,
+        change=_tilted_in_world,
+        environments=("air_bearing",),
+        redone="motion",
+        difference=0.1 * DEGREE,
+        step=Step(
+            "initial-attitude",
+            DEGREE,
+            "1 degree about the world's {axis}",
+            lambda setup: (
+                f"environment.initial_attitude_wxyz is {_listed(setup.vehicle.environment.initial_attitude_wxyz)}; "
+                "tilted about the world's {axis}"
+            ),
+            lambda setup: _on_bearing(setup) and setup.log.attitude_wxyz is None,
+            axes="XY",
+        ),
+    ),
+    ErrorParameter(
+        "torque",
+        "steady-torque",
+        "steady torque",
+        "N m",
+        prior=1.0,  # any: as large as what the jets of a large vehicle give
+        no_key="no key: its size is not stated but estimated",
+        sigma_key="environment.disturbance_walk_n_m",
+        size=3,
+        stated_sigma=lambda finding: WALK * _largest("torque", finding),
+        wording=Wording("a steady torque of {torque} N m acts beside the commands", "find it, or state a disturbance", _acting("torque")),
+    ),
+    ErrorParameter(
+        "drag",
+        "rate-torque",
+        "torque against the rate",
+        "N m s",
+        prior=1.0,  # any: a body of 1 kg m² would stop within a second
+        no_key="no key: it is estimated where its sigma is stated",
+        sigma_key="environment.damping_sigma_n_m_s",
+        size=3,
+        stated_sigma=lambda finding: _largest("drag", finding),
+        columns=("rates",),
+        estimated=True,
+        uncertain=("damping", "the log was asked for a torque against the rate, {damping} N m s times it"),
+        wording=Wording(
+            "a torque of {drag} N m s times the rate acts beside the commands: drag, or a cable",
+            "state environment.damping_sigma_n_m_s",
+            _acting("drag"),
+        ),
+    ),
+    ErrorParameter(
+        "slope",
+        "table-tilt",
+        "tilt of a planar table, times gravity",
+        "m/s²",
+        no_key="no key: it is estimated with its stated sigma",
+        sigma_key="environment.table_tilt_sigma_rad",
+        size=2,
+        scale=lambda vehicle: 1 / g if (g := vehicle.environment.gravity_m_s2) else np.inf,
+        columns=("slope 0", "slope 1"),
+        estimated=True,
+        environments=("planar",),
+    ),
+)

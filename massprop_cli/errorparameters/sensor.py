@@ -1,0 +1,159 @@
+"""What gyro and accelerometer may show otherwise than what is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording, vector
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
+
+DEGREE = float(np.pi / 180)
+GRAVITY = 9.80665
+WORDS = {"gyro": "gyro", "accel": "accelerometer"}
+INCREMENTS = {"gyro": "delta_theta_imu_rad", "accel": "delta_v_imu_m_s"}
+GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
+"""Codes of the assumptions that the sensors' scales are exact."""
+ASSUMED: dict[str, tuple[str, Literal["parts", "columns"]]] = {"gyro": (GYRO, "parts"), "accel": (ACCELEROMETER, "columns")}
+_CALIBRATE = "no key: the remedy is a calibration, or a factor under [columns]"
+
+
+def _unbiased(sensor: str, setup: Setup, error: Array) -> Setup:
+    """The log's increments less a bias, which is in body axes."""
+    name, log = INCREMENTS[sensor], setup.log
+    own = np.array(setup.vehicle.imu.body_from_imu).T @ error
+    return setup._replace(log=replace(log, **{name: getattr(log, name) - own * log.interval_s[:, None]}))
+
+
+def _factor(sensor: str) -> Facts:
+    def facts(finding: Finding) -> Mapping[str, object]:
+        factors = np.exp(finding.errors[f"{sensor}_scale"])
+        factor = float(factors[np.abs(np.log(factors)).argmax()])
+        return {"axis": f"'s {finding.subject[0]} axis" if finding.subject else "", "factor": factor, "inverse": 1 / factor}
+
+    return facts
+
+
+def _of_lag(sensor: str) -> Facts:
+    def facts(finding: Finding) -> Mapping[str, object]:
+        name = f"{sensor}_lag"
+        return {"lag": finding.corrected.value(f"imu.{name}_s")[0], "sigma": finding.sigmas[name][0] * finding.stated.period_s}
+
+    return facts
+
+
+def _largest(name: str, finding: Finding) -> float:
+    return float(np.abs(finding.errors[name]).max())
+
+
+def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
+    word, code, by_axis = WORDS[sensor], *ASSUMED[sensor]
+    columns = tuple(f"gyro_scale {i}" for i in range(3)) if sensor == "gyro" else ()
+    return ErrorParameter(
+        f"{sensor}_scale",
+        f"{sensor}-scale",
+        f"scale of the {word} along each of its axes",
+        "1",
+        prior=0.05,  # data sheets of small MEMS sensors: up to 3 %, and as much again over temperature
+        no_key=_CALIBRATE,
+        no_sigma=_CALIBRATE,
+        size=3,
+        sensor=sensor,
+        shown=lambda error, _: np.diag(np.exp(error)),
+        columns=columns,
+        bends="with gravity" if sensor == "gyro" else "never",
+        redone="motion",
+        difference=0.01,
+        wording=Wording(
+            f"the {word}{{axis}} shows {{factor:.5g}} of what is",
+            "calibrate it, or scale its columns under [columns] ({inverse:.6g})",
+            _factor(sensor),
+        ),
+        step=Step(code, 0.01, "1 %", lambda _: f"the {word}'s scale{{along}} is taken as exact", by_axis=by_axis),
+    )
+
+
+def _bias(sensor: str, unit: Unit, prior: float, columns: tuple[str, ...]) -> ErrorParameter:
+    name, key = f"{sensor}_bias", f"imu.{sensor}_bias_sigma_{'rad_s' if sensor == 'gyro' else 'm_s2'}"
+    shown = "rad/s" if sensor == "gyro" else "m/s^2"
+    return ErrorParameter(
+        name,
+        f"{sensor}-bias",
+        f"bias of the {WORDS[sensor]}",
+        unit,
+        prior=prior,
+        no_key="no key: it is estimated where its sigma is stated",
+        sigma_key=key,
+        size=3,
+        change=lambda setup, error: _unbiased(sensor, setup, error),
+        stated_sigma=lambda finding: _largest(name, finding),
+        columns=columns,
+        bends="with gravity" if sensor == "gyro" else "never",
+        estimated=True,
+        redone="motion",
+        wording=Wording(
+            f"the {WORDS[sensor]} has a bias of {{bias}} {shown}, IMU axes",
+            f"state {key}",
+            lambda finding: {"bias": vector(finding.mounting.T @ finding.errors[name])},
+        ),
+    )
+
+
+def _lowpass(sensor: str) -> ErrorParameter:
+    name = f"{sensor}_lag"
+    return ErrorParameter(
+        name,
+        f"{sensor}-filter",
+        f"first-order low-pass within the {WORDS[sensor]}",
+        "cycles",
+        prior=1.0,  # filters are set to the rate at which a controller reads
+        key=f"imu.{name}_s",
+        sigma_key=f"imu.{name}_sigma_s",
+        lowest=0.0,
+        slack=EARLIEST,
+        scale=lambda vehicle: vehicle.cycle.period_s,
+        stated_sigma=lambda finding: float(finding.sigmas[name][0]) * finding.stated.period_s,
+        columns=LATER,
+        bends="always",
+        late=sensor == "gyro",  # the specific force alone comes late by the accelerometer's, which nothing else does
+        redone="commands",
+        difference=DIFFERENCE,
+        wording=Wording(
+            f"the {WORDS[sensor]} is low-pass filtered with a time constant of {{lag:.3g}} ± {{sigma:.2g}} s",
+            f"log what is before it, or state imu.{name}_s",
+            _of_lag(sensor),
+        ),
+    )
+
+
+PARAMETERS = (
+    _scale("gyro"),
+    _scale("accel"),
+    # turn-on biases of small MEMS sensors: 3 °/s and 50 mg at worst
+    _bias("gyro", "rad/s", 0.05, ("rates", *(f"gyro_bias {i}" for i in range(3)))),
+    _bias("accel", "m/s²", 0.5, ()),
+    _lowpass("gyro"),
+    _lowpass("accel"),
+)
+_SCALE_COLUMNS = "mend the log, or scale its columns under [columns]"
+_TWICE = "its gyro columns were turned into radians twice"
+SPECIAL_CASES = (
+    SpecialCase(
+        "gyro-units",
+        "gyro-units",
+        lambda finding: finding.subject[0] == "degrees",
+        Wording("its gyro columns are in degrees, not radians", f"{_SCALE_COLUMNS} ({DEGREE:.6g})"),
+    ),
+    SpecialCase("gyro-units", "gyro-units", lambda _: True, Wording(_TWICE, f"{_SCALE_COLUMNS} ({1 / DEGREE:.6g})")),
+    SpecialCase(
+        "accel-units",
+        "accel-units",
+        lambda _: True,
+        Wording("its accelerometer columns are in g", f"{_SCALE_COLUMNS} ({GRAVITY:.6g})"),
+    ),
+)

@@ -1,0 +1,68 @@
+"""A log, a vehicle file and a timing, whose keys are read and changed by name."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.timing import Timing
+
+DELAY, LAG = "cycle.command_delay_cycles", "thrust.lag_s"
+"""Keys that a vehicle file may leave to be found; their values are those of the timing."""
+
+
+class Setup(NamedTuple):
+    """What an estimate starts from."""
+
+    log: Log
+    vehicle: Vehicle
+    timing: Timing
+    fired: tuple[int, ...] = ()
+    """Channels that an error per channel is about."""
+    clock_s: tuple[float, float] = (0.0, 1.0)
+    """From the log's beginning to the middle of the stretch in which a clock drifts, and the stretch's length."""
+
+    @property
+    def period_s(self) -> float:
+        """Length of a control cycle."""
+        return self.vehicle.cycle.period_s
+
+    def value(self, key: str) -> Array:
+        """(n,) or (n, m) of a key, ``section.name``; of ``jets.name`` one row per jet."""
+        if key in (DELAY, LAG):
+            return np.array([self.timing.delay if key == DELAY else self.timing.lag_s(self.vehicle)])
+        return stated(self.vehicle, key)
+
+    def having(self, key: str, value: Array) -> Self:
+        """With another value, shaped as :meth:`value` has it."""
+        if key == DELAY:
+            return self._replace(timing=self.timing._replace(delay=float(value[0])))
+        if key == LAG:
+            return self._replace(timing=self.timing._replace(lag=float(value[0]) / self.period_s))
+        section, name = key.split(".")
+        if section == "jets":
+            pairs = zip(self.vehicle.jets, self.value(key), value, strict=True)
+            changed: Any = tuple(jet if np.array_equal(a, b) else jet.model_copy(update={name: _plain(b)}) for jet, a, b in pairs)
+        else:
+            scalar = not isinstance(getattr(getattr(self.vehicle, section), name), tuple)
+            changed = getattr(self.vehicle, section).model_copy(update={name: _plain(value[0] if scalar else value)})
+        # constructed anew: a copy would keep what was computed of the jets before
+        used = type(self.vehicle).model_construct(self.vehicle.model_fields_set, **{**dict(self.vehicle), section: changed})
+        return self._replace(vehicle=used)
+
+
+def stated(vehicle: Vehicle, key: str) -> Array:
+    """The value of a key as :meth:`Setup.value` has it, of a vehicle file alone."""
+    section, name = key.split(".")
+    if section == "jets":
+        return np.array([getattr(jet, name) for jet in vehicle.jets])
+    return np.atleast_1d(np.array(getattr(getattr(vehicle, section), name), dtype=float))
+
+
+def _plain(value: Any) -> Any:
+    """A number or nested tuples of numbers, as the vehicle file's models hold them."""
+    return tuple(_plain(part) for part in value) if np.ndim(value) else float(value)

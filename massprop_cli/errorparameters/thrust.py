@@ -1,0 +1,230 @@
+"""What jets and commanded wrenches may do otherwise than stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, vector
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.equipment import MOST_DROOP
+from massprop_cli.prepare.actuators import together
+
+NEAR = 0.05
+"""Parts of the stated thrust within which a jet is dead or reversed: a sixth of the prior sigma of a jet that is neither."""
+_REFIT = "a correction is refitted one sigma further on instead"
+
+
+def _at_jets(setup: Setup, key: str, value: Array) -> Setup:
+    """With a row of a key for each channel that fired; as it is where commands are no jets'."""
+    if setup.log.command_kind != "jets":
+        return setup
+    every = setup.value(key)
+    every[list(setup.fired)] = value
+    return setup.having(key, every)
+
+
+def _turned(setup: Setup, error: Array) -> Setup:
+    """Forces of the same size along other directions."""
+    force = setup.value("jets.force_n")[list(setup.fired)] if setup.log.command_kind == "jets" else np.zeros((len(setup.fired), 3))
+    along = force + error.reshape(-1, 3)
+    size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, force))
+    return _at_jets(setup, "jets.force_n", along * (stated / np.where(stated > 0, size, 1.0)))
+
+
+def _scaled(setup: Setup, error: Array) -> Setup:
+    """Forces, or commands, times a factor."""
+    fired = list(setup.fired)
+    if setup.log.command_kind == "wrench":
+        command = np.ones(setup.log.command.shape[1])
+        command[fired] += error
+        return setup._replace(log=replace(setup.log, command=setup.log.command * command))
+    if setup.log.command_kind != "jets":
+        return setup
+    return _at_jets(setup, "jets.force_n", setup.value("jets.force_n")[fired] * (1 + error[:, None]))
+
+
+def _moved(setup: Setup, error: Array) -> Setup:
+    if setup.log.command_kind != "jets":
+        return setup
+    return _at_jets(setup, "jets.position_m", setup.value("jets.position_m")[list(setup.fired)] + error.reshape(-1, 3))
+
+
+def _angle(finding: Finding) -> Mapping[str, object]:
+    stated, true = (force[finding.channel] for force in finding.force)
+    cosine = stated @ true / np.linalg.norm(stated) / np.linalg.norm(true)
+    return {"jet": finding.subject[0], "angle": np.degrees(np.arccos(np.clip(cosine, -1, 1))), "force": vector(true)}
+
+
+def _place(finding: Finding) -> Mapping[str, object]:
+    return {"jet": finding.subject[0], "by": vector(finding.errors["position"].reshape(-1, 3)[finding.channel], 1e3)}
+
+
+def _who(finding: Finding) -> Mapping[str, object]:
+    several, listed = len(finding.subject) > 1, ", ".join(finding.subject)
+    who = listed if not finding.by_jets else f"jets {listed}" if several else f"jet {listed}"
+    scale = "mend the unit or scale of these, or of the others, under [columns]" if several else "mend the scale under [columns]"
+    verbs = {"push": "push", "give": "give", "do": "do"} if several else {"push": "pushes", "give": "gives", "do": "does"}
+    return {"who": who, "factor": finding.factor, "scale": "mend force_n or calibrate" if finding.by_jets else scale, **verbs}
+
+
+def _swapped(finding: Finding) -> Mapping[str, object]:
+    return dict(zip(("one", "other"), finding.subject, strict=True))
+
+
+def _ramps(finding: Finding) -> Mapping[str, object]:
+    rise, fall = (2e3 * finding.mean(name) * finding.stated.period_s for name in ("rise", "fall"))
+    by = rise or fall
+    longer = f"thrust takes {abs(by):.3g} ms {'longer' if by > 0 else 'less'}"
+    if rise and fall:
+        return {"ramps": f"{longer} to rise and to fall than rise_s and fall_s say", "them": "them"}
+    ramp, valve, gives = ("rise", "opens", by < 0) if rise else ("fall", "closes", by > 0)
+    effect = f"of a valve that {valve} {abs(by) / 2:.3g} ms {'later' if by > 0 else 'earlier'}, so each pulse gives"
+    return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}
+
+
+def _lost(key: str) -> Wording:
+    def facts(finding: Finding) -> Mapping[str, object]:
+        return {"lost": 100 * finding.corrected.value(f"thrust.{key}")[0], "sigma": 100 * finding.sigmas[key][0]}
+
+    when = "while that is open" if key == "droop" else "that fires in its cycle"
+    sentence = (
+        f"each jet loses {{lost:.3g}} ± {{sigma:.2g}} % of its thrust for each further one {when}, as of a supply whose pressure sags"
+    )
+    return Wording(sentence, f"state thrust.{key}", facts)
+
+
+def _droop_stated(setup: Setup) -> bool:
+    return bool({"droop", "cycle_droop"} & setup.vehicle.thrust.model_fields_set)
+
+
+def _supply(setup: Setup) -> str:
+    thrust = setup.vehicle.thrust
+    if _droop_stated(setup):
+        return f"each jet loses {100 * (thrust.droop + thrust.cycle_droop):g} % of its thrust for each further one"
+    return "each jet gives the same however many others are open (thrust.droop is not stated)"
+
+
+def _sharing(setup: Setup) -> bool:
+    return setup.log.command_kind == "jets" and together(setup.log) > 1
+
+
+def _droop(key: str, column: str, what: str, part_of: str = "") -> ErrorParameter:
+    return ErrorParameter(
+        key,
+        "thrust-droop",
+        what,
+        "parts",
+        prior=0.03,  # a supply that is worse is re-plumbed: a sixth of what the vehicle file allows, at two sigma a third
+        key=f"thrust.{key}",
+        no_sigma=_REFIT,
+        lowest=0.0,
+        highest=MOST_DROOP,
+        slack=0.002,  # what the thrust of a jet gains beside another by chance in a log of 1,000 cycles
+        columns=(column,),
+        late=True,
+        redone="commands",
+        difference=0.01,
+        wording=_lost(key),
+        step=Step(f"thrust-{key.replace('_', '-')}", 0.01, "1 % for each", _supply, _sharing, part_of, stated=_droop_stated),
+    )
+
+
+def _ramp(name: str, column: str, what: str) -> ErrorParameter:
+    return ErrorParameter(
+        name,
+        "thrust-rise",
+        what,
+        "cycles",
+        prior=0.3,  # a ramp as long as 0.6 cycles: valves are chosen to be faster than the cycle
+        key=f"jets.{name}_s",
+        no_sigma=_REFIT,
+        lowest=0.0,
+        slack=0.5,
+        scale=lambda vehicle: 2 * vehicle.cycle.period_s,  # half of the thrust comes later by half the ramp
+        columns=("smeared", column),
+        bends="always",
+        late=True,
+        redone="commands",
+        difference=0.02,
+        wording=Wording("{ramps}", "mend {them}", _ramps),
+    )
+
+
+PARAMETERS = (
+    ErrorParameter(
+        "direction",
+        "jet-direction",
+        "direction of each jet's force",
+        "N",
+        prior=0.2,  # of the force, so rad: a bracket that is mounted 12 degrees off
+        key="jets.force_n",
+        sigma_key="jets.direction_sigma_rad",
+        size=3,
+        per_channel=True,
+        change=_turned,
+        uncertain=("jet-direction", "jets point where they are stated to within jets.direction_sigma_rad"),
+        wording=Wording("jet {jet} pushes {angle:.3g} degrees away from its force_n, with {force} N", "mend it", _angle),
+    ),
+    ErrorParameter(
+        "thrust",
+        "thrust-scale",
+        "thrust of each jet or component of the commanded wrench",
+        "1",
+        prior=0.3,  # calibrated thrust is within a few percent; a wrong regulator setting or nozzle is a third
+        key="jets.force_n",
+        sigma_key="jets.thrust_sigma",
+        per_channel=True,
+        change=_scaled,
+        uncertain=("jet-thrust", "each jet's own thrust is as uncertain as jets.thrust_sigma says"),
+        wording=Wording("{who} ({factor:+.4g}) {give} another part of the stated thrust than others", "{scale}", _who),
+    ),
+    ErrorParameter(
+        "position",
+        "jet-position",
+        "position of each jet",
+        "m",
+        prior=0.03,  # the size of a bracket: a mistaken mounting hole
+        key="jets.position_m",
+        sigma_key="jets.position_sigma_m",
+        size=3,
+        per_channel=True,
+        change=_moved,
+        uncertain=("jet-position", "jets sit where they are stated to within jets.position_sigma_m"),
+        wording=Wording("jet {jet} sits {by} mm away from its position_m", "mend it", _place),
+    ),
+    _ramp("rise", "rising", "time that thrust takes to rise"),
+    _ramp("fall", "falling", "time that thrust takes to fall"),
+    _droop("droop", "sagging", "thrust lost to other jets that are open"),
+    _droop("cycle_droop", "ebbing", "thrust lost to other jets that fire in the cycle", "thrust-droop"),
+)
+
+
+def _reversed(finding: Finding) -> bool:
+    return abs(finding.factor + 1) < NEAR
+
+
+def _all_reversed(finding: Finding) -> bool:
+    return _reversed(finding) and 1 < len(finding.subject) == len(finding.names)
+
+
+_ALL_JETS = "all jets push the other way: force_n is what pushes the vehicle, not the plume"
+_ALL_COMMANDS = "all commands act the other way: commands are what acts on the vehicle, not what it reacts to"
+_OTHER_WAY = "{who} {push} the other way than stated"
+_SWAPPED = "jets {one} and {other} are swapped: each does what is stated of the other"
+SPECIAL_CASES = (
+    SpecialCase("thrust-scale", "jet-sign", lambda f: f.by_jets and _all_reversed(f), Wording(_ALL_JETS, "mend the sign of every force_n")),
+    SpecialCase("thrust-scale", "command-sign", _all_reversed, Wording(_ALL_COMMANDS, "mend their signs under [columns]")),
+    SpecialCase("thrust-scale", "jet-sign", lambda f: f.by_jets and _reversed(f), Wording(_OTHER_WAY, "mend force_n", _who)),
+    SpecialCase("thrust-scale", "command-sign", _reversed, Wording(_OTHER_WAY, "mend the sign under [columns]", _who)),
+    SpecialCase(
+        "thrust-scale",
+        "jet-dead",
+        lambda f: abs(f.factor) < NEAR,
+        Wording("{who} {do} not push at all", "look at valves and wiring", _who),
+    ),
+    SpecialCase("jets-swapped", "jets-swapped", lambda _: True, Wording(_SWAPPED, "swap wires, columns or entries", _swapped)),
+)

@@ -1,0 +1,123 @@
+"""When commands act, and by which clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from massprop_cli.base.arrays import Array
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, Step, Wording
+from massprop_cli.errorparameters.setup import DELAY, LAG, Setup
+from massprop_cli.inputs.equipment import FASTEST_PPM
+
+LATER = ("later", "lagging", "smeared")
+"""Columns of what comes later."""
+EARLIEST = 0.5
+"""Cycles below zero that a first, linear step may lead to: half the grid on which motion and commands are compared."""
+DIFFERENCE = 0.02
+"""Cycles behind derivatives: far above rounding, and commands that move so little change cycle means linearly."""
+DELAY_STEP = 0.1
+"""Cycles that the assumption of a delay is shown for."""
+
+
+def _drifting(setup: Setup, error: Array) -> Setup:
+    """The clocks agree where the log begins, so the delay of the stretch is that of its own less what has run up before."""
+    faster_ppm = 1e6 * float(error[0]) * setup.period_s / setup.clock_s[1]
+    began = 1e-6 * faster_ppm * setup.clock_s[0] / setup.period_s
+    changed = setup.having("imu.clock_drift_ppm", setup.value("imu.clock_drift_ppm") + faster_ppm)
+    return changed.having(DELAY, changed.value(DELAY) - began)
+
+
+def _lagging(setup: Setup, error: Array) -> Setup:
+    """In cycles, as the timing has it."""
+    return setup._replace(timing=setup.timing.moved(["lag"], error))
+
+
+def _delay(finding: Finding) -> Mapping[str, object]:
+    return {
+        "stated": finding.stated.timing.delay,
+        "shown": finding.corrected.timing.delay,
+        "sigma": finding.sigmas["delay"][0],
+    }
+
+
+def _lag(finding: Finding) -> Mapping[str, object]:
+    return {"lag": finding.corrected.value(LAG)[0], "sigma": finding.sigmas["lag"][0] * finding.stated.period_s}
+
+
+def _fast(finding: Finding) -> Mapping[str, object]:
+    return {"fast": finding.corrected.value("imu.clock_drift_ppm")[0]}
+
+
+def _assumed(setup: Setup) -> str:
+    cycle = setup.vehicle.cycle
+    exact = "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
+    words = "its uncertainty is in every sigma" if cycle.command_delay_sigma_cycles > 0 else exact
+    said = "" if "command_delay_cycles" in cycle.model_fields_set else ", which nobody stated"
+    return f"the command delay is {setup.timing.delay:.6g} cycles{said}; {words}"
+
+
+_DRIFT = ErrorParameter(
+    "drift",
+    "clock-drift",
+    "drift of the IMU's clock against that of the commands",
+    "cycles",
+    prior=2.0,  # over the stretch: 100 ppm, of two cheap oscillators, over 1,000 s at 20 Hz
+    key="imu.clock_drift_ppm",
+    no_sigma="the log tells it to parts per million, far below what moves a value",
+    lowest=-FASTEST_PPM,
+    highest=FASTEST_PPM,
+    change=_drifting,
+    columns=("drifting",),
+    bends="always",
+    late=True,
+    redone="commands",
+    wording=Wording(
+        "the IMU's clock runs {fast:.4g} ppm faster than that of the commands", "use one clock, or state imu.clock_drift_ppm", _fast
+    ),
+)
+PARAMETERS = (
+    _DRIFT,
+    ErrorParameter(
+        "delay",
+        "delay-mismatch",
+        "delay from command to execution",
+        "cycles",
+        prior=1.0,  # whether a command acts in the cycle that issues it or in the next
+        key=DELAY,
+        sigma_key="cycle.command_delay_sigma_cycles",
+        lowest=0.0,
+        slack=EARLIEST,
+        stated_sigma=lambda finding: float(finding.sigmas["delay"][0]),
+        columns=LATER,
+        bends="always",
+        late=True,
+        redone="commands",
+        difference=DIFFERENCE,
+        wording=Wording(
+            "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {shown:.4g} ± {sigma:.2g} cycles",
+            'mend it, or state "auto" to have it found',
+            _delay,
+        ),
+        step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
+    ),
+    ErrorParameter(
+        "lag",
+        "thrust-lag",
+        "first-order lag of thrust or wrench",
+        "cycles",
+        prior=0.5,  # valves and motors answer within a cycle, or the loop would not hold
+        key=LAG,
+        sigma_key="thrust.lag_sigma_s",
+        lowest=0.0,
+        slack=EARLIEST,
+        scale=lambda vehicle: vehicle.cycle.period_s,
+        change=_lagging,
+        stated_sigma=lambda finding: float(finding.sigmas["lag"][0]) * finding.stated.period_s,
+        columns=LATER,
+        bends="always",
+        late=True,
+        redone="commands",
+        difference=DIFFERENCE,
+        wording=Wording("thrust follows commands with a lag of {lag:.4g} ± {sigma:.2g} s", "state thrust.lag_s", _lag),
+    ),
+)
