@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
@@ -43,6 +43,12 @@ PART = 1e-3
 
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
+ESTIMATED = (
+    *SIGMAS.values(),
+    *("cycle.command_delay_sigma_cycles", "thrust.lag_sigma_s", "imu.gyro_lag_sigma_s", "imu.accel_lag_sigma_s"),
+    *("imu.gyro_skew_sigma_rad", "environment.disturbance_walk_n_m", "drift.mass"),
+)
+"""Keys of a cure that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
 
 class Case(NamedTuple):
@@ -66,16 +72,17 @@ class Cure:
     command: tuple[float, ...] = ()
     """On each component of a commanded wrench; empty: none."""
 
-    def followed_by(self, other: Cure) -> Cure:
-        """Both."""
-        return Cure(
-            (*self.settings, *other.settings),
-            _product(other.gyro, self.gyro),
-            _product(other.accelerometer, self.accelerometer),
-            tuple(a * b for a, b in zip(self.command, other.command, strict=True))
-            if self.command and other.command
-            else self.command or other.command,
-        )
+    @property
+    def by_keys(self) -> bool:
+        """Whether keys of the vehicle file say all of it: a sensor's columns have a source and a scale each, and no more."""
+        return all(sum(value != 0 for value in row) == 1 for row in (*self.gyro, *self.accelerometer))
+
+    def keys(self, log: Log, columns: Mapping[str, Column]) -> tuple[dict[str, object], dict[str, object]]:
+        """Values by dotted key, those under ``[columns]`` too: of what something is, and of how uncertain it is (``ESTIMATED``)."""
+        pairs = [setting.partition("=") for setting in (*self.settings, *self.column_settings(log, columns))]
+        sides = ([(key, text) for key, _, text in pairs if (key in ESTIMATED) == spread] for spread in (False, True))
+        values, spreads = ({key: configfile.literal(text) for key, text in side} for side in sides)
+        return values, spreads
 
     def log(self, log: Log) -> Log:
         """The log as it is after the cure's factors."""
@@ -106,17 +113,16 @@ def _column(columns: Mapping[str, Column], name: str, names: Sequence[str], row:
     if names[at] == name and row[at] == 1.0:
         return ""
     now = columns.get(names[at], Column.model_validate({"from": names[at]}))
-    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
-
-
-def _product(after: Matrix, before: Matrix) -> Matrix:
-    if not after or not before:
-        return after or before
-    return _rows(np.array(after) @ np.array(before))
+    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.15g} }}"
 
 
 def _rows(matrix: Array) -> Matrix:
     return tuple(tuple(float(value) + 0.0 for value in row) for row in matrix)
+
+
+def _printed(value: float) -> float:
+    """To as many figures as a setting has, so that the setting is what was used."""
+    return float(f"{value:.9g}")
 
 
 def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
@@ -178,7 +184,7 @@ def _on_columns(found: Fitted) -> Cure:
         turn = np.eye(3) if both else rotation(found.value(f"{name}_turn")) @ base
         matrix = np.linalg.inv(scale @ mounting.T @ turn @ mounting)
         small = np.abs(matrix) < ROUNDING
-        return () if np.abs(matrix - np.eye(3)).max() < ROUNDING else _rows(np.where(small, 0.0, matrix))
+        return () if np.abs(matrix - np.eye(3)).max() < ROUNDING else _rows(np.vectorize(_printed)(np.where(small, 0.0, matrix)))
 
     return Cure(gyro=back("gyro", found.supposed.gyro), accelerometer=back("accel", found.supposed.accelerometer))
 
@@ -286,16 +292,12 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
     return tuple(cures)
 
 
-def skewed(cure: Cure | None, found: Fitted) -> tuple[Cure, ...]:
-    """The cure with each pair of the gyro's axes out of square by as much as all are found to be turned, where that is little.
-
-    An axis that leans over turns and shears; the turn is what is found, and the shear is taken on by the inertia, unseen.
-    """
+def skewed(cure: Cure | None, found: Fitted) -> Cure | None:
+    """The cure with the gyro's axes out of square by as much as they are found to be turned, where that is little."""
     size = float(np.linalg.norm(found.value("gyro_turn")))
     if cure is None or not 0 < size < SKEWED:
-        return ()
-    shears = [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in itertools.combinations(np.eye(3), 2)]
-    return tuple(cure.followed_by(Cure(gyro=_rows(shear))) for shear in shears)
+        return cure
+    return replace(cure, settings=(*cure.settings, f"imu.gyro_skew_sigma_rad={size:.3g}"))
 
 
 def at_once(found: Fitted) -> bool:
@@ -315,7 +317,7 @@ def _command(case: Case, found: Fitted) -> tuple[float, ...]:
     command = np.ones(6)
     wrench = np.concatenate([found.model.couple, found.model.force], 1)
     command[np.abs(wrench).argmax(1)] = found.value("thrust")
-    return tuple(float(f) for f in command) if (command != 1).any() else ()
+    return tuple(_printed(f) for f in command) if (command != 1).any() else ()
 
 
 def _drifts(case: Case, found: Fitted) -> list[str]:

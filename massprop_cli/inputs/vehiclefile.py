@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from massprop_cli.base import configfile, foldername
 from massprop_cli.base.dataclass import dataclass
@@ -30,7 +31,7 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
     """Check a vehicle file's text, with ``KEY=VALUE`` assignments on top."""
     data = configfile.parse_toml(text, source)
     data = configfile.override(data, assignments)
-    vehicle = configfile.validate(Vehicle, data, source, text, assignments)
+    vehicle = _checked(configfile.validate(Vehicle, data, source, text, assignments), source)
     return VehicleSource(vehicle, source, hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -39,7 +40,23 @@ def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
     data = vehicle.model_dump(by_alias=True, exclude_none=True, exclude_unset=True)
     for items in {"jets", "rotors", "wheels", "phases"} & data.keys():
         data[items] = list(data[items])
-    return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
+    return _checked(configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments), "vehicle")
+
+
+def alternative(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
+    """The vehicle with other values of dotted keys, and nothing else that is uncertain."""
+    assignments = [f"{key}={configfile.written(value)}" for key, value in values.items()]
+    return changed(vehicle.model_copy(update={"uncertain": ()}), assignments)
+
+
+def _checked(vehicle: Vehicle, source: str) -> Vehicle:
+    """:class:`InputError` where what is uncertain is no key of a vehicle."""
+    for number, values in enumerate(vehicle.uncertain):
+        try:
+            alternative(vehicle, values)
+        except InputError as error:
+            raise InputError(f"{source}: uncertain.{number}: {error}") from None
+    return vehicle
 
 
 def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:
