@@ -63,7 +63,7 @@ class Fault:
     change_s: float | None = None
     """When the mass properties changed, if they did."""
     around: tuple[Cure, ...] = ()
-    """The cure with each of its unknowns one sigma further on."""
+    """The cure with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
     rivals: tuple[Cure, ...] = ()
     """Of causes that can't be ruled out."""
 

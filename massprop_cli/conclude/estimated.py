@@ -12,7 +12,6 @@ from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
-from massprop_cli.diagnosis.alternatives import Alternative
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.ready import Ready, ready
 from massprop_cli.estimate.disturbances import sized
@@ -39,14 +38,9 @@ class Checked(NamedTuple):
     """Of the timing."""
 
 
-def estimated(
-    log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True, besides: Sequence[Alternative] = ()
-) -> Analysis:
-    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left.
-
-    Sigmas hold what is uncertain by the vehicle file, and alternatives ``besides``.
-    """
-    begun = ready(log, source, say, besides)
+def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
+    """Timing, noise levels, causes, estimates. Disturbances are sized where nothing that has a name explains what is left."""
+    begun = ready(log, source, say)
     if begun.stated.estimator.method == "thesis":
         told = Checked(detected=begun.detected)
         answer: Estimates[Vehicle] = by_thesis(begun.samples, begun.phases, begun.stated)

@@ -17,7 +17,6 @@ from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.diagnosis import outliers
-from massprop_cli.diagnosis.alternatives import Alternative
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.history import phases_of
@@ -55,46 +54,38 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     cure = fault.cure
     if cure is None:
         return None
-    stated = found.source.vehicle
-    settings, besides = _with_sigmas(found, cure, (*fault.around, *fault.rivals))
+    settings = _with_sigmas(found, cure, (*fault.around, *fault.rivals))
     try:
-        vehicle = vehiclefile.changed(stated, settings)
+        vehicle = vehiclefile.changed(found.source.vehicle, settings)
         if fault.change_s is not None:
             vehicle = split.at(found, fault.change_s).vehicle
-        again = estimated(cure.log(found.log), replace(found.source, vehicle=vehicle), (), say, besides=besides)
+        again = estimated(cure.log(found.log), replace(found.source, vehicle=vehicle), (), say)
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
         return None
-    return MendedAnswer(fault, settings, cure.by_keys and not besides, judged(again, []).conclusions, rivals)
+    return MendedAnswer(fault, settings, cure.by_keys, judged(again, []).conclusions, rivals)
 
 
-def _with_sigmas(found: Analysis, cure: Cure, others: Sequence[Cure]) -> tuple[tuple[str, ...], list[Alternative]]:
-    """The settings of a cure with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead.
-
-    What no key can say of the others is an alternative beside them.
-    """
+def _with_sigmas(found: Analysis, cure: Cure, others: Sequence[Cure]) -> tuple[str, ...]:
+    """The settings of a cure with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
     stated = found.source.vehicle
-    own, spreads = cure.keys(found.log, stated.columns)
-    entries, besides, estimated_too = list[dict[str, Any]](), list[Alternative](), dict[str, object]()
+    own, spreads = cure.keys
+    entries, estimated_too = [*stated.uncertain], dict[str, object]()
     for other in others:
-        there, also = other.keys(found.log, stated.columns)
+        there, also = other.keys
         estimated_too |= {key: value for key, value in also.items() if key not in spreads}
-        values = {key: _stated(stated, key) for key in own if key not in there} | {k: v for k, v in there.items() if own.get(k) != v}
-        if not (cure.by_keys and other.by_keys):
-            besides.append(Alternative(other.log(found.log), {k: v for k, v in values.items() if not k.startswith("columns.")}))
-        elif values:
-            entries.append(values)
+        values = {key: _stated(stated, key) for key in own if key not in there}
+        values |= {key: value for key, value in there.items() if own.get(key) != value} | other.factors_after(cure)
+        entries += [values] if values else []
     settings = [*cure.settings, *cure.column_settings(found.log, stated.columns)]
     settings += [f"{key}={configfile.written(value)}" for key, value in estimated_too.items()]
-    settings += [f"uncertain={configfile.written([*stated.uncertain, *entries])}"] if entries else []
-    return tuple(settings), besides
+    settings += [f"uncertain={configfile.written(entries)}"] if len(entries) > len(stated.uncertain) else []
+    return tuple(settings)
 
 
 def _stated(vehicle: Vehicle, key: str) -> Any:
     """What a vehicle says under a dotted key."""
     section, *path = key.split(".")
-    if section == "columns" and path[0] not in vehicle.columns:
-        return {"from": path[0], "scale": 1.0}
     node: Any = vehicle.model_dump(by_alias=True, mode="json", exclude_none=True)[section]
     for part in path:
         node = node[int(part)] if isinstance(node, list) else node[part]

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.resolve import stated_timing
-from massprop_cli.inputs.reread import reread
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import alternative
@@ -23,51 +19,36 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 
-@dataclass(frozen=True)
-class Alternative:
-    """A log and its vehicle file, one sigma of something uncertain away from those that are used."""
-
-    log: Log
-    values: Mapping[str, Any]
-    """Of dotted keys of the vehicle file."""
-
-
-def uncertain(
-    consider: Consider, log: Log, stated: Vehicle, timing: Timing, samples: Stream, besides: Sequence[Alternative] = ()
-) -> Consider:
-    """With what is stated to be ``uncertain``, with the skew of the gyro's axes, and with alternatives ``besides``; all independent.
+def uncertain(consider: Consider, log: Log, stated: Vehicle, timing: Timing, samples: Stream) -> Consider:
+    """With what is stated to be ``uncertain``, each independent of all others.
 
     :class:`InputError` where an alternative has other states than the vehicle as stated: a sigma of a bias, say.
     """
-    each = [Alternative(log, values) for values in stated.uncertain]
-    each += [Alternative(_sheared(log, shear), {}) for shear in _shears(stated.imu.gyro_skew_sigma_rad)]
-    variants = [_restated(one, log, stated, timing, samples) for one in (*each, *besides)]
-    if not variants:
+    if not stated.uncertain:
         return consider
-    covariance = np.eye(len(consider.variants) + len(variants))
-    covariance[: len(consider.variants), : len(consider.variants)] = consider.covariance
+    variants = [_restated(values, log, stated, timing, samples) for values in stated.uncertain]
+    known = len(consider.variants)
+    covariance = np.eye(known + len(variants))
+    covariance[:known, :known] = consider.covariance
     return replace(consider, variants=(*consider.variants, *variants), covariance=covariance)
 
 
-def _restated(one: Alternative, log: Log, stated: Vehicle, timing: Timing, samples: Stream) -> Restated:
-    vehicle = alternative(stated, one.values)
-    read = reread(log, stated.columns, vehicle.columns) if one.log is log else one.log
+def _restated(values: Mapping[str, Any], log: Log, stated: Vehicle, timing: Timing, samples: Stream) -> Restated:
+    vehicle = alternative(stated, values)
     before, after = stated_timing(stated, timing), stated_timing(vehicle, timing)
     moved = Timing(*(max(used + there - here, 0.0) for used, there, here in zip(timing, after, before, strict=True)))
-    there = Stream.of(read, vehicle, moved)
+    there = Stream.of(_read(log, values), vehicle, moved)
     if Layout.of(there, vehicle) != Layout.of(samples, stated):
-        raise InputError(f"uncertain: {', '.join(one.values)}: changes what is estimated, not what is stated; state it for itself")
+        raise InputError(f"uncertain: {', '.join(values)}: changes what is estimated, not what is stated; state it for itself")
     return Restated(there, vehicle)
 
 
-def _shears(size: float) -> list[Array]:
-    """(3, 3) each pair of axes out of square by ``size``, rad; none of 0.
-
-    An axis that leans over turns and shears; the turn is a mounting's, and the shear is taken on by the inertia, unseen.
-    """
-    pairs = itertools.combinations(np.eye(3), 2) if size > 0 else ()
-    return [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in pairs]
-
-
-def _sheared(log: Log, shear: Array) -> Log:
-    return replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad @ shear.T)
+def _read(log: Log, values: Mapping[str, Any]) -> Log:
+    """The log with the alternative's factors on what it holds."""
+    gyro, accelerometer, command = (values.get(f"{name}_factors") for name in ("gyro", "accel", "command"))
+    return replace(
+        log,
+        delta_theta_imu_rad=log.delta_theta_imu_rad if gyro is None else log.delta_theta_imu_rad @ np.array(gyro).T,
+        delta_v_imu_m_s=log.delta_v_imu_m_s if accelerometer is None else log.delta_v_imu_m_s @ np.array(accelerometer).T,
+        command=log.command if command is None or log.command_kind != "wrench" else log.command * np.array(command),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -46,7 +47,7 @@ SKEWED = 0.02
 ESTIMATED = (
     *SIGMAS.values(),
     *("cycle.command_delay_sigma_cycles", "thrust.lag_sigma_s", "imu.gyro_lag_sigma_s", "imu.accel_lag_sigma_s"),
-    *("imu.gyro_skew_sigma_rad", "environment.disturbance_walk_n_m", "drift.mass"),
+    *("environment.disturbance_walk_n_m", "drift.mass"),
 )
 """Keys of a cure that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
@@ -77,12 +78,35 @@ class Cure:
         """Whether keys of the vehicle file say all of it: a sensor's columns have a source and a scale each, and no more."""
         return all(sum(value != 0 for value in row) == 1 for row in (*self.gyro, *self.accelerometer))
 
-    def keys(self, log: Log, columns: Mapping[str, Column]) -> tuple[dict[str, object], dict[str, object]]:
-        """Values by dotted key, those under ``[columns]`` too: of what something is, and of how uncertain it is (``ESTIMATED``)."""
-        pairs = [setting.partition("=") for setting in (*self.settings, *self.column_settings(log, columns))]
+    @property
+    def keys(self) -> tuple[dict[str, object], dict[str, object]]:
+        """Values by dotted key: of what something is, and of how uncertain it is (``ESTIMATED``)."""
+        pairs = [setting.partition("=") for setting in self.settings]
         sides = ([(key, text) for key, _, text in pairs if (key in ESTIMATED) == spread] for spread in (False, True))
         values, spreads = ({key: configfile.literal(text) for key, text in side} for side in sides)
         return values, spreads
+
+    def factors_after(self, other: Cure) -> dict[str, object]:
+        """What is to be done, after another cure's factors, to what the log holds."""
+        found: dict[str, object] = {}
+        for name in ("gyro", "accelerometer"):
+            own, before = (np.array(getattr(one, name) or np.eye(3)) for one in (self, other))
+            if (own != before).any():
+                found["gyro_factors" if name == "gyro" else "accel_factors"] = (own @ np.linalg.inv(before)).tolist()
+        if self.command != other.command:
+            found["command_factors"] = (np.array(self.command or np.ones(6)) / np.array(other.command or np.ones(6))).tolist()
+        return found
+
+    def followed_by(self, other: Cure) -> Cure:
+        """Both."""
+        return Cure(
+            (*self.settings, *other.settings),
+            _product(other.gyro, self.gyro),
+            _product(other.accelerometer, self.accelerometer),
+            tuple(a * b for a, b in zip(self.command, other.command, strict=True))
+            if self.command and other.command
+            else self.command or other.command,
+        )
 
     def log(self, log: Log) -> Log:
         """The log as it is after the cure's factors."""
@@ -114,6 +138,12 @@ def _column(columns: Mapping[str, Column], name: str, names: Sequence[str], row:
         return ""
     now = columns.get(names[at], Column.model_validate({"from": names[at]}))
     return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.15g} }}"
+
+
+def _product(after: Matrix, before: Matrix) -> Matrix:
+    if not after or not before:
+        return after or before
+    return _rows(np.array(after) @ np.array(before))
 
 
 def _rows(matrix: Array) -> Matrix:
@@ -292,12 +322,16 @@ def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
     return tuple(cures)
 
 
-def skewed(cure: Cure | None, found: Fitted) -> Cure | None:
-    """The cure with the gyro's axes out of square by as much as they are found to be turned, where that is little."""
+def skewed(cure: Cure | None, found: Fitted) -> tuple[Cure, ...]:
+    """The cure with each pair of the gyro's axes out of square by as much as all are found to be turned, where that is little.
+
+    An axis that leans over turns and shears; the turn is what is found, and the shear is taken on by the inertia, unseen.
+    """
     size = float(np.linalg.norm(found.value("gyro_turn")))
     if cure is None or not 0 < size < SKEWED:
-        return cure
-    return replace(cure, settings=(*cure.settings, f"imu.gyro_skew_sigma_rad={size:.3g}"))
+        return ()
+    shears = [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in itertools.combinations(np.eye(3), 2)]
+    return tuple(cure.followed_by(Cure(gyro=_rows(shear))) for shear in shears)
 
 
 def at_once(found: Fitted) -> bool:

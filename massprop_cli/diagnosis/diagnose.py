@@ -67,7 +67,7 @@ class Explanation:
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
     around: tuple[Cure, ...] = ()
-    """The cure with each of its unknowns one sigma further on."""
+    """The cure with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
     rivals: tuple[Cure, ...] = ()
     """Of causes that can't be ruled out."""
 
@@ -270,8 +270,8 @@ def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> tuple[
     if not sure:
         message = f"log and vehicle file don't fit, cause unknown: {message}"
     others = (cure_of(look.case, rival.case, rival.fitted) for rival in rivals)
-    cure = skewed(cure_of(look.case, trial.case, trial.fitted), trial.fitted)
-    near = around(look.case, trial.fitted, look.free.fired)
+    cure = cure_of(look.case, trial.case, trial.fitted)
+    near = (*around(look.case, trial.fitted, look.free.fired), *skewed(cure, trial.fitted))
     instead = tuple(other for other in others if other is not None)
     return tuple(Explanation(code, message, cure, around=near, rivals=instead) for code in sure or [UNKNOWN])
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.diagnosis import outliers
-from massprop_cli.diagnosis.alternatives import Alternative, uncertain
+from massprop_cli.diagnosis.alternatives import uncertain
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
 from massprop_cli.estimate.history import phases_of
@@ -48,11 +47,8 @@ class Ready(NamedTuple):
     notices: list[Notice]
 
 
-def ready(log: Log, source: VehicleSource, say: Progress, besides: Sequence[Alternative] = ()) -> Ready:
-    """With what the vehicle file says to be uncertain, and alternatives ``besides``.
-
-    :class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told.
-    """
+def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
+    """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
     source = replace(source, vehicle=finer(log, source.vehicle))
     detected = found_timing(log, source, say)
@@ -66,8 +62,7 @@ def ready(log: Log, source: VehicleSource, say: Progress, besides: Sequence[Alte
         log = outliers.without(log, stated)
     if log is not read:
         samples = Stream.of(log, stated, timing)
-    others = [replace(one, log=outliers.without(one.log, stated)) for one in besides]
-    consider = uncertain(uncertain_timing(log, stated, timing), log, stated, timing, samples, others)
+    consider = uncertain(uncertain_timing(log, stated, timing), log, stated, timing, samples)
     consider = with_geometry(consider, log, stated, samples)
     return Ready(log, stated, samples, phases, timing, detected, consider, told)
 

@@ -40,9 +40,6 @@ class Imu(Section):
     position_sigma_m: NonNegative = Field(0.0, le=1.0, description="uncertainty of position_m, along each axis")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix by rows")
     mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of body_from_imu, about each axis")
-    gyro_skew_sigma_rad: NonNegative = Field(
-        0.0, le=0.3, description="one sigma of how far each pair of the gyro's axes is out of square; goes into every sigma"
-    )
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     gyro_bias_sigma_rad_s: NonNegative = 0.0

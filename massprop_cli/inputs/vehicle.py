@@ -132,7 +132,8 @@ class Vehicle(Section):
     uncertain: tuple[dict[str, Any], ...] = Field(
         (),
         max_length=64,
-        description="each: other values of dotted keys, one sigma of something uncertain away from what is stated; go into every sigma",
+        description="each: other values of dotted keys, one sigma of something uncertain away from what is stated, or gyro_factors, "
+        "accel_factors (3x3) and command_factors (6) on what is read; they go into every sigma",
     )
     estimator: EstimatorSettings = EstimatorSettings.unset()
     convergence: ConvergenceSettings = ConvergenceSettings.unset()

@@ -7,10 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from massprop_cli.base import configfile, foldername
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.vehicle import Vehicle
+
+FACTORS = {"gyro_factors": (3, 3), "accel_factors": (3, 3), "command_factors": (6,)}
+"""Of what is uncertain, on what the log holds: on the sensors' readings, IMU axes, and on a commanded wrench."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,8 @@ def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
 
 
 def alternative(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
-    """The vehicle with other values of dotted keys, and nothing else that is uncertain."""
-    assignments = [f"{key}={configfile.written(value)}" for key, value in values.items()]
+    """The vehicle with other values of dotted keys, and nothing else that is uncertain; :data:`FACTORS` are the log's."""
+    assignments = [f"{key}={configfile.written(value)}" for key, value in values.items() if key not in FACTORS]
     return changed(vehicle.model_copy(update={"uncertain": ()}), assignments)
 
 
@@ -53,6 +58,11 @@ def _checked(vehicle: Vehicle, source: str) -> Vehicle:
     """:class:`InputError` where what is uncertain is no key of a vehicle."""
     for number, values in enumerate(vehicle.uncertain):
         try:
+            wrong = next((key for key, shape in FACTORS.items() if key in values and np.shape(values[key]) != shape), None)
+            if wrong is not None:
+                raise InputError(f"{wrong} = {values[wrong]}: must be numbers of shape {FACTORS[wrong]}")
+            if any(key.startswith("columns") for key in values):
+                raise InputError(f"[columns] are not read again; state {', '.join(FACTORS)} instead")
             alternative(vehicle, values)
         except InputError as error:
             raise InputError(f"{source}: uncertain.{number}: {error}") from None
