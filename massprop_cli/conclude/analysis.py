@@ -24,7 +24,9 @@ class MendedAnswer:
 
     fault: Fault
     settings: tuple[str, ...]
-    """KEY=VALUE of the vehicle file that mend it."""
+    """KEY=VALUE of the vehicle file that mend it, with how uncertain they are."""
+    whole: bool
+    """Whether they are all that was changed, so that they give the very same."""
     conclusions: tuple[Conclusion, ...]
     rivals: tuple[list[Array], ...] = ()
     """(10,) values of each phase, for each cause that can't be ruled out beside it."""

@@ -30,8 +30,8 @@ from massprop_cli.prepare.compensate import BLOCK, Source
 LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
 """Parts p of the commands, and relative scatters s, that are tried."""
 SURE = -float(np.log(share(DOUBTFUL, len(LOST))))
-"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise white and normal: chance passes
-−log of a probability with that probability at most (Markov)."""
+"""L beyond which some are lost. It is the log of a likelihood ratio, whose mean is 1 where none is and noise is white and normal, so chance
+passes −log of a probability with that probability at most (Markov)."""
 FAINT = 1e-9
 """Power of a command below which it tells nothing."""
 NORMAL = 1.4826

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from massprop_cli.base import spill
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude import split
@@ -16,7 +16,6 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Fault
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
-from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.resolve import stated_timing
 from massprop_cli.estimate import offline
@@ -55,20 +54,42 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     cure = fault.cure
     if cure is None:
         return None
+    settings = _with_sigmas(found, cure, (*fault.around, *fault.rivals))
     try:
-        log, source = cure.log(found.log), found.source
+        vehicle = vehiclefile.changed(found.source.vehicle, settings)
         if fault.change_s is not None:
-            source = split.at(found, fault.change_s)
-        else:
-            source = replace(source, vehicle=vehiclefile.changed(source.vehicle, cure.settings))
-        again = estimated(log, source, (), say, check=False)
-        around = [_beside(found, again, near) for near in fault.around]
+            vehicle = split.at(found, fault.change_s).vehicle
+        again = estimated(cure.log(found.log), replace(found.source, vehicle=vehicle), (), say)
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
-        again = judged(_widened(again, around), [])
     except InputError:
         return None
-    settings = (*cure.settings, *cure.column_settings(found.log, found.source.vehicle.columns))
-    return MendedAnswer(fault, settings, again.conclusions, rivals)
+    return MendedAnswer(fault, settings, cure.by_keys, judged(again, []).conclusions, rivals)
+
+
+def _with_sigmas(found: Analysis, cure: Cure, others: Sequence[Cure]) -> tuple[str, ...]:
+    """The settings of a cure with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
+    stated = found.source.vehicle
+    own, spreads = cure.keys
+    entries, estimated_too = [*stated.uncertain], dict[str, object]()
+    for other in others:
+        there, also = other.keys
+        estimated_too |= {key: value for key, value in also.items() if key not in spreads}
+        values = {key: _stated(stated, key) for key in own if key not in there}
+        values |= {key: value for key, value in there.items() if own.get(key) != value} | other.factors_after(cure)
+        entries += [values] if values else []
+    settings = [*cure.settings, *cure.column_settings(found.log, stated.columns)]
+    settings += [f"{key}={configfile.written(value)}" for key, value in estimated_too.items()]
+    settings += [f"uncertain={configfile.written(entries)}"] if len(entries) > len(stated.uncertain) else []
+    return tuple(settings)
+
+
+def _stated(vehicle: Vehicle, key: str) -> Any:
+    """What a vehicle says under a dotted key."""
+    section, *path = key.split(".")
+    node: Any = vehicle.model_dump(by_alias=True, mode="json", exclude_none=True)[section]
+    for part in path:
+        node = node[int(part)] if isinstance(node, list) else node[part]
+    return node
 
 
 def _beside(found: Analysis, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
@@ -88,17 +109,3 @@ def _as_noisy(vehicle: Vehicle, used: Vehicle) -> Vehicle:
     """With the noise, the disturbances and the outliers that were found of another, so that its values differ by its cure alone."""
     parts = {name: {key: getattr(getattr(used, name), key) for key in keys} for name, keys in FOUND.items()}
     return vehicle.model_copy(update={name: getattr(vehicle, name).model_copy(update=keys) for name, keys in parts.items()})
-
-
-def _widened(found: Analysis, around: Sequence[Sequence[Array]]) -> Analysis:
-    """With sigmas that hold by how much the values move if each unknown of what was mended is one sigma further on."""
-    if not around:
-        return found
-    histories = []
-    for i, (history, settled) in enumerate(zip(found.histories, found.settled, strict=True)):
-        moved = np.stack([values[i] - settled.values[-1] for values in around], 1)
-        sigmas = spill.empty(*history.sigmas.shape)
-        for part in spill.parts(len(sigmas)):
-            sigmas[part] = np.sqrt(history.sigmas[part] ** 2 + (moved**2).sum(1))
-        histories.append(replace(history, sigmas=sigmas, covariance=history.covariance + moved @ moved.T))
-    return replace(found, histories=tuple(histories), conclusions=tuple(conclude(history, found.vehicle) for history in histories))

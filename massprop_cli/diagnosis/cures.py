@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
@@ -32,6 +33,8 @@ SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
+ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.stated_sigma is not None)
+"""Keys of a cure that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
 
 class Case(NamedTuple):
@@ -59,6 +62,30 @@ class Cure:
     accelerometer: Matrix = ()
     command: tuple[float, ...] = ()
     """On each component of a commanded wrench; empty: none."""
+
+    @property
+    def by_keys(self) -> bool:
+        """Whether keys of the vehicle file say all of it: a sensor's columns have a source and a scale each, and no more."""
+        return all(sum(value != 0 for value in row) == 1 for row in (*self.gyro, *self.accelerometer))
+
+    @property
+    def keys(self) -> tuple[dict[str, object], dict[str, object]]:
+        """Values by dotted key: of what something is, and of how uncertain it is (``ESTIMATED``)."""
+        pairs = [setting.partition("=") for setting in self.settings]
+        sides = ([(key, text) for key, _, text in pairs if (key in ESTIMATED) == spread] for spread in (False, True))
+        values, spreads = ({key: configfile.literal(text) for key, text in side} for side in sides)
+        return values, spreads
+
+    def factors_after(self, other: Cure) -> dict[str, object]:
+        """What is to be done, after another cure's factors, to what the log holds."""
+        found: dict[str, object] = {}
+        for name in ("gyro", "accelerometer"):
+            own, before = (np.array(getattr(one, name) or np.eye(3)) for one in (self, other))
+            if (own != before).any():
+                found["gyro_factors" if name == "gyro" else "accel_factors"] = (own @ np.linalg.inv(before)).tolist()
+        if self.command != other.command:
+            found["command_factors"] = (np.array(self.command or np.ones(6)) / np.array(other.command or np.ones(6))).tolist()
+        return found
 
     def followed_by(self, other: Cure) -> Cure:
         """Both."""
@@ -100,7 +127,7 @@ def _column(columns: Mapping[str, Column], name: str, names: Sequence[str], row:
     if names[at] == name and row[at] == 1.0:
         return ""
     now = columns.get(names[at], Column.model_validate({"from": names[at]}))
-    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.9g} }}"
+    return f"columns.{name}={{ from = {json.dumps(now.from_)}, scale = {now.scale * row[at]:.15g} }}"
 
 
 def _product(after: Matrix, before: Matrix) -> Matrix:
@@ -111,6 +138,11 @@ def _product(after: Matrix, before: Matrix) -> Matrix:
 
 def _rows(matrix: Array) -> Matrix:
     return tuple(tuple(float(value) + 0.0 for value in row) for row in matrix)
+
+
+def _printed(value: float) -> float:
+    """To as many figures as a setting has, so that the setting is what was used."""
+    return float(f"{value:.9g}")
 
 
 def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
@@ -143,7 +175,7 @@ def _on_columns(found: Fitted) -> Cure:
                 shows = one.shown(found.error(one.name), mounting) @ shows
         matrix = np.linalg.inv(shows)
         small = np.abs(matrix) < ROUNDING
-        return () if np.abs(matrix - np.eye(3)).max() < ROUNDING else _rows(np.where(small, 0.0, matrix))
+        return () if np.abs(matrix - np.eye(3)).max() < ROUNDING else _rows(np.vectorize(_printed)(np.where(small, 0.0, matrix)))
 
     return Cure(gyro=back("gyro", found.supposed.gyro), accelerometer=back("accel", found.supposed.accelerometer))
 
@@ -227,7 +259,7 @@ def _command(case: Case, found: Fitted) -> tuple[float, ...]:
     command = np.ones(6)
     wrench = np.concatenate([found.model.couple, found.model.force], 1)
     command[np.abs(wrench).argmax(1)] = found.value("thrust")
-    return tuple(float(f) for f in command) if (command != 1).any() else ()
+    return tuple(_printed(f) for f in command) if (command != 1).any() else ()
 
 
 def shown(time_s: float) -> str:

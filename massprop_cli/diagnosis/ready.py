@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.diagnosis import outliers
+from massprop_cli.diagnosis.alternatives import uncertain
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
 from massprop_cli.errorparameters.setup import Setup
@@ -43,7 +44,7 @@ class Ready(NamedTuple):
     detected: Found | None
     """What the log says of them, where the vehicle file leaves them to it."""
     consider: Consider
-    """Delay, lag and geometry where they are uncertain."""
+    """Delay, lag, geometry and single keys where they are uncertain."""
     notices: list[Notice]
 
 
@@ -63,7 +64,7 @@ def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     if log is not read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)
-    consider = with_geometry(uncertain_timing(setup, samples), setup, samples)
+    consider = with_geometry(uncertain(uncertain_timing(setup, samples), setup, samples), setup, samples)
     return Ready(log, stated, samples, phases, timing, detected, consider, told)
 
 

@@ -129,6 +129,12 @@ class Vehicle(Section):
     docking: Docking | None = None
     drift: Drift = Drift.unset()
     columns: dict[str, Column] = Field({}, description="this log's own name and scale of a contract column")
+    uncertain: tuple[dict[str, Any], ...] = Field(
+        (),
+        max_length=64,
+        description="each: other values of dotted keys, one sigma of something uncertain away from what is stated, or gyro_factors, "
+        "accel_factors (3x3) and command_factors (6) on what is read; they go into every sigma",
+    )
     estimator: EstimatorSettings = EstimatorSettings.unset()
     convergence: ConvergenceSettings = ConvergenceSettings.unset()
 

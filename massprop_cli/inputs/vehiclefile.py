@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from massprop_cli.base import configfile, foldername
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.vehicle import Vehicle
+
+FACTORS = {"gyro_factors": (3, 3), "accel_factors": (3, 3), "command_factors": (6,)}
+"""Of what is uncertain, on what the log holds: on the sensors' readings, IMU axes, and on a commanded wrench."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,7 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
     """Check a vehicle file's text, with ``KEY=VALUE`` assignments on top."""
     data = configfile.parse_toml(text, source)
     data = configfile.override(data, assignments)
-    vehicle = configfile.validate(Vehicle, data, source, text, assignments)
+    vehicle = _checked(configfile.validate(Vehicle, data, source, text, assignments), source)
     return VehicleSource(vehicle, source, hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -39,7 +45,28 @@ def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
     data = vehicle.model_dump(by_alias=True, exclude_none=True, exclude_unset=True)
     for items in {"jets", "rotors", "wheels", "phases"} & data.keys():
         data[items] = list(data[items])
-    return configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments)
+    return _checked(configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments), "vehicle")
+
+
+def alternative(vehicle: Vehicle, values: Mapping[str, Any]) -> Vehicle:
+    """The vehicle with other values of dotted keys, and nothing else that is uncertain; :data:`FACTORS` are the log's."""
+    assignments = [f"{key}={configfile.written(value)}" for key, value in values.items() if key not in FACTORS]
+    return changed(vehicle.model_copy(update={"uncertain": ()}), assignments)
+
+
+def _checked(vehicle: Vehicle, source: str) -> Vehicle:
+    """:class:`InputError` where what is uncertain is no key of a vehicle."""
+    for number, values in enumerate(vehicle.uncertain):
+        try:
+            wrong = next((key for key, shape in FACTORS.items() if key in values and np.shape(values[key]) != shape), None)
+            if wrong is not None:
+                raise InputError(f"{wrong} = {values[wrong]}: must be numbers of shape {FACTORS[wrong]}")
+            if any(key.startswith("columns") for key in values):
+                raise InputError(f"[columns] are not read again; state {', '.join(FACTORS)} instead")
+            alternative(vehicle, values)
+        except InputError as error:
+            raise InputError(f"{source}: uncertain.{number}: {error}") from None
+    return vehicle
 
 
 def find(log: Path, explicit: Path | None, embedded: str | None, assignments: Sequence[str] = ()) -> VehicleSource:

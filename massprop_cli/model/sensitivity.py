@@ -122,10 +122,25 @@ class ImuChange:
 
 
 @dataclass(frozen=True)
+class Restated:
+    """The log read with another vehicle file, one sigma of something uncertain away."""
+
+    samples: Source
+    vehicle: Vehicle
+
+    def variant(self, samples: Source, vehicle: Vehicle) -> Variant:
+        """Beside the log as it was read, with the states that are estimated by now: noise and disturbances are sized on the way."""
+        imu = {key: getattr(vehicle.imu, key) for key in ("gyro_bias_sigma_rad_s", "accel_bias_sigma_m_s2")}
+        environment = {key: getattr(vehicle.environment, key) for key in ("disturbance_walk_n_m", "damping_sigma_n_m_s")}
+        parts = {"imu": self.vehicle.imu.model_copy(update=imu), "environment": self.vehicle.environment.model_copy(update=environment)}
+        return Variant(Side(samples), Side(self.samples, self.vehicle.model_copy(update=parts)), 1.0)
+
+
+@dataclass(frozen=True)
 class Consider:
     """Assumptions that are uncertain, and their covariance (e, e)."""
 
-    variants: tuple[Variant | Reading, ...] = ()
+    variants: tuple[Variant | Reading | Restated, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     scales: bool = False
     """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
@@ -160,10 +175,11 @@ def fed(
     driven, measured = list[Array](), list[Array]()
     # the log as it was read is at hand, and sides that several variants have in common are looked at once
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
-    shared = _Shared({}, {}, {})
+    shared, held = _Shared({}, {}, {}), list[Vehicle]()  # what is known by its id must stay
 
     def of(side: Side) -> tuple[Array, Array]:
         as_read = side.vehicle or vehicle
+        held.append(as_read)
         if (own := (id(side.samples), id(as_read))) not in read:
             read[own] = _expected(side, state, cycles, reference, as_read, shared)
         return read[own]
@@ -187,7 +203,7 @@ def fed(
         measured.extend(np.moveaxis(seen, -1, 0))
 
     for variant in consider.variants:
-        add(variant)
+        add(variant.variant(samples, vehicle) if isinstance(variant, Restated) else variant)
     if consider.scales:
         mounting = np.array(vehicle.imu.body_from_imu)
         whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench

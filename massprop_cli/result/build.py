@@ -182,7 +182,7 @@ def _mended(answer: MendedAnswer) -> Mended:
         for conclusion in answer.conclusions
     ]
     notice = answer.fault.notice
-    return Mended(code=notice.code, message=notice.message, settings=list(answer.settings), phases=phases)
+    return Mended(code=notice.code, message=notice.message, settings=list(answer.settings), whole=answer.whole, phases=phases)
 
 
 def _assumption(found: assumptions.Assumption) -> Assumption:

@@ -206,7 +206,10 @@ class Mended(Item):
 
     code: str = Field(description="of the warning that names the fault")
     message: str
-    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that mend it")
+    settings: list[str] = Field(description="KEY=VALUE, each for one --set, that mend it; with how uncertain what was found is")
+    whole: bool = Field(
+        True, description="whether these settings alone give these estimates; false: the log's columns have to be mended, too"
+    )
     phases: list[MendedPhase]
 
 

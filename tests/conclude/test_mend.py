@@ -1,0 +1,118 @@
+"""Who follows a remedy gets the corrected estimate: the same values, sigmas and verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massprop_cli.base.configfile import literal, written
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import rotation
+from massprop_cli.flow import Analysis
+from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.logfile import read_table
+from massprop_cli.inputs.telemetry import Log, read
+from massprop_cli.inputs.vehicle import Vehicle
+from tests import faulty
+
+TRUTH = faulty.truth("free-flyer")
+SECONDS = 20.0
+SCALED = {f"delta_theta_{axis}_rad": 1.02 for axis in "xyz"}
+"""Of the gyro's columns, by a recorder that scales them."""
+GYRO = tuple(f'columns.{name}={{ from = "{name}", scale = {scale} }}' for name, scale in SCALED.items())
+ACCELEROMETER = 'columns.delta_v_y_m_s={ from = "delta_v_y_m_s", scale = 0.8 }'
+MOUNTED = np.array(faulty.sample("free-flyer")[1].imu.body_from_imu)
+SMALL, LARGE = (written((rotation(np.radians(angle) * np.array([0.6, 0.0, 0.8])) @ MOUNTED).tolist()) for angle in (0.8, 5.0))
+FAULTS = {
+    "jet-weak": ("jets.4.force_n=[1.2, 0.0, 0.0]",),
+    "delay": ("cycle.command_delay_cycles=1.4",),
+    "gyro-scale": GYRO,
+}
+MORE = {
+    "jet-displaced": ("jets.0.position_m=[0.0, 0.17, 0.01]",),
+    "jet-canted": ("jets.1.force_n=[0.15, 0.0, -1.1]",),
+    "imu-displaced": ("imu.position_m=[0.4, -0.06, 0.1]",),
+    "lag": ("thrust.lag_s=0.02",),
+    "rise": tuple(f"jets.{i}.rise_s=0.008" for i in range(12)),
+    "droop": ("thrust.droop=0.05",),
+    "clock": ("imu.clock_drift_ppm=3000",),
+    "imu-turned-a-little": (f"imu.body_from_imu={SMALL}",),
+    "imu-turned": (f"imu.body_from_imu={LARGE}",),
+    "gyro-filter": ("imu.gyro_lag_s=0.01",),
+    "accel-filter": ("imu.accel_lag_s=0.1",),
+    "accel-scale": (ACCELEROMETER,),
+    "gyro-unit": tuple(f'columns.{name}={{ from = "{name}", scale = 57.29577951308232 }}' for name in SCALED),
+}
+
+
+def recorded(used: Vehicle) -> Log:
+    """The beginning of the sample log, read by a vehicle file."""
+    table = read_table(faulty.SAMPLES / "free-flyer" / "log.parquet")
+    return read(table, used).part(0, round(SECONDS / used.cycle.period_s))
+
+
+def followed(stated: Vehicle, found: Analysis) -> tuple[Analysis, Analysis]:
+    """The corrected estimate, and what its settings give where they are put into the vehicle file and the log is read anew."""
+    (answer, *_) = found.mended
+    after = faulty.stated(stated, *answer.settings)
+    assert answer.whole
+    return replace(found, conclusions=answer.conclusions), faulty.examined(recorded(after), after)
+
+
+@pytest.mark.parametrize("kind", [*FAULTS, *(pytest.param(kind, marks=pytest.mark.thorough) for kind in MORE)])
+def test_following_a_remedy_reproduces_the_corrected_estimate(kind: str) -> None:
+    stated = faulty.stated(faulty.sample("free-flyer")[1], *(FAULTS | MORE)[kind])
+    found = faulty.examined(recorded(stated), stated)
+    corrected, again = followed(stated, found)
+    assert not again.faults
+    told = 0
+    for one, other in zip(corrected.conclusions[0].estimates.items(), again.conclusions[0].estimates.items(), strict=True):
+        (name, expected), (_, got) = one, other
+        assert got.verdict == expected.verdict, name
+        if expected.value is None or expected.sigma is None:
+            assert got.value is None
+            continue
+        assert got.value == pytest.approx(expected.value, abs=1e-6 * expected.sigma)
+        assert got.sigma == pytest.approx(expected.sigma, rel=1e-6)
+        told += 1
+    assert told >= 9
+    off = faulty.z_scores(corrected, TRUTH)
+    assert max(abs(off[name]) for name, verdict in faulty.verdicts(corrected).items() if verdict == "converged") < 4
+
+
+def test_a_sigma_of_what_was_found_is_in_every_sigma() -> None:
+    """A jet's thrust that is a tenth uncertain, stated as another value of its key, makes sigmas wider by what it moves the values."""
+    used = faulty.sample("free-flyer")[1]
+    log = recorded(used)
+    force = written((1.001 * np.array(used.jets[4].force_n)).tolist())
+    plain, wide = (faulty.examined(log, faulty.stated(used, *more)) for more in ((), (f'uncertain=[{{"jets.4.force_n" = {force}}}]',)))
+    there = faulty.examined(log, faulty.stated(used, f"jets.4.force_n={force}", "estimator.adapt_noise=false"))
+    moved = there.conclusions[0].values - plain.conclusions[0].values
+    expected = np.hypot(plain.conclusions[0].sigmas, moved)
+    assert (np.abs(moved) > 0.3 * plain.conclusions[0].sigmas).any()
+    np.testing.assert_allclose(wide.conclusions[0].values, plain.conclusions[0].values, atol=1e-9)
+    np.testing.assert_allclose(wide.conclusions[0].sigmas, expected, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ('{"jets.4.forcen" = [0.0, 1.0, 0.0]}', "unknown key"),
+        ('{"imu.gyro_bias_sigma_rad_s" = 0.01}', "changes what is estimated"),
+        ('{"columns.time_s" = {from = "time_s", scale = 2.0}}', "not read again"),
+        ("{gyro_factors = [1.0, 1.0, 1.0]}", "shape"),
+    ],
+)
+def test_what_cannot_be_uncertain_is_refused(values: str, said: str) -> None:
+    used = faulty.sample("free-flyer")[1]
+    with pytest.raises(InputError, match=said):
+        faulty.examined(recorded(used), faulty.stated(used, f"uncertain=[{values}]"))
+
+
+def test_a_setting_of_what_is_uncertain_reads_as_it_was_written() -> None:
+    entry = {"jets.4.force_n": [0.0, 1.2, 0.0], "gyro_factors": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.01, 1.0]]}
+    assert literal(written([entry])) == [entry]
+    used = vehiclefile.changed(faulty.sample("free-flyer")[1], [f"uncertain={written([entry])}"])
+    assert used.uncertain == (entry,)
