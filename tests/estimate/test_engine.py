@@ -42,8 +42,7 @@ def test_default_beats_the_thesis_on_every_log(name: str) -> None:
     """Root mean square error relative to the natural sizes, over inertia, CG and mass of every phase."""
     told = json.loads((SAMPLES / name / "truth.json").read_text())
     errors = {}
-    for method in ("default", "thesis"):
-        found = analysed(name, method)
+    for method, found in (("default", analysed(name)), ("thesis", analysed(name, "thesis"))):
         total = []
         for default, conclusion, truth in zip(analysed(name).histories, found.conclusions, told["phases"], strict=True):
             total.append((conclusion.values - np.array([truth[q] for q in QUANTITIES])) / default.natural_sizes)
@@ -175,7 +174,7 @@ def test_a_stated_disturbance_torque_widens_the_sigmas_to_fit() -> None:
             moment: Array = pushes[min(int(t / flight.CYCLE + 1e-9), len(pushes) - 1)]
             return moment
 
-        flown = flight.fly(used, flight.pulses(240), flight.TRUTH, torque=push)
+        flown = flight.fly(used, flight.pulses(240), flight.TRUTH, torque=push, step_s=2 * flight.STEP)
         z.append(
             z_scores(
                 engine.replay(flown.samples(rng), slice(2, 240), Phase(name="all", start_s=0, end_s=99), flight.resolved(used)),
