@@ -18,6 +18,7 @@ from massprop_cli.conclude import verdict
 from massprop_cli.export import folder, resolve, vector
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import kernel
+from massprop_cli.result import build
 from tests.analysed import SAMPLES, analysed
 from tests.commandline import massprop
 
@@ -25,8 +26,8 @@ pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pa
 ARM, QEMU = "arm-linux-gnueabihf-gcc", "qemu-arm"
 
 
-def exported(name: str, out: Path) -> Path:
-    source = vehiclefile.load(SAMPLES / name / "vehicle.toml")
+def exported(name: str, out: Path, *assignments: str) -> Path:
+    source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
     folder.write(resolve.told(source, SAMPLES / name / "log.parquet"), out)
     return out
 
@@ -35,59 +36,111 @@ def make(where: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["make", "-s", *arguments], cwd=where, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [("free-flyer", ()), ("air-bearing", ("SANITIZED=",)), ("docking", ("SANITIZED=",)), ("high-rate", ("SANITIZED=",))],
-)
-def test_its_own_test_passes(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+def defined(where: Path, name: str) -> list[str]:
+    """A variable of the exported Makefile, word by word."""
+    (text,) = re.findall(rf"^{name} = (.*)$", (where / "Makefile").read_text(), re.MULTILINE)
+    return str(text).split()
+
+
+def flies_its_vector(where: Path, program: str) -> bool:
+    given, expected = ((where / name).read_text() for name in ("vector.txt", "expected.txt"))
+    assert len(expected.splitlines()) > 300
+    flown = subprocess.run([where / program], input=given, capture_output=True, text=True, check=False)
+    assert flown.returncode == 0, flown.stderr
+    return flown.stdout == expected
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The free flyer's folder, of which ``make test`` built all and left its objects there."""
+    where = exported("free-flyer", tmp_path_factory.mktemp("built") / "out")
+    run = make(where, "test", "SANITIZED=", "CC=cc -fno-stack-protector -save-temps")
+    assert run.returncode == 0, run.stdout + run.stderr
+    return where
+
+
+def linked(where: Path, built: Path) -> Path:
+    """Another vehicle's tables beside the kernel of the same limits, which is built already."""
+    assert defined(where, "LIMITS") == defined(built, "LIMITS")
+    for source in defined(where, "KERNEL"):
+        assert (where / source).read_text() == (built / source).read_text()
+    flags = [word for word in defined(where, "FLAGS") if word != "$(LIMITS)"]
+    objects = [str(built / f"replay-{source[:-2]}.o") for source in defined(where, "KERNEL")]
+    command = ["cc", *flags, *defined(where, "LIMITS"), "table.c", "replay.c", *objects, "-o", "replay", "-lm"]
+    subprocess.run(command, cwd=where, check=True)
+    return where
+
+
+def test_its_own_test_passes(built: Path) -> None:
+    assert (built / "replayed.txt").read_text() == (built / "expected.txt").read_text()
+    assert flies_its_vector(built, "replay")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "options"), [("free-flyer", ()), ("air-bearing", ("SANITIZED=",))])
+def test_its_own_test_passes_under_the_sanitizers_and_with_other_limits(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
     where = exported(name, tmp_path / "out")
     run = make(where, "test", *options)
     assert run.returncode == 0, run.stdout + run.stderr
     assert (where / "replayed.txt").read_text() == (where / "expected.txt").read_text()
-    assert len((where / "expected.txt").read_text().splitlines()) > 300
 
 
-def test_without_a_log_it_builds_and_says_that_nothing_flew(tmp_path: Path) -> None:
-    """Also where an earlier export to that folder had a log: its vector goes."""
+@pytest.mark.parametrize("name", ["docking", "high-rate"])
+def test_other_vehicles_fly_their_vectors(name: str, built: Path, tmp_path: Path) -> None:
+    assert flies_its_vector(linked(exported(name, tmp_path / "out"), built), "replay")
+
+
+def test_on_a_bearing_it_flies_its_vector_under_the_sanitizers(tmp_path: Path) -> None:
+    """Not optimised, which is built sooner."""
+    where = exported("air-bearing", tmp_path / "out")
+    flags = [word for word in defined(where, "FLAGS") if word != "$(LIMITS)"] + defined(where, "LIMITS")
+    sanitized = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = ["cc", *flags, *sanitized, *defined(where, "KERNEL"), "table.c", "replay.c", "-o", "sanitized", "-lm"]
+    subprocess.run(command, cwd=where, check=True)
+    assert flies_its_vector(where, "sanitized")
+
+
+def test_without_a_log_it_builds_and_says_that_nothing_flew(built: Path, tmp_path: Path) -> None:
+    """Also where an earlier export to that folder had a log: its vector goes. The sources are those that are built with a log."""
     where = exported("free-flyer", tmp_path / "out")
     assert (where / "vector.txt").exists()
     vehicle = SAMPLES / "free-flyer" / "vehicle.toml"
     done = massprop(tmp_path, "export-flight", "--vehicle", vehicle, "--out", "out")
     assert done.returncode == 0, done.stderr
-    run = make(where, "test", "SANITIZED=")
+    run = make(where, "test", "SANITIZED=", "CC=true")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "nothing flown" in run.stdout
     assert not (where / "vector.txt").exists()
     assert "vector.txt" not in (where / "README.md").read_text()
+    linked(where, built)
 
 
-def test_a_delay_that_a_log_tells_is_flown_as_exact(tmp_path: Path) -> None:
-    log, vehicle = (SAMPLES / "free-flyer" / name for name in ("log.parquet", "vehicle.toml"))
-    command = ("export-flight", "--vehicle", vehicle, "--log", log, "--out", "out")
-    done = massprop(tmp_path, *command, "--set", "cycle.command_delay_cycles=auto")
-    assert done.returncode == 0, done.stderr
-    assert make(tmp_path / "out", "test", "SANITIZED=").returncode == 0
+def test_a_delay_that_a_log_tells_is_flown_as_exact(built: Path, tmp_path: Path) -> None:
+    auto = "cycle.command_delay_cycles=auto"
+    assert flies_its_vector(linked(exported("free-flyer", tmp_path / "out", auto), built), "replay")
     # an uncertainty that is stated is refused: the kernel has no room for it
-    done = massprop(tmp_path, *command, "--set", "cycle.command_delay_sigma_cycles=0.01")
-    assert done.returncode == 3
-    assert "command_delay_sigma_cycles" in done.stderr
+    with pytest.raises(InputError, match="command_delay_sigma_cycles"):
+        exported("free-flyer", tmp_path / "refused", "cycle.command_delay_sigma_cycles=0.01")
+    assert not (tmp_path / "refused").exists()
 
 
-def test_one_wrong_bit_is_told(tmp_path: Path) -> None:
-    where = exported("high-rate", tmp_path / "out")
+def test_one_wrong_bit_is_told(built: Path, tmp_path: Path) -> None:
+    where = Path(shutil.copytree(built, tmp_path / "out"))  # with the times at which all was built
     text = (where / "expected.txt").read_text()
     last = text[-40]
     (where / "expected.txt").write_text(f"{text[:-40]}{'1' if last == '0' else '0'}{text[-39:]}")
-    assert make(where, "test", "SANITIZED=").returncode != 0
+    run = make(where, "test", "SANITIZED=")
+    assert run.returncode != 0
+    assert "differ" in run.stdout
 
 
 def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
     log = SAMPLES / "docking" / "log.parquet"
-    assert massprop(tmp_path, "estimate", str(log), "--out", "result", "-q").returncode == 0
     where = exported("docking", tmp_path / "out")
     rows = [line.split() for line in (where / "expected.txt").read_text().splitlines()]
     counts = [leg.cycles.stop - leg.cycles.start for leg in resolve.told(vehiclefile.load(log.with_name("vehicle.toml")), log).legs]
-    for phase, last in zip(json.loads((tmp_path / "result" / "result.json").read_text())["phases"], (counts[0], sum(counts)), strict=True):
+    result = json.loads(build.result(analysed("docking")).model_dump_json())
+    for phase, last in zip(result["phases"], (counts[0], sum(counts)), strict=True):
         row = rows[last - 1]
         for i, name in enumerate(QUANTITIES):
             estimate = phase["estimates"][name]
@@ -102,13 +155,9 @@ def test_arm_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-def test_the_kernel_asks_for_nothing_but_a_square_root_and_keeps_nothing(tmp_path: Path) -> None:
-    where = exported("high-rate", tmp_path / "out")
-    sources = re.findall(r"^KERNEL = (.*)$", (where / "Makefile").read_text(), re.MULTILINE)[0].split()
-    subprocess.run(["cc", "-std=c99", "-O2", "-ffp-contract=off", "-fno-stack-protector", "-c", *sources], cwd=where, check=True)
-    named = subprocess.run(
-        ["nm", *(source.replace(".c", ".o") for source in sources)], cwd=where, capture_output=True, text=True, check=True
-    )
+def test_the_kernel_asks_for_nothing_but_a_square_root_and_keeps_nothing(built: Path) -> None:
+    objects = [f"replay-{source[:-2]}.o" for source in defined(built, "KERNEL")]
+    named = subprocess.run(["nm", *objects], cwd=built, capture_output=True, text=True, check=True)
     symbols = [line.split()[-2:] for line in named.stdout.splitlines() if line and not line.endswith(":")]
     wanted = {name for kind, name in symbols if kind == "U" and not name.startswith("mp_")}
     assert wanted <= {"sqrt", "memcpy", "memset", "memmove", "_GLOBAL_OFFSET_TABLE_"}
