@@ -19,7 +19,15 @@ from massprop_cli.cli import main
 STDIN = "stdin.csv"
 """A file of this name in the folder is standard input."""
 _FORKS = get_context("forkserver")
-_FORKS.set_forkserver_preload(["massprop_cli.flow", "massprop_cli.result.store", "massprop_cli.result.schema", "tests.commandline"])
+_FORKS.set_forkserver_preload(
+    [
+        *("massprop_cli.flow", "massprop_cli.result.store", "massprop_cli.result.schema", "massprop_cli.check.flow"),
+        *("massprop_cli.combine.flow", "massprop_cli.plan.flow", "massprop_cli.testbed.output", "massprop_cli.report.terminal"),
+        # what commands import when they need it: a tenth of a second each, and half a second of those that fly
+        *("pyarrow.csv", "pyarrow.parquet", "rich.progress", "scipy.optimize", "typer.rich_utils"),
+        "tests.commandline",
+    ]
+)
 
 
 class Done(subprocess.CompletedProcess[str]):

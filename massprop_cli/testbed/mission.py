@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
@@ -62,12 +64,8 @@ def allocation(source: ScenarioSource) -> Allocation:
     :class:`InputError` where the plan drives an axis that the jets can't serve without disturbing the others.
     """
     scenario = source.scenario
-    share = np.full((6, 2, max(len(scenario.vehicle.jets), 6 if not scenario.vehicle.jets else 0)), np.nan)
     if scenario.vehicle.jets:
-        wrench = scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving
-        for axis in range(6):
-            for side in range(2):
-                share[axis, side] = _jets_for(wrench, axis, 1.0 - 2 * side)
+        share = _on_times((scenario.vehicle.jet_wrench * scenario.vehicle.environment.moving).tobytes())
     else:
         limits = np.concatenate([scenario.actuators.max_torque_n_m or (0.0,) * 3, scenario.actuators.max_force_n or (0.0,) * 3])
         with np.errstate(divide="ignore"):
@@ -87,6 +85,13 @@ def _by_wheels(scenario: Scenario) -> tuple[Array, Array]:
     served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED**0.5
     most = np.abs(share).max(0, initial=0.0)
     return share, np.where(served, (scenario.actuators.max_wheel_torque_n_m or 0.0) / np.where(most > 0, most, 1.0), 0.0)
+
+
+@lru_cache(maxsize=16)
+def _on_times(wrench: bytes) -> Array:
+    """(6, 2, J) of :func:`_jets_for` of the bytes of a (J, 6) wrench: a plan flies one vehicle many times."""
+    jets = np.frombuffer(wrench).reshape(-1, 6)
+    return frozen(np.array([[_jets_for(jets, axis, sign) for sign in (1.0, -1.0)] for axis in range(6)]))
 
 
 def _jets_for(wrench: Array, axis: int, sign: float) -> Array:
