@@ -6,11 +6,18 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from massprop_cli.campaign import runner, work
+from massprop_cli.campaign.runner import Task
+from massprop_cli.campaign.work import Produced
+from massprop_cli.report.figures import canvas
+from massprop_cli.report.figures.panel import Panel
 from massprop_cli.testbed import output, scenario
+from tests.commandline import massprop
 
 PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=5.0},{motion="hold",start_s=5.0,end_s=6.0}]'
 TRUTH = dict(zip(("ixx", "mass"), (0.62, 22.0), strict=True))
@@ -23,7 +30,43 @@ def simulate(folder: Path, seeds: int, *settings: str, first: int = 1) -> Path:
     return folder
 
 
+class Here:
+    """An executor that works logs in the process itself, one after the other: a worker process imports the package anew."""
+
+    def __init__(self, jobs: int | None = None) -> None:
+        """In one process, whatever the number of ``jobs``."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Produced | None]]:
+        for index, task in enumerate(tasks):
+            yield index, work.process(task.job, task.known, task.sent)
+
+
+def without_drawing(panels: Sequence[Panel], kind: canvas.Kind, columns: int = 1, title: str = "") -> bytes:
+    """In the place of :func:`massprop_cli.report.figures.canvas.render`: each panel of a page is an empty SVG."""
+    assert (kind, columns, title, len(panels)) == ("svg", 1, "", 1)
+    return b'<svg viewBox="0 0 288 151"><g id="nothing"></g></svg>'
+
+
+def worked_here() -> None:
+    """To be done first in a process whose logs are to be worked in it, and whose pages are to be without figures: drawing takes longer."""
+    runner.LocalExecutor = Here  # type: ignore[assignment,misc]
+    canvas.render = without_drawing
+
+
+def batch(
+    folder: Path, *arguments: str | Path, first: Callable[[], None] | None = worked_here, **more: str
+) -> subprocess.CompletedProcess[str]:
+    """``massprop batch`` in a process of its own, run in ``folder``; ``more`` are environment variables.
+
+    It works the logs itself and draws nothing; with None done ``first`` it starts worker processes and draws, as users' do.
+    """
+    done = massprop(folder, "batch", *arguments, first=first, **more)
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
 def command(*arguments: str | Path) -> list[str]:
+    """Of a new interpreter, for tests that end processes."""
     return [sys.executable, "-m", "massprop_cli", "batch", *map(str, arguments)]
 
 
@@ -31,15 +74,6 @@ def environment(**more: str) -> dict[str, str]:
     """Without settings of whoever runs the tests, or of the CI that does."""
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("MASSPROP_", "GITHUB_"))}
     return kept | {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | more
-
-
-def batch(folder: Path, *arguments: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
-    """The real command line, run in ``folder``; ``more`` are environment variables."""
-    done = subprocess.run(
-        command(*arguments), cwd=folder, env=environment(**more), capture_output=True, encoding="utf-8", timeout=120, check=False
-    )
-    assert "Traceback" not in done.stderr, done.stderr
-    return done
 
 
 def corrupt(logs: list[Path]) -> dict[str, str]:

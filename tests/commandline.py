@@ -21,13 +21,17 @@ STDIN = "stdin.csv"
 _FORKS = get_context("forkserver")
 _FORKS.set_forkserver_preload(
     [
-        *("massprop_cli.flow", "massprop_cli.result.store", "massprop_cli.result.schema", "massprop_cli.check.flow"),
-        *("massprop_cli.combine.flow", "massprop_cli.plan.flow", "massprop_cli.testbed.output", "massprop_cli.report.terminal"),
-        # what commands import when they need it: a tenth of a second each, and half a second of those that fly
-        *("pyarrow.csv", "pyarrow.parquet", "rich.progress", "scipy.optimize", "typer.rich_utils"),
-        "tests.commandline",
+        *("massprop_cli.flow", "massprop_cli.job", "massprop_cli.result.store", "massprop_cli.result.schema", "massprop_cli.result.judge"),
+        *("massprop_cli.cli.estimate", "massprop_cli.cli.batch", "massprop_cli.cli.report", "massprop_cli.cli.compare"),
+        *("massprop_cli.campaign.run", "massprop_cli.campaign.discover", "massprop_cli.campaign.joining", "massprop_cli.campaign.page"),
+        *("massprop_cli.campaign.terminal", "massprop_cli.report.html", "massprop_cli.report.terminal", "massprop_cli.report.markdown"),
+        *("massprop_cli.check.flow", "massprop_cli.combine.flow", "massprop_cli.plan.flow", "massprop_cli.testbed.output"),
+        *("pyarrow.parquet", "pyarrow.csv", "filelock", "jinja2", "importlib.metadata", "rich.console", "rich.table", "rich.progress"),
+        *("scipy.optimize", "typer.rich_utils", "matplotlib.figure", "matplotlib.backends.backend_svg"),
+        *("matplotlib.backends.backend_agg", "tests.commandline"),
     ]
 )
+"""What commands import when they are asked for, a few tenths of a second each time; forks have it already."""
 
 
 class Done(subprocess.CompletedProcess[str]):
@@ -39,11 +43,14 @@ class Done(subprocess.CompletedProcess[str]):
         """Most memory that it held."""
 
 
-def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
-    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these."""
+def massprop(folder: Path, *arguments: str | Path, first: Callable[[], None] | None = None, **settings: str) -> Done:
+    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these.
+
+    ``first`` is done in its process before all else.
+    """
     with tempfile.TemporaryDirectory() as kept:
         said = [Path(kept) / name for name in ("stdout", "stderr", "peak")]
-        process = begun(folder, arguments, said, settings)
+        process = begun(folder, arguments, said, settings, first)
         process.join(50)
         if process.exitcode is None:
             process.kill()
@@ -66,7 +73,7 @@ def begun(
 
 
 def _run(folder: Path, arguments: tuple[str, ...], said: list[Path], settings: dict[str, str], first: Callable[[], None] | None) -> None:
-    for key in [key for key in os.environ if key.startswith("MASSPROP_")]:
+    for key in [key for key in os.environ if key.startswith(("MASSPROP_", "GITHUB_"))]:
         del os.environ[key]
     os.environ |= {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONUTF8": "1"} | settings
     os.chdir(folder)

@@ -163,14 +163,14 @@ class Ramp:
 
     def integrals(self, time: Array) -> tuple[Array, Array]:
         """First and second integral from 0 to ``time`` (≥ 0), both (n, len(time))."""
-        at_zero, slope_at_zero = self._primitive(np.zeros(1))
-        value, area = self._primitive(time)
-        return value - at_zero, area - slope_at_zero - at_zero * time
+        value, area = self._primitive(np.concatenate([[0.0], time]))
+        at_zero, value = value[:, :1], value[:, 1:]
+        return value - at_zero, area[:, 1:] - area[:, :1] - at_zero * time
 
     def _primitive(self, time: Array) -> tuple[Array, Array]:
         """First and second integral from before the ramp."""
         width = (self.end - self.start)[:, None]
-        x = np.clip(time - self.start[:, None], 0.0, width)
+        x = np.minimum(np.maximum(time - self.start[:, None], 0.0), width)
         after = np.maximum(time - self.end[:, None], 0.0)
         part = x * (x / np.where(width > 0, width, 1.0)) / 2
         first = part + after

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from jsonschema import Draft202012Validator
 from junitparser import JUnitXml
 
 from massprop_cli import QUANTITIES, schemas
-from tests.campaigns import batch, contents, corrupt, simulate
+from tests.campaigns import batch, contents, corrupt, simulate, worked_here
 from tests.commandline import massprop
 
 
@@ -41,7 +42,7 @@ def lines(stderr: str) -> list[str]:
 
 
 def test_a_campaign_has_a_result_for_each_log_and_tables_of_all(here: Path) -> None:
-    done = batch(here, "logs", "--jobs", "2")
+    done = batch(here, "logs", "--jobs", "2", first=None)
     assert done.returncode == 0, done.stderr
     out = here / "massprop-out"
     assert sorted(path.name for path in out.iterdir()) == ["campaign.csv", "campaign.html", "campaign.json", "campaign.parquet", "results"]
@@ -71,7 +72,9 @@ def test_a_result_is_the_one_that_estimate_writes(here: Path) -> None:
 
 @pytest.mark.slow
 def test_bytes_and_order_do_not_depend_on_the_number_of_processes(here: Path) -> None:
-    outs = {jobs: batch(here, "logs", "--out", f"out{jobs}", "--jobs", str(jobs), "--junit", f"{jobs}.xml") for jobs in (1, 2, 3)}
+    outs = {}
+    for jobs in (1, 2, 3):
+        outs[jobs] = batch(here, "logs", "--out", f"out{jobs}", "--jobs", str(jobs), "--junit", f"{jobs}.xml", first=None)
     assert len({done.stderr for done in outs.values()}) == 1
     first = contents(here / "out1")
     assert contents(here / "out2") == contents(here / "out3") == first
@@ -227,10 +230,10 @@ def test_json_is_the_whole_of_stdout_and_quiet_says_nothing(here: Path) -> None:
 
 
 def test_a_report_of_each_log_is_rendered_if_asked(here: Path) -> None:
-    done = batch(here, "logs/seed-0001", "--report", "-q")
+    done = batch(here, "logs/seed-0001", "--report", "-q", first=worked_here)
     assert done.returncode == 0, done.stderr
     page = (here / "massprop-out" / "results" / "seed-0001" / "report.html").read_text()
-    massprop(here, "report", "massprop-out/results/seed-0001", "--out", "alone")
+    massprop(here, "report", "massprop-out/results/seed-0001", "--out", "alone", first=worked_here)
     assert page == (here / "alone" / "report.html").read_text()
     assert 'href="results/seed-0001/report.html"' in (here / "massprop-out" / "campaign.html").read_text()
 
@@ -281,3 +284,31 @@ def test_what_makes_no_campaign_is_refused_in_one_line(here: Path, arguments: li
     assert (done.returncode, done.stdout) == (code, "")
     assert said in line
     assert contents(here) == before
+
+
+class Missing:
+    """An import that finds none of the packages of two extras."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
+        if name.partition(".")[0] in {"fsspec", "s3fs", "distributed", "dask"}:
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+
+def without_extras() -> None:
+    worked_here()
+    sys.meta_path.insert(0, Missing())
+
+
+def test_without_the_extras_a_batch_runs_here_and_names_the_extra_otherwise(here: Path) -> None:
+    assert batch(here, "logs/seed-0001", "--out", "with").returncode == 0
+    assert batch(here, "logs/seed-0001", "--out", "without", first=without_extras).returncode == 0
+    assert contents(here / "with") == contents(here / "without")
+    for arguments, extra in {("s3://flights/logs",): "remote", ("logs", "--out", "s3://flights/x"): "remote"}.items():
+        done = batch(here, *arguments, first=without_extras)
+        assert done.returncode == 3
+        assert done.stderr.endswith(f"needs the package fsspec; pip install 'massprop[{extra}]'\n")
+    done = batch(here, "logs", "--cluster", "tcp://127.0.0.1:9", first=without_extras)
+    assert (done.returncode, done.stderr) == (
+        3,
+        "massprop: cluster tcp://127.0.0.1:9: needs the package distributed; pip install 'massprop[cluster]'\n",
+    )

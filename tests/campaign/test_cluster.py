@@ -77,7 +77,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def local(logs: Path) -> dict[str, bytes]:
     """What one machine makes of them."""
-    campaigns.batch(logs.parent, "logs", "--out", "local")
+    campaigns.batch(logs.parent, "logs", "--out", "local", first=None)
     return campaigns.contents(logs.parent / "local")
 
 
@@ -122,10 +122,10 @@ def test_the_command_line_runs_on_a_cluster_and_keeps_what_is_unchanged(
     logs: Path, local: dict[str, bytes], two_workers: tuple[str, list[subprocess.Popen[bytes]]]
 ) -> None:
     address, _ = two_workers
-    first = campaigns.batch(logs.parent, "logs", "--out", "there", "--cluster", address)
+    first = campaigns.batch(logs.parent, "logs", "--out", "there", "--cluster", address, first=None)
     assert first.returncode == 3, first.stderr
     assert campaigns.contents(logs.parent / "there") == local
-    again = campaigns.batch(logs.parent, "logs", "--out", "there", "--cluster", address)
+    again = campaigns.batch(logs.parent, "logs", "--out", "there", "--cluster", address, first=None)
     assert again.stderr.count(", unchanged") == LOGS, again.stderr
     assert campaigns.contents(logs.parent / "there") == local
 
@@ -155,7 +155,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_rest_goes_on(logs: 
     assert f"{name}/log.parquet: every worker that tried it was lost" in " ".join(outcome.message for outcome in lost)
     assert len(steps) == LOGS
     assert len(lost) <= 3, "those that waited on the same worker at most"
-    campaigns.batch(logs.parent, "logs", "--out", tmp_path / "out")
+    campaigns.batch(logs.parent, "logs", "--out", tmp_path / "out", first=None)
     assert campaigns.contents(tmp_path / "out") == local, "such rows are tried again by the next run"
 
 

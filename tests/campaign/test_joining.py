@@ -82,7 +82,10 @@ def test_a_log_without_a_result_fails_what_it_was_to_be_part_of_alone(here: Path
 
 
 @pytest.mark.usefixtures("done")
-@pytest.mark.parametrize("damaged", [b"{", b"\xff\xfe", b"[]", b'{"schema": "massprop/result/1"}'])
+@pytest.mark.parametrize(
+    "damaged",
+    [b"\xff\xfe", *(pytest.param(text, marks=pytest.mark.thorough) for text in (b"{", b"[]", b'{"schema": "massprop/result/1"}'))],
+)
 def test_a_damaged_result_fails_what_it_was_to_be_part_of_alone(damaged: bytes, here: Path, tmp_path: Path) -> None:
     """It had ended the whole batch."""
     shutil.copytree(here, tmp_path / "again")

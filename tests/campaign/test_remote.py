@@ -5,20 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
-from massprop_cli import run_campaign
+from massprop_cli import api, run_campaign
 from massprop_cli.base.errors import InputError
-from massprop_cli.campaign import discover, lease, location, outcome, work
+from massprop_cli.campaign import discover, lease, location, outcome, runner, work
 from massprop_cli.campaign.plan import Job, Settings
 from massprop_cli.campaign.urlplace import UrlPlace
+from massprop_cli.cli import app
+from massprop_cli.report.figures import canvas
 from tests import campaigns
+from tests.campaigns import Here, without_drawing
 
 fsspec = pytest.importorskip("fsspec")
 pytest.importorskip("s3fs")
@@ -83,14 +87,23 @@ def local(logs: Path) -> dict[str, bytes]:
     return campaigns.contents(logs.parent / "local")
 
 
+@pytest.fixture
+def batch(logs: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """``massprop batch`` in the logs' folder, in this process, which has the store's library already."""
+    monkeypatch.chdir(logs.parent)
+    monkeypatch.setattr(runner, "LocalExecutor", Here)
+    monkeypatch.setattr(canvas, "render", without_drawing)
+    return lambda *arguments: CliRunner().invoke(app, ["batch", *arguments], env={"COLUMNS": "200", "NO_COLOR": "1"})
+
+
 def stored(s3: Any, root: str) -> dict[str, bytes]:
     s3.invalidate_cache()
     return {path.removeprefix(f"{root}/"): s3.cat_file(path) for path in sorted(s3.find(root))}
 
 
-def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(logs: Path, local: dict[str, bytes], s3: Any) -> None:
-    done = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/out")
-    assert done.returncode == 3, done.stderr
+def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[..., Result], local: dict[str, bytes], s3: Any) -> None:
+    done = batch("s3://flights/campaign.toml", "--out", "s3://flights/out")
+    assert done.exit_code == 3, done.stderr
     assert "not a readable Parquet file" in done.stderr
     assert done.stdout.splitlines()[-1] == "s3://flights/out/campaign.html"
     assert stored(s3, "flights/out") == local
@@ -102,7 +115,7 @@ def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(logs: Path, local
     s3.pipe_file(f"flights/out/results/{good[0]}/result.json", b"half")
     s3.rm_file(f"flights/out/results/{good[1]}/history.parquet")
     written = {path: info["LastModified"] for path, info in s3.find("flights/out/results", detail=True).items()}
-    again = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/out")
+    again = batch("s3://flights/campaign.toml", "--out", "s3://flights/out")
     assert [row["name"] for row in rows if f"{row['name']}:" in again.stderr and f"{row['name']}, unchanged" not in again.stderr] == good[
         :2
     ]
@@ -111,7 +124,21 @@ def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(logs: Path, local
     assert same == {path: when for path, when in written.items() if not _any(good[:2], path)}
 
 
-def test_a_campaign_from_python_may_be_at_urls_and_be_held_against_one(local: dict[str, bytes], s3: Any) -> None:
+@pytest.mark.thorough
+def test_workers_read_a_store_by_themselves(logs: Path, local: dict[str, bytes], s3: Any, endpoint: dict[str, str]) -> None:
+    done = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/workers", first=None, **endpoint)
+    assert done.returncode == 3, done.stderr
+    made = stored(s3, "flights/workers")
+    assert {path: made[path] for path in made if path != "campaign.html"} == {
+        path: local[path] for path in local if path != "campaign.html"
+    }
+
+
+def test_a_campaign_from_python_may_be_at_urls_and_be_held_against_one(
+    local: dict[str, bytes], s3: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api, "LocalExecutor", Here)
+    monkeypatch.setattr(canvas, "render", without_drawing)
     made = run_campaign("s3://flights/campaign.toml", "s3://flights/python", jobs=2)
     assert stored(s3, "flights/python") == local
     rows = json.loads(local["campaign.json"])["logs"]
@@ -169,11 +196,17 @@ def test_one_batch_at_a_time_and_a_killed_ones_lock_is_taken_over(s3: Any, monke
         place.put_file("mine", [b"1"])
         # and one that was cut off for too long stops as soon as it knows
         s3.pipe_file("flights/locked/.lock", b'{"token": "of another"}')
-        time.sleep(0.5)
         with pytest.raises(InputError, match="another batch took over"):
-            place.put_file("mine", [b"2"])
+            _keep_putting(place)
     assert s3.cat_file("flights/locked/mine") == b"1"
     assert s3.cat_file("flights/locked/.lock") == b'{"token": "of another"}', "a lock of others stays"
+
+
+def _keep_putting(place: UrlPlace) -> None:
+    until = time.monotonic() + 30
+    while time.monotonic() < until:
+        place.put_file("mine", [b"1"])
+        time.sleep(0.05)
 
 
 @pytest.mark.parametrize(
@@ -194,13 +227,13 @@ def test_a_url_without_a_log_is_one_line_with_a_remedy(named: str, said: str) ->
     assert "\n" not in str(caught.value)
 
 
-def test_what_else_is_missing_is_one_line_with_a_remedy(logs: Path) -> None:
+def test_what_else_is_missing_is_one_line_with_a_remedy(batch: Callable[..., Result]) -> None:
     for arguments, said in {
         ("logs", "--out", "s3://nobucket/out"): "s3://nobucket/out: no bucket 'nobucket' that these credentials may use",
         ("logs", "--vehicle", "s3://flights/none.toml"): "s3://flights/none.toml: no such vehicle file; check the URL",
     }.items():
-        done = campaigns.batch(logs.parent, *arguments)
-        assert (done.returncode, len(done.stderr.splitlines())) == (3, 1), done.stderr
+        done = batch(*arguments)
+        assert (done.exit_code, len(done.stderr.splitlines())) == (3, 1), done.stderr
         assert said in done.stderr
 
 
@@ -210,8 +243,9 @@ def test_a_log_that_vanishes_is_a_row() -> None:
     assert (found.outcome.exit_code, found.outcome.message) == (3, "gone/log.csv: no such log; check the URL")
 
 
-def test_a_store_that_does_not_answer_or_refuses_is_one_line(logs: Path) -> None:
-    down = campaigns.batch(logs.parent, "s3://flights/logs", AWS_ENDPOINT_URL="http://127.0.0.1:9", AWS_MAX_ATTEMPTS="1")
+def test_a_store_that_does_not_answer_or_refuses_is_one_line(logs: Path, endpoint: dict[str, str]) -> None:
+    nowhere = endpoint | {"AWS_ENDPOINT_URL": "http://127.0.0.1:9", "AWS_MAX_ATTEMPTS": "1"}
+    down = campaigns.batch(logs.parent, "s3://flights/logs", **nowhere)
     assert (down.returncode, len(down.stderr.splitlines())) == (3, 1), down.stderr
     assert "s3://flights/logs: " in down.stderr
     assert "check the network and the store's address" in down.stderr
@@ -226,35 +260,3 @@ def test_a_url_may_stand_for_any_place_of_a_path() -> None:
     assert location.below("s3://bucket/a/b.csv", "folder") == "s3://bucket/a/b.csv"
     assert not location.is_url("C:/logs")
     assert not location.is_url("./a://b")
-
-
-BLOCKED = """
-import sys
-class Missing:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"fsspec", "s3fs", "distributed", "dask"}:
-            raise ModuleNotFoundError(f"No module named {name!r}")
-sys.meta_path.insert(0, Missing())
-from massprop_cli.cli import main
-main()
-"""
-
-
-def test_without_the_extras_a_batch_runs_here_and_names_the_extra_otherwise(logs: Path, local: dict[str, bytes]) -> None:
-    def base(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [*campaigns.command()[:1], "-c", BLOCKED, "batch", *arguments]
-        return subprocess.run(
-            command, cwd=logs.parent, env=campaigns.environment(), capture_output=True, text=True, timeout=60, check=False
-        )
-
-    assert base("campaign.toml", "--out", "base").returncode == 3
-    assert campaigns.contents(logs.parent / "base") == local
-    for arguments, extra in {("s3://flights/logs",): "remote", ("logs", "--out", "s3://flights/x"): "remote"}.items():
-        done = base(*arguments)
-        assert done.returncode == 3
-        assert done.stderr.endswith(f"needs the package fsspec; pip install 'massprop[{extra}]'\n")
-    done = base("logs", "--cluster", "tcp://127.0.0.1:9")
-    assert (done.returncode, done.stderr) == (
-        3,
-        "massprop: cluster tcp://127.0.0.1:9: needs the package distributed; pip install 'massprop[cluster]'\n",
-    )

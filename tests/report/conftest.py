@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
@@ -10,8 +10,8 @@ import pytest
 
 from massprop_cli.report import figures, html
 from massprop_cli.report.figures import canvas
-from massprop_cli.report.figures.panel import Panel
 from massprop_cli.result.read import Recorded
+from tests.campaigns import without_drawing
 from tests.recording import record
 from tests.report.page import Page
 
@@ -64,10 +64,5 @@ def blank_figures() -> Iterator[None]:
 def blank() -> Iterator[None]:
     """Pages without their figures: drawing takes most of a page's time, and says nothing of the rest."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(canvas, "render", _nothing)
+        patch.setattr(canvas, "render", without_drawing)
         yield
-
-
-def _nothing(panels: Sequence[Panel], kind: canvas.Kind, columns: int = 1, title: str = "") -> bytes:
-    assert (kind, columns, title, len(panels)) == ("svg", 1, "", 1)
-    return b'<svg viewBox="0 0 288 151"><g id="nothing"></g></svg>'

@@ -159,12 +159,13 @@ def test_level_momentum_of_body_and_base_changes_by_the_jets_alone() -> None:
     gained, given = np.zeros(3), np.zeros(3)
     for motion, start in zip(motions, attitudes[:-1], strict=True):
         turn = quaternions(rotation_vectors(motion, PERIOD / FINE))
+        half_turn = quaternions(rotation_vectors(motion, PERIOD / FINE) / 2)
+        own = dynamics.specific_force(motion, force, dynamics.bodies.cg[:, 0], PERIOD / FINE)
+        base = dynamics.centre_force(motion, force, PERIOD / FINE)
         attitude = np.tile(start[:, None, None], (1, 1, 1))
         for bin_ in range(FINE):
-            half = compose(attitude[..., 0], quaternions(rotation_vectors(motion, PERIOD / FINE)[..., bin_] / 2))
-            own = dynamics.specific_force(motion, force, dynamics.bodies.cg[:, 0], PERIOD / FINE)[..., bin_]
-            base = dynamics.centre_force(motion, force, PERIOD / FINE)[..., bin_]
-            gained += PERIOD / FINE * to_world(half, 20.0 * own + 5.0 * base)[:, 0]
+            half = compose(attitude[..., 0], half_turn[..., bin_])
+            gained += PERIOD / FINE * to_world(half, 20.0 * own[..., bin_] + 5.0 * base[..., bin_])[:, 0]
             given += PERIOD / FINE * to_world(half, force[..., bin_])[:, 0]
             attitude = compose(attitude[..., 0], turn[..., bin_])[..., None]
     assert np.allclose(gained[:2], given[:2], rtol=0, atol=1e-5 * np.abs(given).max())

@@ -20,8 +20,9 @@ from tests import flight
 FREQUENCY, DAMPING = 0.4, 0.7
 INERTIA, CG_Y = np.array([0.9, 2.7, 2.4]), 0.1
 BODY = {"ixx": 0.9, "iyy": 2.7, "izz": 2.4, "cg_y": CG_Y, "mass": 22.0}
-HOLD = {"motion": "hold", "start_cycle": 0, "end_cycle": 1200}
-PUSH = {"motion": "steady", "axes": ["x"], "force_n": 0.5, "start_cycle": 0, "end_cycle": 1200}
+CYCLES = 400
+HOLD = {"motion": "hold", "start_cycle": 0, "end_cycle": CYCLES}
+PUSH = {"motion": "steady", "axes": ["x"], "force_n": 0.5, "start_cycle": 0, "end_cycle": CYCLES}
 
 
 def still(delay: float, **changes: Any) -> ScenarioSource:
@@ -30,7 +31,7 @@ def still(delay: float, **changes: Any) -> ScenarioSource:
         Scenario.model_validate(
             {
                 "schema": 1,
-                "duration_cycles": 1200,
+                "duration_cycles": CYCLES,
                 "vehicle": flight.vehicle("free", delay, nominal={"ixx": 0.9, "iyy": 2.7, "izz": 2.4}),
                 "truth": BODY,
                 "sensors": {"gyro_noise_rad_s": 0.0, "accel_noise_m_s2": 0.0},
@@ -70,7 +71,8 @@ def test_a_known_body_flies_as_the_analytic_gains_do_to_the_last_bit() -> None:
         "rate_gain_n_m_s": (2 * DAMPING * FREQUENCY * INERTIA).tolist(),
         "attitude_gain_n_m": (2 * FREQUENCY**2 * INERTIA).tolist(),
     }
-    turning = {"truth": body, "initial": {"rate_rad_s": [0.02, -0.03, 0.01]}, "plan": [HOLD, PUSH]}
+    plan = [motion | {"end_cycle": 100} for motion in (HOLD, PUSH)]
+    turning = {"duration_cycles": 100, "truth": body, "initial": {"rate_rad_s": [0.02, -0.03, 0.01]}, "plan": plan}
     flights = [simulate.fly(still(1.0, control=control, **turning), [1]) for control in (stated, by("truth"), by("nominal"))]
     for other in flights[1:]:
         assert np.array_equal(flights[0].issued, other.issued)
@@ -82,7 +84,7 @@ def test_a_known_body_flies_as_the_analytic_gains_do_to_the_last_bit() -> None:
 def test_a_disturbed_vehicle_swings_as_that_oscillator() -> None:
     """Rates from 10 mrad/s: θ = ω₀ exp(−ζ w t) sin(w_d t) / w_d, later by the control's half cycle and its differenced rate."""
     flown = simulate.fly(still(0.0, initial={"rate_rad_s": [0.01, 0.01, 0.01]}, truth={**BODY, "cg_y": 0.0}), [1])
-    time = np.arange(1201) * flight.CYCLE
+    time = np.arange(CYCLES + 1) * flight.CYCLE
     damped = FREQUENCY * np.sqrt(1 - DAMPING**2)
     expected = 0.01 * np.exp(-DAMPING * FREQUENCY * time) * np.sin(damped * time) / damped
     assert np.abs(angles(flown) - expected[:, None]).max() < 0.04 * expected.max()
@@ -97,10 +99,10 @@ def test_an_offset_push_is_met_by_its_torque_where_the_cg_is_known_and_by_an_ang
 
 
 def test_the_truth_is_that_of_the_moment() -> None:
-    docks = {"docked": {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 5.0, "cg_x": 0.5}, "events": [{"kind": "dock", "cycle": 600}]}
-    flown = simulate.fly(still(1.0, **docks), [1, 2])
-    assert (flown.modelled[:, :600] == np.array([BODY.get(name, 0.0) for name in QUANTITIES])).all()
-    assert (flown.modelled[:, 600:] == flown.truth[:, -1:]).all()
+    docks = {"docked": {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "mass": 5.0, "cg_x": 0.5}, "events": [{"kind": "dock", "cycle": 60}]}
+    flown = simulate.fly(still(1.0, duration_cycles=120, plan=[HOLD | {"end_cycle": 120}], **docks), [1, 2])
+    assert (flown.modelled[:, :60] == np.array([BODY.get(name, 0.0) for name in QUANTITIES])).all()
+    assert (flown.modelled[:, 60:] == flown.truth[:, -1:]).all()
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,11 @@ def test_what_is_held_of_the_slope_stands_still_in_the_world() -> None:
     np.testing.assert_allclose(world, np.tile([[0.05], [-0.02]], BINS), atol=1e-7)
 
 
+SHORT = ("duration_s=12", 'plan=[{motion="random", axes=["x", "y", "yaw"], every_cycles=5, max_cycles=4, start_s=0, end_s=10}]')
+
+
 def flown(hold: float) -> Array:
-    source = scenario.load("planar")
+    source = scenario.load("planar", SHORT)
     disturbance = source.scenario.disturbance.model_copy(update={"table_hold": hold})
     changed = source.scenario.model_copy(update={"disturbance": disturbance})
     felt: Array = simulate.fly(ScenarioSource(changed, source.source), [1]).delta_v_m_s[0] / PERIOD

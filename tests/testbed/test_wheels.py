@@ -10,7 +10,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
 
-SHORT = ("duration_s=20", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=20}]')
+SHORT = ("duration_s=8", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=8}]')
 
 
 def in_world(attitude_wxyz: Array, v: Array) -> Array:
