@@ -103,7 +103,7 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
     flown = simulate.fly(scenario.load("docking", [*plan, failing("yaw_p1", 0.0, 9.0, 20.0)]), [4])
     found = flow.examine(flown.log(0), VehicleSource(flown.vehicle, "t", ""))
     (mended,) = found.mended
-    (stated,) = mended.settings
+    stated, *_ = mended.settings
     assert float(stated.split("end_s = ")[1].split("}")[0]) == pytest.approx(20.0, abs=0.3)
     for number, conclusion in enumerate(mended.conclusions):
         for one, true in zip(conclusion.estimates.values(), flown.truth[0, number], strict=True):
@@ -156,7 +156,7 @@ def test_a_jet_that_fails_for_a_time_is_named_and_mended(keys: tuple[str, ...], 
     (said,) = [notice.message for notice in found.notices if notice.code == code]
     assert words in said
     (mended,) = found.mended
-    (stated,) = mended.settings
+    stated, *_ = mended.settings
     assert stated.startswith("thrust.failures=[")
     assert setting in stated
     true = scenario.load("free-flyer").scenario.truth.values
