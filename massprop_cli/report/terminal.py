@@ -64,7 +64,7 @@ def _mended(one: Mended, console: Console) -> None:
             console.print(escape.rich(mended.still(phase)), style=_STYLE["contradicted"])
     for option in mended.options(one):
         console.print(f"  {escape.rich(option)}", soft_wrap=True)
-    if one.settings and not one.whole:
+    if not one.whole:
         console.print(mended.beyond(one))
 
 
