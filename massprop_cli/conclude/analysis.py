@@ -25,11 +25,11 @@ class MendedAnswer:
     fault: Fault
     settings: tuple[str, ...]
     """KEY=VALUE of the vehicle file that mend it, with how uncertain they are."""
-    whole: bool
-    """Whether they are all that was changed, so that they give the very same."""
     conclusions: tuple[Conclusion, ...]
     rivals: tuple[list[Array], ...] = ()
     """(10,) values of each phase, for each cause that can't be ruled out beside it."""
+    whole: bool = True
+    """Whether the settings are all that was changed, so that they give the very same."""
 
 
 @dataclass(frozen=True)

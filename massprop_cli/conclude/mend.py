@@ -63,7 +63,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
         rivals = tuple(_beside(found, again, rival, offline.SETTLINGS) for rival in fault.rivals)
     except InputError:
         return None
-    return MendedAnswer(fault, settings, cure.by_keys, judged(again, []).conclusions, rivals)
+    return MendedAnswer(fault, settings, judged(again, []).conclusions, rivals, cure.by_keys)
 
 
 def _with_sigmas(found: Analysis, cure: Cure, others: Sequence[Cure]) -> tuple[str, ...]:

@@ -108,6 +108,8 @@ def _checked(source: VehicleSource, vehicle: Vehicle, timing: Timing, shortest_s
         problem = (
             problem or "delay or lag have a sigma, and the kernel takes them as exact; set command_delay_sigma_cycles and lag_sigma_s to 0"
         )
+    if vehicle.uncertain:
+        problem = problem or "uncertain is stated, and the kernel takes all keys as exact; leave it out"
     if problem or used is None:
         raise InputError(f"{source.source}: {problem}")
     return used

@@ -173,13 +173,12 @@ def fed(
     part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
     driven, measured = list[Array](), list[Array]()
-    # the log as it was read is at hand, and sides that several variants have in common are looked at once
+    # the log as it was read is at hand; sides that several variants have in common are looked at once, and stay: ids are theirs
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
-    shared, held = _Shared({}, {}, {}), list[Vehicle]()  # what is known by its id must stay
+    shared, held = _Shared({}, {}, {}), list[Vehicle]()
 
     def of(side: Side) -> tuple[Array, Array]:
-        as_read = side.vehicle or vehicle
-        held.append(as_read)
+        held.append(as_read := side.vehicle or vehicle)
         if (own := (id(side.samples), id(as_read))) not in read:
             read[own] = _expected(side, state, cycles, reference, as_read, shared)
         return read[own]
@@ -207,8 +206,8 @@ def fed(
     if consider.scales:
         mounting = np.array(vehicle.imu.body_from_imu)
         whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench
-        thrusts = Wrenches(np.arange(len(of_each)), of_each)
-        push(*wrench_columns(samples, cycles, reference, vehicle, here, thrusts), mounting * (whole @ mounting)[:, None, :])
+        columns = wrench_columns(samples, cycles, reference, vehicle, here, Wrenches(np.arange(len(of_each)), of_each))
+        push(*columns, mounting * (whole @ mounting)[:, None, :])
     for change in consider.imu:
         add(change.variant(samples, vehicle))
     if consider.jets.kinds:

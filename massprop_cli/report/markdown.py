@@ -152,6 +152,7 @@ def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]
 def _mended(one: Mended) -> list[str]:
     found = [f"### {mended.TITLE}", "", f"Not the result: {shown(one.message)} ({shown(one.code)})", ""]
     found += [*(f"    {option}" for option in mended.options(one)), ""] if one.settings else []
+    found += [mended.beyond(one), ""] if not one.whole else []
     for phase in one.phases:
         still = mended.still(phase)
         found += [f"Phase {shown(phase.name)}{f': **{shown(still)}**' if still else ''}", ""]

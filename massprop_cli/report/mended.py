@@ -17,6 +17,11 @@ def options(found: Mended) -> list[str]:
     return [f"--set {shlex.quote(line(setting))}" for setting in found.settings]
 
 
+def beyond(found: Mended) -> str:
+    """That the options don't give these values by themselves; empty where they do."""
+    return "" if found.whole else "These options alone do not give these values: the readings of a sensor were turned, too."
+
+
 def rows(phase: MendedPhase) -> list[tuple[str, str, str, str, Verdict]]:
     """Quantity, value, sigma, unit, verdict."""
     return [

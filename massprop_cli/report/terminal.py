@@ -64,6 +64,8 @@ def _mended(one: Mended, console: Console) -> None:
             console.print(escape.rich(mended.still(phase)), style=_STYLE["contradicted"])
     for option in mended.options(one):
         console.print(f"  {escape.rich(option)}", soft_wrap=True)
+    if not one.whole:
+        console.print(mended.beyond(one))
 
 
 def _assumptions(found: Result, console: Console) -> None:

@@ -390,7 +390,7 @@ def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, 
     assert min(faulty.z_scores(found, true)[name] for name in ("ixx", "iyy", "izz")) > 10
     assert {faulty.verdicts(found)[name] for name in ("ixx", "iyy", "izz")} == {"contradicted"}
     (mended,) = found.mended
-    (setting,) = mended.settings
+    setting, *_ = mended.settings
     assert setting.startswith(f"thrust.{key}=")
     assert float(setting.split("=")[1]) == pytest.approx(part, rel=0.02)
     estimates = mended.conclusions[0].estimates.values()
