@@ -12,8 +12,8 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS, SUPPLY
 from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
-from massprop_cli.errorparameters.table import PRIORS
+from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY, WORDS
+from massprop_cli.errorparameters.table import BY_NAME, PRIORS
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
@@ -34,15 +34,10 @@ def along(model: Model, *moves: tuple[str, Array]) -> Array:
     return column
 
 
-def _one(model: Model, code: str, name: str, axis: int | None = None, subject: tuple[str, ...] = ()) -> Supposition:
-    place = model.place(name)
-    part = np.ones(place.stop - place.start) if axis is None else np.eye(place.stop - place.start)[axis]
-    return Supposition(code, subject, along(model, (name, part)))
-
-
-def _all(model: Model, code: str, name: str, subject: tuple[str, ...] = ()) -> Supposition:
-    size = model.place(name).stop - model.place(name).start
-    return Supposition(code, subject, np.hstack([along(model, (name, unit)) for unit in np.eye(size)]))
+def _free(model: Model, *names: str, subject: tuple[str, ...] = ()) -> Supposition:
+    """Each component of these parameters, under the code of the last."""
+    units = [along(model, (name, unit)) for name in names for unit in np.eye(BY_NAME[name].size)]
+    return Supposition(BY_NAME[names[-1]].code, subject, np.hstack(units))
 
 
 def _channels(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
@@ -121,34 +116,23 @@ def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
         ramps = (("rise",), ("fall",), ("rise", "fall"))
         yield from (Supposition("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
     if set(SUPPLY) <= model.places.keys():
-        yield from (_one(model, "thrust-droop", name) for name in ("droop", "cycle_droop"))
-    for code, name in (
-        ("delay-mismatch", "delay"),
-        ("thrust-lag", "lag"),
-        ("gyro-filter", "gyro_lag"),
-        ("accel-filter", "accel_lag"),
-    ):
-        yield _one(model, code, name)
+        yield from (_free(model, name) for name in ("droop", "cycle_droop"))
     # clocks agree where the log begins, and the stretch is somewhere in it
-    yield Supposition("clock-drift", (), np.hstack([along(model, (name, np.ones(1))) for name in ("delay", "drift")]))
+    yield from (_free(model, *names) for names in (("delay",), ("lag",), ("gyro_lag",), ("accel_lag",), ("delay", "drift")))
 
 
 def _sensors(model: Model) -> Iterator[Supposition]:
     for sensor in ("gyro", "accel"):
-        name = f"{sensor}_scale"
-        for axis in range(3):
-            yield _one(model, f"{sensor}-scale", name, axis, (AXES[axis],))
-        yield _one(model, f"{sensor}-scale", name)
-    for sensor in ("gyro", "accel"):
-        if f"{sensor}_bias" not in model.biases:
-            yield _all(model, f"{sensor}-bias", f"{sensor}_bias")
+        subjects = (*zip(AXES, strict=True), ())
+        for subject, part in zip(subjects, (*np.eye(3), np.ones(3)), strict=True):
+            yield Supposition(f"{sensor}-scale", subject, along(model, (f"{sensor}_scale", part)))
+    yield from (_free(model, name) for name in ("gyro_bias", "accel_bias") if name not in model.biases)
 
 
 def _tilts(model: Model) -> Iterator[Supposition]:
-    both = [along(model, ("gyro_turn", unit), ("accel_turn", unit)) for unit in np.eye(3)]
+    both = [along(model, *((name, unit) for name in BY_NAME["mounting"].moved)) for unit in np.eye(3)]
     yield Supposition("imu-mounting", (), np.hstack(both))
-    yield _all(model, "imu-mounting", "gyro_turn", ("gyro",))
-    yield _all(model, "imu-mounting", "accel_turn", ("accelerometer",))
+    yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in WORDS.items())
 
 
 def units(model: Model) -> list[Supposition]:
@@ -182,18 +166,14 @@ def mountings(model: Model) -> list[Supposition]:
 
 def imu_position(model: Model) -> Supposition:
     """The IMU elsewhere."""
-    return _all(model, "imu-position", "imu")
+    return _free(model, "imu")
 
 
 def _others(model: Model) -> Iterator[Supposition]:
     yield imu_position(model)
-    if model.bearing is not None:
-        yield _all(model, "bearing-position", "bearing")
-        if "east" in model.places:
-            yield _all(model, "attitude-start", "tilt")
-    yield _all(model, "steady-torque", "torque")
-    yield _all(model, "rate-torque", "drag")
-    yield Supposition("fuel-use", (), np.hstack([along(model, ("mass_rate", np.ones(1))), along(model, ("inertia_rate", np.ones(1)))]))
+    on_bearing = ("bearing",) * (model.bearing is not None) + ("tilt",) * ("east" in model.places)
+    yield from (_free(model, name) for name in (*on_bearing, "torque", "drag"))
+    yield _free(model, "mass_rate", "inertia_rate")
 
 
 @cache

@@ -186,15 +186,15 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
             yield f"{one.key}={_literal(value if value.size > 1 else value[0])}"
         elif one.key is not None or one.name not in said.errors or not said.errors[one.name].any():
             continue
-        if one.stated_sigma is not None:
-            yield f"{one.sigma_key}={one.stated_sigma(said):.3g}"
+        if one.states:
+            yield f"{one.sigma_key}={one.corrected_sigma(said):.3g}"
 
 
 def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
     """The cure with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
     stated = np.zeros(len(found.x), dtype=bool)
     for name in ENTRIES:
-        stated[found.model.place(name)] = BY_NAME[name].stated_sigma is not None
+        stated[found.model.place(name)] = bool(BY_NAME[name].states)
     cures = []
     for move, sigma in zip(found.supposed.free.T, found.spread, strict=True):
         further = replace(found, x=found.x + sigma * move)

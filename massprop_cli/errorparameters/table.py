@@ -36,8 +36,8 @@ def words_of(code: str, finding: Finding) -> tuple[str, str]:
     """(code of the warning, text that goes on "the log fits if …") of a hypothesis with its values."""
     for case in SPECIAL_CASES:
         if case.of == code and case.applies(finding):
-            return case.code, case.wording.text(finding)
+            return case.code, case.wording.text(finding, {})
     named = [one for one in TABLE if one.code == code and one.wording.sentence]
     moved = [one for one in named if all(finding.errors[name].any() for name in one.moved)]
     best = max(moved or named, key=lambda one: len(one.moved))
-    return code, best.wording.text(finding)
+    return code, best.text(finding)
