@@ -28,7 +28,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.cures import Cure
+    from massprop_cli.diagnosis.corrections import Correction
 
 
 FOUND = {
@@ -71,7 +71,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     return MendedAnswer(fault, settings, again.conclusions, rivals)
 
 
-def _beside(found: Analysis, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
+def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1) -> list[Array]:
     """(10,) what so many passes on from the mended fit of each phase give with another cure instead; NaN where there is none."""
     vehicle = _as_noisy(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle)
     samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))

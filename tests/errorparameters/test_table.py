@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis.handed import BLOCKS
+from massprop_cli.diagnosis.kernelfits import BLOCKS
 from massprop_cli.errorparameters.parameter import ErrorParameter, Wording
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, CODES, ENTRIES, TABLE
