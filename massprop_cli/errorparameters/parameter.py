@@ -11,7 +11,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.errorparameters.setup import Setup, stated
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.wheel import Wheel
 
 Unit = Literal["1", "m", "N", "rad", "rad/s", "m/s²", "N m", "N m s", "cycles", "parts", "kg", "kg m²"]
 Redone = Literal["body", "motion", "commands", "all"]
@@ -186,7 +188,7 @@ class ErrorParameter:
             (self.prior < 0 or not np.isfinite(self.prior), f"the prior sigma {self.prior:g} is none"),
             (self.key is None and not self.no_key, "no key of the value, and no reason why there is none"),
             (self.sigma_key is None and not self.no_sigma, "no key of the sigma, and no reason why there is none"),
-            (not self.per_channel and not all(map(_known, (self.key, self.sigma_key))), "the vehicle file has no such key"),
+            (not all(map(_known, (self.key, self.sigma_key))), "the vehicle file has no such key"),
             (self.prior > 0 and not (self.wording.sentence and self.wording.remedy), "a hypothesis without a sentence or a remedy"),
             (bool(self.states) and self.sigma_key is None, "a sigma is stated under no key"),
         ]
@@ -283,8 +285,8 @@ def _known(key: str | None) -> bool:
         return True
     section, _, name = key.partition(".")
     field = Vehicle.model_fields.get(section)
-    kind = None if field is None else field.annotation
-    return section in ("jets", "wheels") or name in getattr(kind, "model_fields", ())
+    kind = {"jets": Jet, "wheels": Wheel}.get(section) or (None if field is None else field.annotation)
+    return name in getattr(kind, "model_fields", ())
 
 
 def vector(values: Array, unit: float = 1.0) -> str:
