@@ -214,7 +214,7 @@ class ErrorParameter:
         sigma = scale * float(finding.sigmas[self.moved[0]].max(initial=0.0))
         found: dict[str, object] = {"error": vector(error), "mm": vector(error, 1e3), "sigma": sigma, "percent_sigma": 100 * sigma}
         found |= {"angle": np.degrees(np.linalg.norm(error)), "imu_axes": vector(finding.mounting.T @ error) if error.size == 3 else ""}
-        if self.key is not None:
+        if self.key is not None and not self.per_channel:
             stated, value = (float(np.ravel(setup.value(self.key))[0]) for setup in (finding.stated, finding.corrected))
             found |= {"stated": stated, "value": value, "percent": 100 * value}
         return found
