@@ -10,10 +10,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, matrix
-from massprop_cli.errorparameters.sensor import WORDS
+from massprop_cli.errorparameters.sensor import DEGREE, WORDS
 from massprop_cli.errorparameters.setup import Setup
 
-DEGREE = float(np.pi / 180)
 TURN = float(np.radians(0.1))
 """rad; the difference behind the derivative: its square is below what a log tells, and it is far above rounding."""
 _TURNED = "no key of a sensor alone: the remedy is a calibration, or another axis under [columns]"

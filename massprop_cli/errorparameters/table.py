@@ -37,12 +37,11 @@ BY_NAME = {one.name: one for one in TABLE}
 PRIORS = {name: BY_NAME[name].prior for name in ENTRIES if BY_NAME[name].prior > 0}
 LATE = frozenset(one.code for one in TABLE if one.late)
 """Codes of what makes motion late."""
-HYPOTHESES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.of for case in SPECIAL_CASES)})
 BY_COLUMN = {
     column: {one.name for one in TABLE if column in one.columns} for column in dict.fromkeys(name for one in TABLE for name in one.columns)
 }
 """The parameters that each column of the log's regression is there for."""
-CODES = HYPOTHESES | {case.code for case in SPECIAL_CASES}
+CODES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.code for case in SPECIAL_CASES)})
 """Of all warnings that name an error."""
 
 

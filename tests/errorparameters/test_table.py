@@ -139,6 +139,15 @@ def test_only_entries_of_x_and_what_moves_several_are_hypotheses() -> None:
     assert all(set(one.moved) <= set(ENTRIES) for one in TABLE if one.prior > 0)
 
 
+def test_the_page_of_assumptions_has_every_step() -> None:
+    text = (PAGE.parent / "assumptions.md").read_text(encoding="utf-8")
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")]
+    for one in TABLE:
+        if one.step is not None and not one.step.part_of:
+            (row,) = [row for row in rows if one.step.code in row[1].replace(",", " ").split()]
+            assert row[3].strip().startswith(one.step.words.partition(" along")[0].partition(" about")[0]), one.name
+
+
 def test_the_page_is_the_table() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "python -m website.errorparameters"
     assert all(f"(warnings/{code}.md)" in page() for code in CODES)
