@@ -82,8 +82,8 @@ def beyond(screening: Screening) -> float:
 
 def _before_its_cause(screening: Screening, found: Fitted) -> bool:
     """Whether it takes a delay, a lag, a rise or a droop below zero, by more than chance."""
-    limited = (BY_NAME[name] for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
-    return any(float(found.error(one.name)[0]) < one.least(screening.case.setup) - one.slack for one in limited)
+    errors = ((BY_NAME[name], float(found.error(name)[0])) for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
+    return any(error < one.least(screening.case.setup) - one.slack for one, error in errors if error < -one.slack)
 
 
 @dataclass(frozen=True)
