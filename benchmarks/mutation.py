@@ -2,8 +2,8 @@
 
     python benchmarks/mutation.py massprop_cli/conclude/verdict.py tests/conclude tests/test_flow.py --count 20 --seed 1
 
-A mutant changes one place: a comparison, an arithmetic operator, a number, a condition or a sign. Each runs in a copy of the committed tree,
-against the named tests, until the first failure.
+A mutant changes one place: a comparison, an arithmetic operator, a number, a condition or a sign. Each runs in a copy of the committed
+tree, against the named tests, until the first failure.
 """
 
 from __future__ import annotations
@@ -20,9 +20,13 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-COMPARE: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
-}  # fmt: skip
+_PAIRS: tuple[tuple[type[ast.cmpop], type[ast.cmpop]], ...] = (
+    (ast.Lt, ast.GtE),
+    (ast.Gt, ast.LtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+)
+COMPARE = dict(_PAIRS) | {other: one for one, other in _PAIRS}
 ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr,
 }  # fmt: skip

@@ -20,7 +20,7 @@ from massprop_cli.campaign.work import Produced
 from massprop_cli.inputs.require import Requirement
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.ready import Ready
+    from massprop_cli.diagnosis.preprocessing import Ready
     from massprop_cli.inputs.vehiclefile import VehicleSource
     from massprop_cli.result.read import Recorded
     from massprop_cli.result.schema import Result

@@ -13,7 +13,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.combine import logs
 from massprop_cli.combine.joint import Joint, Piece, with_shared
 from massprop_cli.conclude.verdict import PLANAR
-from massprop_cli.diagnosis.ready import Ready
+from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.estimate import disturbances, noiselevels, offline
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.jointly import Joint as Fit

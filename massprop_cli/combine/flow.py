@@ -17,7 +17,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.combine import logs, twice
 from massprop_cli.combine.docked import backwards, docked_object
 from massprop_cli.combine.phase import Part, Phased, together_phase
-from massprop_cli.diagnosis.ready import Ready
+from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.report.labels import labels
 from massprop_cli.result import rendered
 from massprop_cli.result import schema as results

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from massprop_cli.base import configfile
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.ready import Ready, ready
+from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.inputs import clipped, logfile, telemetry, vehiclefile
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import Vehicle

@@ -15,7 +15,7 @@ from massprop_cli.combine import fit
 from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
-from massprop_cli.diagnosis.ready import Ready
+from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.plant import BearingBody
 from massprop_cli.result.build import estimate_items, matrix, physical

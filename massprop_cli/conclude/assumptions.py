@@ -16,8 +16,8 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.conclude.granted import granted
-from massprop_cli.conclude.taken import Taken
+from massprop_cli.conclude.assumed import assumed
+from massprop_cli.conclude.assumedvalue import AssumedValue
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE
@@ -83,7 +83,7 @@ class Later(NamedTuple):
 class Examined:
     """What is taken for granted, and what each of it does to each phase."""
 
-    taken: tuple[Taken, ...]
+    taken: tuple[AssumedValue, ...]
     responses: tuple[Response | None, ...]
     """To one unit of each variant, then of the scale of each of the accelerometer's axes, then of each channel's thrust; None of a phase
     without a reference."""
@@ -98,11 +98,11 @@ class Examined:
         return float(np.sum([part.sum() for part in self.noise]) / max(self.count, 1))
 
     @property
-    def varied(self) -> list[Taken]:
+    def varied(self) -> list[AssumedValue]:
         """Those that have a variant."""
         return [t for t in self.taken if t.variant is not None]
 
-    def step(self, taken: Taken, columns: int) -> Array:
+    def step(self, taken: AssumedValue, columns: int) -> Array:
         """(e,) units of each column that make one step."""
         found, first = np.zeros(columns), len(self.varied)
         own = [i for i, t in enumerate(self.varied) if t is taken]
@@ -133,7 +133,7 @@ def examined(
 
     The geometry that is uncertain in ``consider`` is unknown beside what is varied.
     """
-    taken = tuple(granted(Setup(log, vehicle, timing), samples, more))
+    taken = tuple(assumed(Setup(log, vehicle, timing), samples, more))
     consider = consider.about(Consider(tuple(t.variant for t in taken if t.variant is not None), scales=True))
     responses = [
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled

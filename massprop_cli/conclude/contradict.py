@@ -32,7 +32,7 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.cures import Cure
+    from massprop_cli.diagnosis.corrections import Correction
 
 HIDDEN = 5.0
 """Sigmas that the hidden error may be, being a bound: most of a misfit is no error of the values. docs/faults.md moves with it."""
@@ -58,13 +58,13 @@ class Fault:
     """Something with a name that is wrong with the log or the vehicle file."""
 
     notice: Notice
-    cure: Cure | None
+    cure: Correction | None
     """None where nothing mends the log."""
     change_s: float | None = None
     """When the mass properties changed, if they did."""
-    around: tuple[Cure, ...] = ()
+    around: tuple[Correction, ...] = ()
     """The cure with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
-    rivals: tuple[Cure, ...] = ()
+    rivals: tuple[Correction, ...] = ()
     """Of causes that can't be ruled out."""
 
 

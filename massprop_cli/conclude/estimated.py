@@ -13,7 +13,7 @@ from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
 from massprop_cli.diagnosis import UNKNOWN, delay
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.diagnosis.ready import Ready, ready
+from massprop_cli.diagnosis.preprocessing import Ready, ready
 from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.phases import Estimates, Progress, as_stated, by_thesis, estimates
@@ -49,7 +49,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
     explanations = told.diagnosis.explanations if told.diagnosis else ()
     unknown = _unexplained(told.diagnosis, answer.notices) or _baffled(told, answer.used, begun)
     void = (Fault(notice, None) for notice in begun.log.notices if notice.code in VOID)
-    named = (Fault(e.notice, e.cure, e.change_s, e.around, e.rivals) for e in explanations)
+    named = (Fault(e.notice, e.correction, e.change_s, e.around, e.rivals) for e in explanations)
     vain = [Notice(UNKNOWN, unknown)] if unknown else []
     said = *begun.log.notices, *begun.notices, *vain, *answer.notices
     return Analysis(

@@ -27,7 +27,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.stream import Stream
 
 if TYPE_CHECKING:
-    from massprop_cli.diagnosis.cures import Cure
+    from massprop_cli.diagnosis.corrections import Correction
 
 
 FOUND = {
@@ -66,7 +66,7 @@ def _mended(found: Analysis, fault: Fault, say: Progress) -> MendedAnswer | None
     return MendedAnswer(fault, settings, judged(again, []).conclusions, rivals, cure.by_keys)
 
 
-def _with_sigmas(found: Analysis, cure: Cure, others: Sequence[Cure]) -> tuple[str, ...]:
+def _with_sigmas(found: Analysis, cure: Correction, others: Sequence[Correction]) -> tuple[str, ...]:
     """The settings of a cure with how uncertain it is: ``others`` hold it one sigma further on, or what may be wrong instead."""
     stated = found.source.vehicle
     own, spreads = cure.keys
@@ -92,7 +92,7 @@ def _stated(vehicle: Vehicle, key: str) -> Any:
     return node
 
 
-def _beside(found: Analysis, mended: Analysis, cure: Cure, passes: int = 1) -> list[Array]:
+def _beside(found: Analysis, mended: Analysis, cure: Correction, passes: int = 1) -> list[Array]:
     """(10,) what so many passes on from the mended fit of each phase give with another cure instead; NaN where there is none."""
     vehicle = _as_noisy(vehiclefile.changed(found.source.vehicle, cure.settings), mended.vehicle)
     samples = Stream.of(outliers.without(cure.log(found.log), vehicle), vehicle, stated_timing(vehicle, mended.timing))

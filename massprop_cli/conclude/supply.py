@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.taken import Taken
+from massprop_cli.conclude.assumedvalue import AssumedValue
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -28,7 +28,7 @@ RESTED_S = 1.0
 """After how long a jet may have cooled, or its line emptied."""
 
 
-def memory(setup: Setup, samples: Stream) -> Iterator[Taken]:
+def memory(setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
     """Thrust that falls with what was taken before, or that is less after a rest: tested where something else than noise is left.
 
     A pulse that gives less is taken for a shorter one, which is as much less, and ends but little sooner.
@@ -37,7 +37,7 @@ def memory(setup: Setup, samples: Stream) -> Iterator[Taken]:
     of_supply = {f"thrust after use in the last {memory_s:g} s": _use(log, vehicle, memory_s)[:, None] for memory_s in MEMORIES_S}
     for what, factor in (of_supply | {"thrust after rest": _rest(log, vehicle)}).items():
         less = Side(Stream.of(replace(log, command=log.command * (1 - STEP * factor)), vehicle, timing))
-        yield Taken(what, what, "1 %", False, Variant(Side(samples), less, STEP), STEP, part_of=DROOP)
+        yield AssumedValue(what, what, "1 %", False, Variant(Side(samples), less, STEP), STEP, part_of=DROOP)
 
 
 def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:

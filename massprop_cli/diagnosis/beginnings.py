@@ -1,4 +1,4 @@
-"""Where fits of suppositions begin: with the body that plain regression of motion on commands gives."""
+"""Where fits of hypotheses begin: with the body that plain regression of motion on commands gives."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.handed import Posed
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.kernelfits import Posed
 from massprop_cli.estimate.whitening import Told
 
 LEAST, FARTHEST = 0.03, 0.3
@@ -23,10 +23,10 @@ def begun(
     told: tuple[Told, Told],
     regressed: dict[tuple[object, ...], Array],
     posed: Posed | None,
-    supposed: Sequence[Supposition],
+    supposed: Sequence[Hypothesis],
     trusting: bool = False,
 ) -> tuple[Array, Array]:
-    """(H, nx) x, and (H, 10) the sizes of θ, of suppositions as they are ``posed`` to the kernel; None: in NumPy.
+    """(H, nx) x, and (H, 10) the sizes of θ, of hypotheses as they are ``posed`` to the kernel; None: in NumPy.
 
     Suspected channels have a response of their own but for one who is ``trusting`` them. ``regressed`` remembers what was found.
     """
@@ -47,7 +47,7 @@ def begun(
     return _bodies(model, x, supposed, each) if posed is None else posed.begun(x, each)
 
 
-def _bodies(model: Model, x: Array, supposed: Sequence[Supposition], plain: Array) -> tuple[Array, Array]:
+def _bodies(model: Model, x: Array, supposed: Sequence[Hypothesis], plain: Array) -> tuple[Array, Array]:
     """Each x with the body that plain regression makes, and the sizes of its entries."""
     response, felt = plain[:, :6].swapaxes(1, 2), plain[:, 6:].swapaxes(1, 2)
     turns = [

@@ -12,7 +12,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
-from massprop_cli.diagnosis.stretch import edges_of
+from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.regression import STEPS, STILL
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.model import handed

@@ -3,7 +3,7 @@
 The growth of the mean rate and the specific force are linear in columns that the log alone gives: each channel's executed impulse, the
 products of the measured rates, a constant, the rates themselves, the stated wrench as it would act later, smeared, with a drifting clock
 or on a body that changes, and on a bearing the vertical. Each column has six free coefficients, three for the rate's growth and three for
-the specific force. What the log says of them is a triangle of constant size for each kind of measurement. Every supposition about jets,
+the specific force. What the log says of them is a triangle of constant size for each kind of measurement. Every hypothesis about jets,
 commands, IMU, timing or torques (:mod:`massprop_cli.diagnosis.coefficients`) only says what these coefficients are, so it is held against
 the triangles and the log is not gone through again.
 """

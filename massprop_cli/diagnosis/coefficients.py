@@ -2,7 +2,7 @@
 
 One vector x holds everything that decides these coefficients: the ten mass properties θ of :mod:`massprop_cli.model.plant`, and beside
 them thrust, place and direction of each channel, scale and turn of gyro and accelerometer, biases, timing, torques, and what changes with
-time. A :class:`Supposition` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.contest` fits them.
+time. A :class:`Hypothesis` names a few entries that may differ from what is stated; :mod:`massprop_cli.diagnosis.comparison` fits them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross, cross_matrix, rotation, tensor
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.design import SWUNG
-from massprop_cli.diagnosis.suppositions import STRAIGHT, Supposition
+from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
 from massprop_cli.errorparameters.environment import level_of
 from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, ENTRIES, TABLE
 from massprop_cli.inputs.vehicle import Vehicle
@@ -63,7 +63,7 @@ class Model:
     together: tuple[tuple[int, ...], ...] = ()
     """Channels that always fire together, two or more each."""
     biases: Mapping[str, float] = field(default_factory=dict)
-    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every supposition, and no fault."""
+    """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every hypothesis, and no fault."""
     up: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) at the start of the log, body axes; on a bearing."""
 
@@ -131,8 +131,8 @@ class Model:
         late = max(place.stop for name, place in self.places.items() if not name.startswith((*SWUNG, "east", "north")))
         return int(late if self.places["rates"].start < most < late else most)
 
-    def channel(self, supposed: Supposition) -> int | None:
-        """The one channel that a supposition is about, if it is about one and nothing else."""
+    def channel(self, supposed: Hypothesis) -> int | None:
+        """The one channel that a hypothesis is about, if it is about one and nothing else."""
         rows = np.flatnonzero(supposed.moved)
         first, count = self.place("thrust").start, len(self.force)
         if not rows.size or rows[0] < first or supposed.gyro is not STRAIGHT or supposed.accelerometer is not STRAIGHT:
@@ -141,9 +141,9 @@ class Model:
         own = set(np.where(at < count, at, (at - count) // 3 % max(count, 1)).tolist())
         return own.pop() if len(own) == 1 else None
 
-    def without(self, channel: int) -> Supposition:
+    def without(self, channel: int) -> Hypothesis:
         """Nothing, but that nothing is supposed of one channel."""
-        return Supposition("", (), np.zeros((len(self.stated), 0))).whatever(channel)
+        return Hypothesis("", (), np.zeros((len(self.stated), 0))).whatever(channel)
 
     def wrench(self, x: Array) -> tuple[Array, Array]:
         """(..., C, 3) torque about O and force of each channel, which is as large in another direction."""

@@ -1,6 +1,6 @@
 """The columns that a stretch of a log gives, which decide what its rates and specific force do by coefficients that are free.
 
-What commands do is the same under every supposition about jets' places and strengths or the IMU, and so is gone through once for all.
+What commands do is the same under every hypothesis about jets' places and strengths or the IMU, and so is gone through once for all.
 """
 
 from __future__ import annotations

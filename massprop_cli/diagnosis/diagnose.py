@@ -1,9 +1,9 @@
 """What is wrong with the vehicle file or the log, where the two don't fit: the right cause, or none.
 
-Every supposition of :mod:`massprop_cli.diagnosis.causes` is held against one reduction of the log (:mod:`massprop_cli.diagnosis.look`). The
-best are applied to log and vehicle file and the log is reduced again, so that what counts in the end is exact. One is named only if the log
-passes its test once it is mended; those that come near stand beside it. Two at once are tried where no single one suffices. Nothing is
-acted on.
+Every hypothesis of :mod:`massprop_cli.diagnosis.hypotheses` is tested against one reduction of the log
+(:mod:`massprop_cli.diagnosis.screening`). The best are applied to log and vehicle file and the log is reduced again, so that what counts in
+the end is exact. One is named only if the log passes its test once it is corrected; those that come near stand beside it. Two at once are
+tried where no single one suffices. massprop never changes its inputs.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from itertools import chain, islice
 import numpy as np
 
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.diagnosis import UNKNOWN, causes, change, delay
-from massprop_cli.diagnosis.border import border
-from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, Cure, around, cure_of, skewed
+from massprop_cli.diagnosis import UNKNOWN, change, delay, hypotheses
+from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
+from massprop_cli.diagnosis.corrections import Case, Correction, around, correction_of, skewed
 from massprop_cli.diagnosis.delay import Found, near
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.episode import episodes
-from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, beside_a_torque, busiest, looked
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.phaseboundary import border
+from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
+from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
-from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.diagnosis.trial import Trial, beyond, helped, hopeless, mended_alone, refined, tried
 from massprop_cli.diagnosis.wording import DEAD, TRIED, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
@@ -63,13 +63,13 @@ class Explanation:
 
     code: str
     message: str
-    cure: Cure | None
+    correction: Correction | None
     """None where neither the vehicle file's keys nor factors on the log's columns mend it."""
     change_s: float | None = None
     """When the mass properties changed at once, if that is what is supposed."""
-    around: tuple[Cure, ...] = ()
-    """The cure with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
-    rivals: tuple[Cure, ...] = ()
+    around: tuple[Correction, ...] = ()
+    """The correction with each of its unknowns one sigma further on, and with the gyro's axes out of square where they may be."""
+    rivals: tuple[Correction, ...] = ()
     """Of causes that can't be ruled out."""
 
     @property
@@ -97,71 +97,71 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
     Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.
     """
     case = Case(log, vehicle, timing, Designs())
-    looks = [look for piece in pieces if (look := looked(*busiest(case, piece))) is not None]
-    if not looks:
+    screenings = [screening for piece in pieces if (screening := screened(*busiest(case, piece))) is not None]
+    if not screenings:
         return Diagnosis()
     # where nothing fires the columns are the noise that they should explain; another piece says more
-    driven = [look for look in looks if len(look.free.fired)]
-    look = max(driven or looks, key=lambda one: one.misfit)
-    if look.free.dead:
+    driven = [screening for screening in screenings if len(screening.free.fired)]
+    screening = max(driven or screenings, key=lambda one: one.misfit)
+    if screening.free.dead:
         return Diagnosis(unknown=DEAD)
-    look = about_its_body(look)
-    alone, wandering = _alone(look), beside_a_torque(look)
-    found = _instead(look, alone, wandering) or _chosen(look, alone)
-    found = found if any(map(_whole, alone)) else _for_a_time(look, looks, found)
+    screening = about_its_body(screening)
+    alone, wandering = _alone(screening), beside_a_torque(screening)
+    found = _instead(screening, alone, wandering) or _chosen(screening, alone)
+    found = found if any(map(_whole, alone)) else _for_a_time(screening, screenings, found)
     # a torque that wanders may explain it too, or with what goes with it
-    with_it = [trial.score for trial in alone if trial.fits and _by_wander(trial, look)]
+    with_it = [refit.score for refit in alone if refit.fits and _by_wander(refit, screening)]
     least = min([wandering.cost, *with_it]) - CLEAR
     moved = wandering.free.answered > ANSWERED
-    for search in () if wandering.close and moved else _further(look, alone, wandering, least):
+    for search in () if wandering.close and moved else _further(screening, alone, wandering, least):
         if found is not None and found.score < least:
             break
-        found = search(look)
+        found = search(screening)
     if found is not None and found.score < least:
         return found
-    at = next((placed for one in looks if (placed := border(one, float(log.time_s[-1]))) is not None), None)
+    at = next((placed for one in screenings if (placed := border(one, float(log.time_s[-1]))) is not None), None)
     if at is not None:  # all the rest needs no torque that wanders
-        return Diagnosis((Explanation("phase-border", at.words, at.cure),))
-    if not moved and look.loud:
+        return Diagnosis((Explanation("phase-border", at.words, at.correction),))
+    if not moved and screening.loud:
         return Diagnosis(unknown=UNANSWERED)
-    return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(look))
+    return Diagnosis() if wandering.close or with_it else Diagnosis(unknown=_in_vain(screening))
 
 
-def _further(look: Look, alone: Sequence[Trial], whole: Look, least: float) -> list[Callable[[Look], Diagnosis | None]]:
+def _further(screening: Screening, alone: Sequence[Refit], whole: Screening, least: float) -> list[Callable[[Screening], Diagnosis | None]]:
     """What else to look for, the likeliest first, that explains more than the ``least`` score: all along in pairs, or in time."""
-    pair = partial(_pair, alone=alone, worst=min([least, *(trial.score for trial in alone)]))
+    pair = partial(_pair, alone=alone, worst=min([least, *(refit.score for refit in alone)]))
     changed = partial(_changed, whole=whole)
-    two: list[Callable[[Look], Diagnosis | None]] = [_swapped, pair]
-    best = min(alone, key=lambda trial: trial.score, default=None)
+    two: list[Callable[[Screening], Diagnosis | None]] = [_swapped, pair]
+    best = min(alone, key=lambda refit: refit.score, default=None)
     if best is not None and "fuel-use" in codes(best):
         return [changed, _much_later, _lowpassed, *two]
-    return [*two, _much_later, _lowpassed, changed] if look.constant or look.upset else [_much_later, _lowpassed, changed, *two]
+    return [*two, _much_later, _lowpassed, changed] if screening.constant or screening.upset else [_much_later, _lowpassed, changed, *two]
 
 
-def _whole(trial: Trial) -> bool:
+def _whole(refit: Refit) -> bool:
     """Whether it leaves hardly more than the stated noise does in the mean: then nothing else explains more."""
-    left = trial.look
-    return trial.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
+    left = refit.screening
+    return refit.fits and left is not None and left.constant and left.misfit < 1 + NOTHING * np.sqrt(2 / left.freedom)
 
 
-def _for_a_time(look: Look, looks: Sequence[Look], found: Diagnosis | None) -> Diagnosis | None:
+def _for_a_time(screening: Screening, screenings: Sequence[Screening], found: Diagnosis | None) -> Diagnosis | None:
     """A jet that fails for a time, where that explains more than what was ``found``."""
-    each = episodes(look, looks)
+    each = episodes(screening, screenings)
     if not each or (found is not None and found.score < each[0].score + CLEAR):
         return found
-    best, vehicle = each[0], look.case.vehicle
+    best, vehicle = each[0], screening.case.vehicle
     message = f"the log fits if {', or else '.join(one.words for one in each)}; look at its valve and supply, and state thrust.failures"
-    near = (best.cure(vehicle, 1.0),) if best.sigma else ()
-    said = Explanation(best.code, message, best.cure(vehicle), around=near, rivals=tuple(one.cure(vehicle) for one in each[1:]))
+    near = (best.correction(vehicle, 1.0),) if best.sigma else ()
+    said = Explanation(best.code, message, best.correction(vehicle), around=near, rivals=tuple(one.correction(vehicle) for one in each[1:]))
     return Diagnosis((said,), score=best.score)
 
 
-def _alone(look: Look) -> list[Trial]:
+def _alone(screening: Screening) -> list[Refit]:
     """The likeliest causes, each put to the test."""
-    begun = _turned(look) if look.upset else []
-    most = SECOND if look.upset else FINALISTS[look.model.bearing is not None]
-    best = searched(look, begun, (most, most), beyond(look))
-    return best if look.upset or any(trial.fits for trial in best) else [*best, *_turned(look)]
+    begun = _turned(screening) if screening.upset else []
+    most = SECOND if screening.upset else FINALISTS[screening.model.bearing is not None]
+    best = searched(screening, begun, (most, most), beyond(screening))
+    return best if screening.upset or any(refit.fits for refit in best) else [*best, *_turned(screening)]
 
 
 def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
@@ -173,135 +173,140 @@ def _different(each: Iterable[Fitted]) -> Iterator[Fitted]:
             yield found
 
 
-def _turned(look: Look) -> list[Trial]:
-    return [trial for found in look.upright if (trial := tried(look, found)) is not None]
+def _turned(screening: Screening) -> list[Refit]:
+    return [refit for found in screening.upright if (refit := tried(screening, found)) is not None]
 
 
-def _chosen(look: Look, trials: Sequence[Trial]) -> Diagnosis | None:
+def _chosen(screening: Screening, refits: Sequence[Refit]) -> Diagnosis | None:
     """The likeliest of those with which the log fits."""
-    fitting = _likeliest(look, trials)
+    fitting = _likeliest(screening, refits)
     if not fitting:
         return None
-    rivals = [trial for trial in fitting[1:] if trial.score < fitting[0].score + CLEAR]
+    rivals = [refit for refit in fitting[1:] if refit.score < fitting[0].score + CLEAR]
     first = fitting[0]
     detected = None
-    if first.fitted.supposed.code == "delay-mismatch":
-        before, after = look.misfit, float(first.fitted.chi_square.sum() / look.freedom)
-        by = first.case.timing.delay - look.case.timing.delay
-        detected = near(look.case.timing, by, float(first.fitted.spread[0]), before, after)
-    return Diagnosis(_explained(look, first, rivals), detected, score=first.score)
+    if first.fitted.hypothesis.code == "delay-mismatch":
+        before, after = screening.misfit, float(first.fitted.chi_square.sum() / screening.freedom)
+        by = first.case.timing.delay - screening.case.timing.delay
+        detected = near(screening.case.timing, by, float(first.fitted.spread[0]), before, after)
+    return Diagnosis(_explained(screening, first, rivals), detected, score=first.score)
 
 
-def _likeliest(look: Look, trials: Sequence[Trial]) -> list[Trial]:
+def _likeliest(screening: Screening, refits: Sequence[Refit]) -> list[Refit]:
     """Those with which the log fits, but for rivals of what doesn't; these come last where they are too faint to be named themselves."""
-    fitting = [(look.ranked.faint(trial.fitted.supposed), trial) for trial in trials if trial.fits and not _by_wander(trial, look)]
+    fitting = [
+        (screening.ranked.faint(refit.fitted.hypothesis), refit) for refit in refits if refit.fits and not _by_wander(refit, screening)
+    ]
     if all(faint for faint, _ in fitting):
         return []
-    return [trial for _, trial in sorted(fitting, key=lambda one: (one[0], one[1].score))]
+    return [refit for _, refit in sorted(fitting, key=lambda one: (one[0], one[1].score))]
 
 
-def _instead(look: Look, alone: Sequence[Trial], whole: Look) -> Diagnosis | None:
+def _instead(screening: Screening, alone: Sequence[Refit], whole: Screening) -> Diagnosis | None:
     """What the likeliest of single causes may stand for: it hides what is further off than a small step leads to.
 
     A turned gyro for a delay of cycles, where a torque or more noise is left than is stated; a slow change of the body for one at once.
     """
-    best = next(iter(_likeliest(look, alone)), None)
+    best = next(iter(_likeliest(screening, alone)), None)
     if best is None:
         return None
-    if best.look is not None and (best.look.free.beside or best.look.noisy):
-        later = _much_later(look)
+    if best.screening is not None and (best.screening.free.beside or best.screening.noisy):
+        later = _much_later(screening)
         return later if later is not None and later.score < best.score else None
     if "fuel-use" in codes(best):
-        return _changed(look, whole, max(float(best.fitted.chi_square.sum()) - look.freedom, 0.0))
+        return _changed(screening, whole, max(float(best.fitted.chi_square.sum()) - screening.freedom, 0.0))
     return None
 
 
-def _by_wander(trial: Trial, look: Look) -> bool:
+def _by_wander(refit: Refit, screening: Screening) -> bool:
     """Whether it goes with a torque that wanders: its mean, its part along the rate, or what the accelerometer feels of it."""
-    beside = (trial.look or look).free.beside
-    return bool(codes(trial) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
+    beside = (refit.screening or screening).free.beside
+    return bool(codes(refit) & {"gyro-bias", "accel-bias", "steady-torque", "rate-torque"}) and any(one.walk > 0 for one in beside)
 
 
-def _much_later(look: Look) -> Diagnosis | None:
+def _much_later(screening: Screening) -> Diagnosis | None:
     """Another command delay, further off than a small step leads to: where free coefficients leave least."""
-    log, vehicle, timing, _ = look.case
-    at = delay.search(log, vehicle, [timing.lag], pieces=[look.piece])
+    log, vehicle, timing, _ = screening.case
+    at = delay.search(log, vehicle, [timing.lag], pieces=[screening.piece])
     if at is None:
         return None
-    x = look.stated.x.copy()
-    x[look.model.place("delay")] = at.delay - timing.delay
-    supposed = Supposition("delay-mismatch", (), causes.along(look.model, ("delay", np.ones(1))))
-    begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
-    trial = refined(look, begun, look.case._replace(timing=timing._replace(delay=at.delay)))
-    return None if trial is None else _chosen(look, [trial])
+    x = screening.stated.x.copy()
+    x[screening.model.place("delay")] = at.delay - timing.delay
+    supposed = Hypothesis("delay-mismatch", (), hypotheses.along(screening.model, ("delay", np.ones(1))))
+    begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
+    refit = refined(screening, begun, screening.case._replace(timing=timing._replace(delay=at.delay)))
+    return None if refit is None else _chosen(screening, [refit])
 
 
-def _lowpassed(look: Look) -> Diagnosis | None:
+def _lowpassed(screening: Screening) -> Diagnosis | None:
     """A sensor's low-pass of cycles: further than a small step leads to."""
-    trials = []
+    refits = []
     for sensor in ("gyro", "accel"):
-        supposed = next(one for one in causes.timing(look.model, False) if one.code == f"{sensor}-filter")
-        x = look.stated.x.copy()
-        x[look.model.place(f"{sensor}_lag")] = PRIORS[f"{sensor}_lag"]
-        begun = Fitted(supposed, look.model, x, look.stated.chi_square, np.zeros(1))
-        trial = helped(look, begun)
-        trials += [] if trial is None else [trial]
-    return _chosen(look, trials)
+        supposed = next(one for one in hypotheses.timing(screening.model, False) if one.code == f"{sensor}-filter")
+        x = screening.stated.x.copy()
+        x[screening.model.place(f"{sensor}_lag")] = PRIORS[f"{sensor}_lag"]
+        begun = Fitted(supposed, screening.model, x, screening.stated.chi_square, np.zeros(1))
+        refit = helped(screening, begun)
+        refits += [] if refit is None else [refit]
+    return _chosen(screening, refits)
 
 
-def _explained(look: Look, trial: Trial, rivals: Sequence[Trial] = ()) -> tuple[Explanation, ...]:
+def _explained(screening: Screening, refit: Refit, rivals: Sequence[Refit] = ()) -> tuple[Explanation, ...]:
     """In words, with the settings that mend it: one for each of two causes at once.
 
     What a rival that is nearly as likely has not got is not named.
     """
-    said = _said(look, trial)
+    said = _said(screening, refit)
     message, beside, sure = _joined(said), [], [code for code, _ in said]
     for rival in rivals:
-        its = _said(look, rival)
-        if _subjects(rival) == _subjects(trial) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
+        its = _said(screening, rival)
+        if _subjects(rival) == _subjects(refit) and sorted(code for code, _ in its) == sorted(code for code, _ in said):
             continue  # the same, found from elsewhere
-        if [code for code, _ in its] == [code for code, _ in said] and rival.score < trial.score + EVEN:
+        if [code for code, _ in its] == [code for code, _ in said] and rival.score < refit.score + EVEN:
             message += f", or else {_joined(its)}"
         else:
-            beside.append(f"{_joined(its)} (odds {np.exp((trial.score - rival.score) / 2):.2g} to 1)")
-            sure = [code for code in sure if code in dict(its) or rival.score > trial.score + NEARLY]
+            beside.append(f"{_joined(its)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
+            sure = [code for code in sure if code in dict(its) or rival.score > refit.score + NEARLY]
     message = f"the log fits if {message}"
     if beside:
         message += "; rivals that the log can't rule out: " + "; or ".join(beside[:2])
     if not sure:
         message = f"log and vehicle file don't fit, cause unknown: {message}"
-    others = (cure_of(look.case, rival.case, rival.fitted) for rival in rivals)
-    cure = cure_of(look.case, trial.case, trial.fitted)
-    near = (*around(look.case, trial.fitted, look.free.fired), *skewed(cure, trial.fitted))
+    others = (correction_of(screening.case, rival.case, rival.fitted) for rival in rivals)
+    correction = correction_of(screening.case, refit.case, refit.fitted)
+    near = (*around(screening.case, refit.fitted, screening.free.fired), *skewed(correction, refit.fitted))
     instead = tuple(other for other in others if other is not None)
-    return tuple(Explanation(code, message, cure, around=near, rivals=instead) for code in sure or [UNKNOWN])
+    return tuple(Explanation(code, message, correction, around=near, rivals=instead) for code in sure or [UNKNOWN])
 
 
-def _said(look: Look, trial: Trial) -> list[tuple[str, str]]:
+def _said(screening: Screening, refit: Refit) -> list[tuple[str, str]]:
     """(code, words) of each cause."""
-    return [words_of(part, look.names, look.case, trial.case) for part in trial.fitted.parts]
+    return [words_of(part, screening.names, screening.case, refit.case) for part in refit.fitted.parts]
 
 
 def _joined(said: Sequence[tuple[str, str]]) -> str:
     return ", and ".join(words for _, words in said) + " as well" * (len(said) > 1)
 
 
-def _subjects(trial: Trial) -> list[tuple[str, ...]]:
-    return sorted(part.supposed.subject for part in trial.fitted.parts)
+def _subjects(refit: Refit) -> list[tuple[str, ...]]:
+    return sorted(part.hypothesis.subject for part in refit.fitted.parts)
 
 
-def _changed(look: Look, whole: Look, less_than: float = np.inf) -> Diagnosis | None:
+def _changed(screening: Screening, whole: Screening, less_than: float = np.inf) -> Diagnosis | None:
     """Another body from some moment on; ``whole`` is what one body leaves of the log beside a torque.
 
     None where two leave no ``less_than`` so much of chi-square beyond chance.
     """
-    log, vehicle, timing, _ = look.case
+    log, vehicle, timing, _ = screening.case
     samples = timing.of(log, vehicle)
-    reference = first_reference(samples, look.piece, vehicle)
-    at = None if reference is None else change.likeliest(samples, look.piece, reference, vehicle)
+    reference = first_reference(samples, screening.piece, vehicle)
+    at = None if reference is None else change.likeliest(samples, screening.piece, reference, vehicle)
     if at is None:
         return None
-    sides = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    sides = [
+        screened(screening.case, part, screening.free.beside)
+        for part in (slice(screening.piece.start, at), slice(at, screening.piece.stop))
+    ]
     if not all(side is not None and side.fits for side in sides):
         return None
     left = sum(side.excess for side in sides if side is not None)
@@ -312,90 +317,90 @@ def _changed(look: Look, whole: Look, less_than: float = np.inf) -> Diagnosis | 
         f"the log fits if the mass properties change at once at {time:.6g} s, as by docking or release; give the vehicle file "
         "[[phases]] that end and begin there (estimator.split_on_change = true does it): what is estimated over the change is no body's"
     )
-    return Diagnosis((Explanation("mass-change", message, Cure(("estimator.split_on_change=true",)), time),))
+    return Diagnosis((Explanation("mass-change", message, Correction(("estimator.split_on_change=true",)), time),))
 
 
-def _pair(look: Look, alone: Sequence[Trial], worst: float) -> Diagnosis | None:
+def _pair(screening: Screening, alone: Sequence[Refit], worst: float) -> Diagnosis | None:
     """Two causes at once that beat the ``worst`` score: two channels; or the likeliest few, each with what explains the rest."""
-    if (channels := _two_channels(look)) is not None:
+    if (channels := _two_channels(screening)) is not None:
         return channels
-    upright = [found.supposed for found in look.upright]
-    likeliest = sorted((trial for trial in alone if any(trial.fitted.supposed is one for one in upright)), key=lambda trial: trial.score)
-    turned = (replace(look.stated, supposed=one) for one in look.turned_beside_a_channel)
-    each = chain((trial.fitted for trial in likeliest), turned, (found for _, found in look.ranked))
-    together: list[Trial] = []
-    beside = partial(_beside, look, worst=worst)
-    for found in islice(_different(each), FIRST[look.model.bearing is not None]):
-        known = next((one for one in alone if one.fitted.supposed is found.supposed), None)
-        trial = known or tried(look, found)
+    upright = [found.hypothesis for found in screening.upright]
+    likeliest = sorted((refit for refit in alone if any(refit.fitted.hypothesis is one for one in upright)), key=lambda refit: refit.score)
+    turned = (replace(screening.stated, hypothesis=one) for one in screening.turned_beside_a_channel)
+    each = chain((refit.fitted for refit in likeliest), turned, (found for _, found in screening.ranked))
+    together: list[Refit] = []
+    beside = partial(_beside, screening, worst=worst)
+    for found in islice(_different(each), FIRST[screening.model.bearing is not None]):
+        known = next((one for one in alone if one.fitted.hypothesis is found.hypothesis), None)
+        refit = known or tried(screening, found)
         # one that fits alone was further off than the look tells
-        together += [trial] if known is None and trial is not None and trial.fits else beside(trial, together)
-        if any(trial.fits for trial in together):
+        together += [refit] if known is None and refit is not None and refit.fits else beside(refit, together)
+        if any(refit.fits for refit in together):
             break  # what comes near it has a part in common with it
     # what explains most may have been found beside a first that was not yet as it is, or is but nearly the right one
-    best = min(together, key=lambda trial: trial.score, default=None)
+    best = min(together, key=lambda refit: refit.score, default=None)
     parts = () if best is None else best.fitted.parts
-    exact = best is not None and best.fits and best.look is not None and best.look.chance
+    exact = best is not None and best.fits and best.screening is not None and best.screening.chance
     for i, part in enumerate(parts if len(parts) > 1 else ()):
         # where a pair leaves no more than chance, what is about a channel may still be about it otherwise, or about another
-        if (i > 0 or part.unknowns) and not (exact and look.model.channel(part.supposed) is not None):
-            together += beside(mended_alone(look, part), together)
-    return _chosen(look, together)
+        if (i > 0 or part.unknowns) and not (exact and screening.model.channel(part.hypothesis) is not None):
+            together += beside(corrected_alone(screening, part), together)
+    return _chosen(screening, together)
 
 
-def _beside(look: Look, first: Trial | None, others: Sequence[Trial], worst: float) -> list[Trial]:
+def _beside(screening: Screening, first: Refit | None, others: Sequence[Refit], worst: float) -> list[Refit]:
     """Pairs with a first that is mended, where there are ``others``; what explains less than the ``worst`` score is none."""
-    if first is None or first.look is None:
+    if first is None or first.screening is None:
         return []
-    most = beyond(first.look)
+    most = beyond(first.screening)
     if first.fitted.unknowns and np.isfinite(first.score):
         # what a first was fitted to alone moves with a second, and so does what is left
-        most = max(most, WITH_IT * first.look.misfit * first.look.freedom)
-    left = worst - first.look.free_cost - first.units
-    return searched(look, [], (SECOND, FINALISTS[0]), most, first, others, left)
+        most = max(most, WITH_IT * first.screening.misfit * first.screening.freedom)
+    left = worst - first.screening.free_cost - first.units
+    return searched(screening, [], (SECOND, FINALISTS[0]), most, first, others, left)
 
 
-def _swapped(look: Look) -> Diagnosis | None:
+def _swapped(screening: Screening) -> Diagnosis | None:
     """Two jets, each of which does what is stated of the other."""
-    supposed = causes.swapped(look.model, look.names) if look.case.log.command_kind == "jets" else []
-    found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY) if supposed else []
-    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:CHANNELS]
-    trials = (tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look)))
-    return _chosen(look, [trial for trial in trials if trial is not None])
+    supposed = hypotheses.swapped(screening.model, screening.names) if screening.case.log.command_kind == "jets" else []
+    found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY) if supposed else []
+    likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
+    refits = (tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening)))
+    return _chosen(screening, [refit for refit in refits if refit is not None])
 
 
-def _two_channels(look: Look) -> Diagnosis | None:
+def _two_channels(screening: Screening) -> Diagnosis | None:
     """The thrust of any two channels at once."""
-    supposed = causes.two_channels(look.model, look.names)
+    supposed = hypotheses.two_channels(screening.model, screening.names)
     if not supposed:
         return None
-    found = fitted(look.model, look.free, look.free.variance, supposed, still=ROUGHLY)
-    likeliest = sorted(found, key=lambda one: (look.likelihood(one.chi_square), one.supposed.subject))[:CHANNELS]
-    trials = [tried(look, one) for one in likeliest if not hopeless(look, one, beyond(look))]
-    trial = min((one for one in trials if one is not None and one.fits), key=lambda one: one.score, default=None)
-    if trial is None:
+    found = fitted(screening.model, screening.free, screening.free.variance, supposed, still=ROUGHLY)
+    likeliest = sorted(found, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
+    refits = [tried(screening, one) for one in likeliest if not hopeless(screening, one, beyond(screening))]
+    refit = min((one for one in refits if one is not None and one.fits), key=lambda one: one.score, default=None)
+    if refit is None:
         return None
-    both, near = cure_of(look.case, trial.case, trial.fitted), around(look.case, trial.fitted, look.free.fired)
+    both, near = correction_of(screening.case, refit.case, refit.fitted), around(screening.case, refit.fitted, screening.free.fired)
     return Diagnosis(
         tuple(
             Explanation(code, f"the log fits if {words}", both, around=near)
-            for name in trial.fitted.supposed.subject
-            for code, words in [words_of(alone(trial.fitted, name), look.names, look.case, trial.case)]
+            for name in refit.fitted.hypothesis.subject
+            for code, words in [words_of(alone(refit.fitted, name), screening.names, screening.case, refit.case)]
         ),
-        score=trial.score,
+        score=refit.score,
     )
 
 
-def _in_vain(look: Look) -> str:
+def _in_vain(screening: Screening) -> str:
     """What was tried, and what came nearest."""
     nearest: dict[str, str] = {}
-    for _, found in islice(look.ranked, 4):
-        code, _ = words_of(found, look.names, look.case, look.case)
-        about = f" of {', '.join(found.supposed.subject)}" if found.supposed.subject else ""
-        nearest.setdefault(f"{code}{about}", f"{100 * found.chi_square.sum() / look.stated.chi_square.sum():.2g} %")
+    for _, found in islice(screening.ranked, 4):
+        code, _ = words_of(found, screening.names, screening.case, screening.case)
+        about = f" of {', '.join(found.hypothesis.subject)}" if found.hypothesis.subject else ""
+        nearest.setdefault(f"{code}{about}", f"{100 * found.chi_square.sum() / screening.stated.chi_square.sum():.2g} %")
     said = ", ".join(f"{what} leaves {left}" for what, left in islice(nearest.items(), 2))
     near = f"; nearest: {said} of the misfit" if said else ""
-    scatter = jitter(look.case.log.interval_s)
+    scatter = jitter(screening.case.log.interval_s)
     if scatter > JITTER:
         near += f"; records' intervals scatter by {100 * scatter:.2g} %: times of arrival? State even = true under the clock in a map"
-    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {look.misfit:.3g} times pure error{near}; {TRIED}"
+    return f"log and vehicle file don't fit, cause unknown: what the model leaves is {screening.misfit:.3g} times pure error{near}; {TRIED}"

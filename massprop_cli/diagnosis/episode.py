@@ -14,9 +14,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
 from massprop_cli.base.rigidbody import tensor
-from massprop_cli.diagnosis.cures import Cure, shown
-from massprop_cli.diagnosis.look import CLEAR, Look, about_its_body, looked
-from massprop_cli.diagnosis.trial import PART
+from massprop_cli.diagnosis.corrections import Correction, shown
+from massprop_cli.diagnosis.refit import PART
+from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, screened
 from massprop_cli.diagnosis.windows import Reduced, Window
 from massprop_cli.errorparameters.thrust import NEAR
 from massprop_cli.estimate.whitening import Disturbance
@@ -45,7 +45,7 @@ class Episode(NamedTuple):
     failure: Failure
     sigma: float
     """Of the thrust; 0 where it is taken as dead or reversed."""
-    look: Look
+    screening: Screening
     score: float
     """−2 log likelihood of what was measured, with the price of what was looked for."""
 
@@ -68,31 +68,33 @@ class Episode(NamedTuple):
             return f"jet {jet} pushes the other way than stated{when}"
         return f"jet {jet} gives {self.failure.thrust:.4g} of the stated thrust{when}"
 
-    def cure(self, vehicle: Resolved, sigmas: float = 0.0) -> Cure:
+    def correction(self, vehicle: Resolved, sigmas: float = 0.0) -> Correction:
         """The key that mends it, with its thrust so many sigmas further on."""
         further = self.failure.model_copy(update={"thrust": self.failure.thrust + sigmas * self.sigma})
-        return Cure((f"thrust.failures={written([one.model_dump(exclude_none=True) for one in (*vehicle.thrust.failures, further)])}",))
+        return Correction(
+            (f"thrust.failures={written([one.model_dump(exclude_none=True) for one in (*vehicle.thrust.failures, further)])}",)
+        )
 
 
-def episodes(look: Look, others: Sequence[Look] = ()) -> list[Episode]:
+def episodes(screening: Screening, others: Sequence[Screening] = ()) -> list[Episode]:
     """The failures of a jet for a time with which the log fits, the likeliest first: those that are about as likely.
 
     One that begins, or ends, beyond what was looked at does so at the border to any of the ``others`` in which its jet does what is stated.
     """
-    if look.case.log.command_kind != "jets" or not len(look.free.fired):
+    if screening.case.log.command_kind != "jets" or not len(screening.free.fired):
         return []
     found: list[Episode] = []
-    for beside in dict.fromkeys([_beside(look), *look.free.beside]):
-        for window in [] if found else _windows(look, beside):
-            made = _tested(look, window, beside)
+    for beside in dict.fromkeys([_beside(screening), *screening.free.beside]):
+        for window in [] if found else _windows(screening, beside):
+            made = _tested(screening, window, beside)
             found += [] if made is None else [made]
     found.sort(key=lambda one: one.score)
-    return [_bordered(one, look, others) for one in found if one.score < found[0].score + CLEAR]
+    return [_bordered(one, screening, others) for one in found if one.score < found[0].score + CLEAR]
 
 
-def _bordered(one: Episode, look: Look, others: Sequence[Look]) -> Episode:
+def _bordered(one: Episode, screening: Screening, others: Sequence[Screening]) -> Episode:
     """With an edge at the border to another piece of the log in which the jet fires and everything is as stated."""
-    (first_s, last_s), failure, period_s = _lasts(look), one.failure, look.case.vehicle.cycle.period_s
+    (first_s, last_s), failure, period_s = _lasts(screening), one.failure, screening.case.vehicle.cycle.period_s
     for other in others:
         begin_s, end_s = _lasts(other)
         if not other.close or failure.jet not in other.names:
@@ -104,45 +106,45 @@ def _bordered(one: Episode, look: Look, others: Sequence[Look]) -> Episode:
     return one._replace(failure=failure)
 
 
-def _lasts(look: Look) -> tuple[float, float]:
+def _lasts(screening: Screening) -> tuple[float, float]:
     """When a look's piece begins and ends."""
-    start_s, duration_s = cycle_edges(look.case.log, slice(look.piece.start, look.piece.stop))
+    start_s, duration_s = cycle_edges(screening.case.log, slice(screening.piece.start, screening.piece.stop))
     return float(start_s[0]), float(start_s[-1] + duration_s[-1])
 
 
-def _windows(look: Look, beside: Disturbance) -> list[Window]:
+def _windows(screening: Screening, beside: Disturbance) -> list[Window]:
     """The likeliest of a few jets, the likeliest first."""
-    reduced = Reduced(look, look, beside)
-    each = (reduced.likeliest(i) for i in range(len(look.free.fired)))
+    reduced = Reduced(screening, screening, beside)
+    each = (reduced.likeliest(i) for i in range(len(screening.free.fired)))
     windows = [one for one in each if one is not None and abs(one.thrust - 1) > LITTLE]
     most = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * most), key=lambda one: -one.gain)[:LIKELY]
 
 
-def _beside(look: Look) -> Disturbance:
+def _beside(screening: Screening) -> Disturbance:
     """What the rates are made white beside at first: the noise alone, and the torques that the vehicle file states."""
-    _, vehicle, _, _ = look.case
-    response = np.linalg.norm(tensor(look.stated.value("theta")[J])) / np.sqrt(3)
+    _, vehicle, _, _ = screening.case
+    response = np.linalg.norm(tensor(screening.stated.value("theta")[J])) / np.sqrt(3)
     torques = vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m
     white, walk = ((response * torque * vehicle.cycle.period_s / vehicle.imu.gyro_noise_rad_s) ** 2 for torque in torques)
     return Disturbance(float(white), float(walk))
 
 
-def _tested(look: Look, window: Window, beside: Disturbance) -> Episode | None:
+def _tested(screening: Screening, window: Window, beside: Disturbance) -> Episode | None:
     """A jet's failure near a window; None where the log doesn't fit with it."""
-    found = _led(look, window, beside)
-    there = None if found is None else looked(found.look.case, look.piece, theta=found.look.stated.value("theta"))
+    found = _led(screening, window, beside)
+    there = None if found is None else screened(found.screening.case, screening.piece, theta=found.screening.stated.value("theta"))
     if found is not None and there is not None and there.free.beside:
-        found = _led(look, found.window, there.free.beside[0])
-        there = None if found is None else looked(found.look.case, look.piece, theta=found.look.stated.value("theta"))
+        found = _led(screening, found.window, there.free.beside[0])
+        there = None if found is None else screened(found.screening.case, screening.piece, theta=found.screening.stated.value("theta"))
     if found is None or there is None:
         return None
-    left = about_its_body(min(there, found.look, key=lambda one: one.cost))
-    if not left.close or (left.loud and left.misfit >= PART * look.misfit):
+    left = about_its_body(min(there, found.screening, key=lambda one: one.cost))
+    if not left.close or (left.loud and left.misfit >= PART * screening.misfit):
         return None
-    count, exact = len(_pulses(look, window.channel)), found.failure.thrust in EXACT
+    count, exact = len(_pulses(screening, window.channel)), found.failure.thrust in EXACT
     spans = count if found.failure.start_s is None or found.failure.end_s is None else count * (count - 1) / 2
-    price = 2 * np.log(max(spans, 1) * len(look.free.fired)) + np.log(2 if exact else look.free.gyro.spare)
+    price = 2 * np.log(max(spans, 1) * len(screening.free.fired)) + np.log(2 if exact else screening.free.gyro.spare)
     score = left.free_cost + left.likelihood(left.stated.chi_square) + float(price)
     return Episode(found.failure, 0.0 if exact else found.window.sigma, left, score)
 
@@ -152,18 +154,18 @@ class _Mended(NamedTuple):
 
     window: Window
     failure: Failure
-    look: Look
+    screening: Screening
 
 
-def _led(look: Look, window: Window, beside: Disturbance) -> _Mended | None:
+def _led(screening: Screening, window: Window, beside: Disturbance) -> _Mended | None:
     """A jet's failure from a window on to where it stands; None where it leads nowhere."""
     # by the body of a log that a dead or reversed jet has spoilt it may seem to give anything
     begin = next((value for value in EXACT if abs(window.thrust - value) < 0.5 or window.thrust < value < 0), window.thrust)
-    found = _mended(look, window._replace(thrust=begin), beside, look.stated.value("theta"))
+    found = _mended(screening, window._replace(thrust=begin), beside, screening.stated.value("theta"))
     for _ in range(ROUNDS):
         if found is None:
             break
-        reduced, theta, thrust = Reduced(look, found.look, beside), found.look.stated.value("theta"), found.failure.thrust
+        reduced, theta, thrust = Reduced(screening, found.screening, beside), found.screening.stated.value("theta"), found.failure.thrust
         then = reduced.likeliest(window.channel, found.window)
         if then is None or not LITTLE < abs(then.thrust - 1) < MOST:
             return None
@@ -171,31 +173,31 @@ def _led(look: Look, window: Window, beside: Disturbance) -> _Mended | None:
         same = (then.first, then.stop) == (found.window.first, found.window.stop)
         if same and (thrust == near or abs(then.thrust - thrust) < STANDS * then.sigma):
             return found._replace(window=then)
-        left, found = found.look.misfit, _mended(look, then._replace(thrust=near), beside, theta)
-        if found is not None and found.look.misfit > max(SLOWLY * left, FAR):
+        left, found = found.screening.misfit, _mended(screening, then._replace(thrust=near), beside, theta)
+        if found is not None and found.screening.misfit > max(SLOWLY * left, FAR):
             return None
     return found
 
 
-def _mended(look: Look, window: Window, beside: Disturbance, theta: Array) -> _Mended | None:
+def _mended(screening: Screening, window: Window, beside: Disturbance, theta: Array) -> _Mended | None:
     """With a failure in the pulses of a window; None where these are none or all, or the log can't be reduced."""
-    begin_s, vehicle = _pulses(look, window.channel), look.case.vehicle
+    begin_s, vehicle = _pulses(screening, window.channel), screening.case.vehicle
     half, edges = vehicle.cycle.period_s / 2, np.array([window.begin_s, window.end_s])
-    first, stop = (int(n) for n in np.searchsorted(begin_s, by_commands_clock(look.case.log, vehicle, edges) - half))
+    first, stop = (int(n) for n in np.searchsorted(begin_s, by_commands_clock(screening.case.log, vehicle, edges) - half))
     if stop <= first or stop - first == len(begin_s):
         return None
     start_s, end_s = (None if n in (0, len(begin_s)) else round(float(begin_s[n]) - half, 6) for n in (first, stop))
-    jet = vehicle.jets[look.free.fired[window.channel]]
+    jet = vehicle.jets[screening.free.fired[window.channel]]
     failure = Failure(jet=jet.name, thrust=window.thrust, start_s=start_s, end_s=end_s)
     failing = vehicle.thrust.model_copy(update={"failures": (*vehicle.thrust.failures, failure)})
-    case = look.case._replace(vehicle=vehicle.model_copy(update={"thrust": failing}))
-    there = looked(case, look.piece, (beside,), theta)
-    return None if there is None or not np.array_equal(there.free.fired, look.free.fired) else _Mended(window, failure, there)
+    case = screening.case._replace(vehicle=vehicle.model_copy(update={"thrust": failing}))
+    there = screened(case, screening.piece, (beside,), theta)
+    return None if there is None or not np.array_equal(there.free.fired, screening.free.fired) else _Mended(window, failure, there)
 
 
-def _pulses(look: Look, channel: int) -> Array:
+def _pulses(screening: Screening, channel: int) -> Array:
     """(n,) when each of a channel's pulses begins, by the commands' clock."""
-    log, vehicle, timing, _ = look.case
+    log, vehicle, timing, _ = screening.case
     begin_s = cycle_edges(log, slice(0, log.cycles))[0] + timing.delay * vehicle.cycle.period_s
-    found: Array = begin_s[log.command[:, look.free.fired[channel]] > 0]
+    found: Array = begin_s[log.command[:, screening.free.fired[channel]] > 0]
     return found

@@ -1,6 +1,6 @@
-"""Suppositions in the order of how likely they make a log, each fitted when its turn comes.
+"""Hypotheses in the order of how likely they make a log, each fitted when its turn comes.
 
-What a channel's own suppositions (its thrust, place and direction) leave is no less than what is left where nothing is supposed of what
+What a channel's own hypotheses (its thrust, place and direction) leave is no less than what is left where nothing is supposed of what
 that channel does. So one fit for each channel says when its turn comes at the earliest, and most of its own are never fitted.
 """
 
@@ -14,18 +14,18 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.contest import ROUGHLY, Fitted, fitted
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 
 Score = Callable[[Array, Fitted, int], float]
-"""−2 log of how likely a supposition is that leaves chi-square (6,), one of so many of its kind."""
+"""−2 log of how likely a hypothesis is that leaves chi-square (6,), one of so many of its kind."""
 
 
 class Ranking:
     """Those whose score is below ``most``, the likeliest first; ``likelihood`` is what is left, in a score without prices."""
 
     def __init__(
-        self, model: Model, free: Free, supposed: Sequence[Supposition], score: Score, likelihood: Callable[[Array], float], most: float
+        self, model: Model, free: Free, supposed: Sequence[Hypothesis], score: Score, likelihood: Callable[[Array], float], most: float
     ) -> None:
         self._model, self._free, self._supposed = model, free, supposed
         self._score, self._likelihood, self._most = score, likelihood, most
@@ -33,7 +33,7 @@ class Ranking:
         self._alternatives = [kinds.count(kind) for kind in kinds]
         self._found: dict[int, tuple[float, Fitted]] = {}
         self._of: dict[int, list[int]] = {}
-        self._rivals: list[Supposition] = []
+        self._rivals: list[Hypothesis] = []
         others = []
         for i, one in enumerate(supposed):
             channel = model.channel(one)
@@ -55,7 +55,7 @@ class Ranking:
         """Those that are fitted by now, in any order."""
         return [each for each in self._found.values() if each[0] < self._most]
 
-    def faint(self, supposed: Supposition) -> bool:
+    def faint(self, supposed: Hypothesis) -> bool:
         """Whether one came as a rival alone, too faint to be named itself."""
         return any(one is supposed for one in self._rivals)
 
@@ -80,7 +80,7 @@ class Ranking:
             if fit:
                 bar, rivals = max(bar, score + rivals), 0.0
                 if score >= self._most:
-                    self._rivals.append(self._found[which][1].supposed)
+                    self._rivals.append(self._found[which][1].hypothesis)
                 yield self._found[which]
                 continue
             if score > reach():
@@ -97,5 +97,5 @@ class Ranking:
         for i, one in zip(which, self._fitted([self._supposed[i] for i in which]), strict=True):
             self._found[i] = self._score(one.chi_square, one, self._alternatives[i]), one
 
-    def _fitted(self, supposed: Sequence[Supposition]) -> list[Fitted]:
+    def _fitted(self, supposed: Sequence[Hypothesis]) -> list[Fitted]:
         return fitted(self._model, self._free, self._free.variance, supposed, still=ROUGHLY)

@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import UntoldError
-from massprop_cli.diagnosis import delay, stretch
+from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE
@@ -77,7 +77,7 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     given = stated_timing(source.vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
-    part, pieces = stretch.bounded(log, source.vehicle, latest, [slice(0, log.cycles)], LONGEST)
+    part, pieces = segment.bounded(log, source.vehicle, latest, [slice(0, log.cycles)], LONGEST)
     coarse = delay.search(part, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     found = None
     if coarse is not None:
@@ -96,7 +96,7 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str])
     samples = Stream.of(log, vehicle, start)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
-    part, within = stretch.bounded(log, vehicle, start, pieces, LONGEST)
+    part, within = segment.bounded(log, vehicle, start, pieces, LONGEST)
     return delay.detect(part, used, within, start, unknown)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.diagnosis.channelwise import SLOW, waves
-from massprop_cli.diagnosis.contest import TINY
+from massprop_cli.diagnosis.comparison import TINY
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.look import CLEAR, Look
-from massprop_cli.diagnosis.stretch import edges_of
+from massprop_cli.diagnosis.screening import CLEAR, Screening
+from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.plant import plant_of
@@ -49,15 +49,15 @@ class Window(NamedTuple):
 class Reduced:
     """A look's log as white rows over the noise, less what a body makes of it, and what another body would change."""
 
-    def __init__(self, look: Look, by: Look, beside: Disturbance) -> None:
-        case, theta = look.case, by.stated.value("theta")
-        self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, look.piece, theta)
+    def __init__(self, screening: Screening, by: Screening, beside: Disturbance) -> None:
+        case, theta = screening.case, by.stated.value("theta")
+        self.design = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta)
         self._beside = beside._replace(white=beside.white + self.design.driven.coupling)
         self._slow = waves(len(self.design.mean), SLOW if "east" in self.design.places else 0)
         rates, turning = self._white(self.design.growth)
         force = self._heard(self.design.mean)
         measured = turning, self._heard(self.design.force)
-        model, x, turn = look.model, by.stated.x, np.eye(3)[None]
+        model, x, turn = screening.model, by.stated.x, np.eye(3)[None]
         sizes = Lift(plant_of(case.vehicle)).sizes(theta)
         moves = np.hstack([np.eye(len(x), 10) * (STEP * sizes), STEP * model.uncertain])
         every = model.coefficients(np.vstack([x, x + moves.T]), turn, turn)

@@ -1,12 +1,12 @@
-"""What a supposition says, in words: its code, and what the log or the vehicle file would have to be."""
+"""What a hypothesis says, in words: its code, and what the log or the vehicle file would have to be."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from massprop_cli.diagnosis.contest import Fitted
-from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.errorparameters import table
 
 TRIED = (
@@ -25,10 +25,10 @@ IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 
 def words_of(found: Fitted, names: Sequence[str], stated: Case, corrected: Case) -> tuple[str, str]:
     """(code, words) that go on "the log fits if …"."""
-    code, words = table.words_of(found.supposed.code, found.finding(names, stated.setup, corrected.setup))
+    code, words = table.words_of(found.hypothesis.code, found.finding(names, stated.setup, corrected.setup))
     return code, words if stated.log.made is None else words.replace(IN_VEHICLE_FILE, IN_MAP)
 
 
 def alone(found: Fitted, name: str) -> Fitted:
-    """Of a supposition about several channels, what it says of one."""
-    return replace(found, supposed=replace(found.supposed, subject=(name,)))
+    """Of a hypothesis about several channels, what it says of one."""
+    return replace(found, hypothesis=replace(found.hypothesis, subject=(name,)))

@@ -22,10 +22,9 @@ def _rates(finding: Finding) -> Mapping[str, object]:
     return {name: 100 * finding.mean(f"{name}_rate") for name in ("mass", "inertia")}
 
 
-def _walk(finding: Finding) -> float:
-    """Relative, per √s: a random walk that may change the mass over the log by as much as is estimated."""
-    span_s = float(np.ptp(finding.stated.log.time_s)) or 1.0
-    return abs(finding.mean("mass_rate")) / finding.inverse_mass / float(np.sqrt(span_s))
+def _walked(finding: Finding) -> float:
+    """kg/√s of a random walk over relative change: over the log it may change the mass by as much."""
+    return 1 / (finding.inverse_mass * float(np.sqrt(float(np.ptp(finding.stated.log.time_s)) or 1.0)))
 
 
 def _heavier(setup: Setup, error: Array) -> Setup:
@@ -55,7 +54,8 @@ PARAMETERS = (
         prior=0.3,  # a tank is a third of a small vehicle
         no_key=_NO_KEY,
         sigma_key="drift.mass",
-        stated_sigma=_walk,
+        states="size",
+        part=_walked,
         columns=("aging",),
         wording=Wording(_CHANGES, "state [drift]", _rates),
     ),

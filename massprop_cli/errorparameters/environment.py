@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, Step, Unit, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, Wording
+from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
 
-DEGREE = float(np.pi / 180)
 WALK = 1e-3
 """Of a steady torque, what a correction lets it change per cycle: over 1,000 cycles it wanders by 3 % of itself, so it stays steady."""
 
@@ -79,18 +79,6 @@ def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
     )
 
 
-def _acting(name: str) -> Facts:
-    return lambda finding: {name: vector(finding.errors[name])}
-
-
-def _angle(finding: Finding) -> Mapping[str, object]:
-    return {"angle": np.degrees(np.linalg.norm(finding.errors["tilt"]))}
-
-
-def _largest(name: str, finding: Finding) -> float:
-    return float(np.abs(finding.errors[name]).max())
-
-
 PARAMETERS = (
     _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn"),
     _assumed("gravity_m_s2", "gravity", "m/s²", "gravity"),
@@ -99,16 +87,15 @@ PARAMETERS = (
         "bearing-position",
         "position of the bearing's centre",
         "m",
-        prior=0.005,  # half a ball's clearance and its seat: machined
+        prior=0.005,  # the ball is machined to a tenth of this; the offset of O from the drawing's datum is measured by hand
         key="environment.bearing_position_m",
         no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
         size=3,
         environments=("air_bearing",),
         difference=1e-4,
         wording=Wording(
-            "the bearing's centre is {by} mm away from environment.bearing_position_m",
+            "the bearing's centre is {mm} mm away from environment.bearing_position_m",
             "mend it",
-            lambda finding: {"by": vector(finding.errors["bearing"], 1e3)},
         ),
         step=Step(
             "bearing-position",
@@ -136,7 +123,7 @@ PARAMETERS = (
         redone="motion",
         difference=0.1 * DEGREE,
         wording=Wording(
-            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "mend it, or level the table", _angle
+            "the vehicle began tilted by {angle:.3g} degrees from environment.initial_attitude_wxyz", "mend it, or level the table"
         ),
     ),
     ErrorParameter(
@@ -172,8 +159,9 @@ PARAMETERS = (
         no_key="no key: its size is not stated but estimated",
         sigma_key="environment.disturbance_walk_n_m",
         size=3,
-        stated_sigma=lambda finding: WALK * _largest("torque", finding),
-        wording=Wording("a steady torque of {torque} N m acts beside the commands", "find it, or state a disturbance", _acting("torque")),
+        states="size",
+        part=lambda _: WALK,
+        wording=Wording("a steady torque of {error} N m acts beside the commands", "find it, or state a disturbance"),
     ),
     ErrorParameter(
         "drag",
@@ -184,14 +172,13 @@ PARAMETERS = (
         no_key="no key: it is estimated where its sigma is stated",
         sigma_key="environment.damping_sigma_n_m_s",
         size=3,
-        stated_sigma=lambda finding: _largest("drag", finding),
+        states="size",
         columns=("rates",),
         estimated=True,
         uncertain=("damping", "the log was asked for a torque against the rate, {damping} N m s times it"),
         wording=Wording(
-            "a torque of {drag} N m s times the rate acts beside the commands: drag, or a cable",
+            "a torque of {error} N m s times the rate acts beside the commands: drag, or a cable",
             "state environment.damping_sigma_n_m_s",
-            _acting("drag"),
         ),
     ),
     ErrorParameter(

@@ -9,11 +9,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Wording, matrix, vector
-from massprop_cli.errorparameters.sensor import WORDS
+from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording, matrix
+from massprop_cli.errorparameters.sensor import DEGREE, WORDS
 from massprop_cli.errorparameters.setup import Setup
 
-DEGREE = float(np.pi / 180)
 TURN = float(np.radians(0.1))
 """rad; the difference behind the derivative: its square is below what a log tells, and it is far above rounding."""
 _TURNED = "no key of a sensor alone: the remedy is a calibration, or another axis under [columns]"
@@ -41,10 +40,6 @@ def _stated_turn(setup: Setup) -> str:
     return f"imu.body_from_imu is {words}; turned about {{axis}}"
 
 
-def _tilt(sensor: str) -> Facts:
-    return lambda finding: {"angle": np.degrees(np.linalg.norm(finding.errors[f"{sensor}_turn"]))}
-
-
 def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
     return ErrorParameter(
         f"{sensor}_turn",
@@ -60,7 +55,7 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         columns=("east", "north") if sensor == "gyro" else (),
         bends="with gravity" if sensor == "gyro" else "never",
         redone="motion",
-        wording=Wording(f"the {WORDS[sensor]}'s axes alone are tilted by {{angle:.3g}} degrees", "calibrate it", _tilt(sensor)),
+        wording=Wording(f"the {WORDS[sensor]}'s axes alone are tilted by {{angle:.3g}} degrees", "calibrate it"),
     )
 
 
@@ -97,9 +92,7 @@ PARAMETERS = (
         size=3,
         difference=1e-3,
         uncertain=("imu-position", "the IMU sits where it is stated to within imu.position_sigma_m"),
-        wording=Wording(
-            "the IMU sits {by} mm away from imu.position_m", "mend it", lambda finding: {"by": vector(finding.errors["imu"], 1e3)}
-        ),
+        wording=Wording("the IMU sits {mm} mm away from imu.position_m", "mend it"),
         step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place),
     ),
     _turn("gyro"),

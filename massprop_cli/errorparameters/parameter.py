@@ -11,7 +11,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.errorparameters.setup import Setup, stated
+from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.wheel import Wheel
 
 Unit = Literal["1", "m", "N", "rad", "rad/s", "m/s²", "N m", "N m s", "cycles", "parts", "kg", "kg m²"]
 Redone = Literal["body", "motion", "commands", "all"]
@@ -71,10 +73,11 @@ class Wording:
     """Goes on "the log fits if …"; empty: no warning names the parameter."""
     remedy: str = ""
     facts: Facts = lambda _: {}
+    """Beside those of :meth:`ErrorParameter.facts`."""
 
-    def text(self, finding: Finding) -> str:
-        """Sentence and remedy of a finding."""
-        return f"{self.sentence}; {self.remedy}".format(**self.facts(finding))
+    def text(self, finding: Finding, facts: Mapping[str, object]) -> str:
+        """Sentence and remedy of a finding, with more ``facts``."""
+        return f"{self.sentence}; {self.remedy}".format(**{**facts, **self.facts(finding)})
 
 
 @dataclass(frozen=True)
@@ -147,8 +150,12 @@ class ErrorParameter:
     """Log and vehicle file corrected by an error; None: by ``key`` alone."""
     shown: Callable[[Array, Array], Array] | None = None
     """(3, 3) what the sensor shows of the truth, IMU axes, by the error and the mounting: corrected by factors on the log's columns."""
-    stated_sigma: Callable[[Finding], float] | None = None
-    """What a correction states under ``sigma_key``; None: a refit one sigma further on stands for the uncertainty."""
+    states: Literal["", "sigma", "size"] = ""
+    """What a correction states under ``sigma_key``: the estimate's sigma, or the error's size, by which it is estimated anew.
+
+    Else a refit one sigma further on stands for the uncertainty."""
+    part: Callable[[Finding], float] = lambda _: 1.0
+    """Of that size."""
     columns: tuple[str, ...] = ()
     """Of the log's regression: without them it explains the motion while the parameter is as stated."""
     bends: Literal["never", "always", "with gravity"] = "never"
@@ -181,9 +188,9 @@ class ErrorParameter:
             (self.prior < 0 or not np.isfinite(self.prior), f"the prior sigma {self.prior:g} is none"),
             (self.key is None and not self.no_key, "no key of the value, and no reason why there is none"),
             (self.sigma_key is None and not self.no_sigma, "no key of the sigma, and no reason why there is none"),
-            (not self.per_channel and not all(map(_known, (self.key, self.sigma_key))), "the vehicle file has no such key"),
+            (not all(map(_known, (self.key, self.sigma_key))), "the vehicle file has no such key"),
             (self.prior > 0 and not (self.wording.sentence and self.wording.remedy), "a hypothesis without a sentence or a remedy"),
-            (self.stated_sigma is not None and self.sigma_key is None, "a sigma is stated under no key"),
+            (bool(self.states) and self.sigma_key is None, "a sigma is stated under no key"),
         ]
 
     @property
@@ -200,6 +207,27 @@ class ErrorParameter:
     def by_hand(self) -> bool:
         """Whether neither the vehicle file nor factors on the log can take its value."""
         return self.key is None and self.change is None and self.shown is None
+
+    def facts(self, finding: Finding) -> dict[str, object]:
+        """What a sentence may say of the error, and of value and sigma in the key's unit."""
+        error, scale = finding.errors[self.moved[0]], self.scale(finding.stated.vehicle)
+        sigma = scale * float(finding.sigmas[self.moved[0]].max(initial=0.0))
+        found: dict[str, object] = {"error": vector(error), "mm": vector(error, 1e3), "sigma": sigma, "percent_sigma": 100 * sigma}
+        found |= {"angle": np.degrees(np.linalg.norm(error)), "imu_axes": vector(finding.mounting.T @ error) if error.size == 3 else ""}
+        if self.key is not None and not self.per_channel:
+            stated, value = (float(np.ravel(setup.value(self.key))[0]) for setup in (finding.stated, finding.corrected))
+            found |= {"stated": stated, "value": value, "percent": 100 * value}
+        return found
+
+    def text(self, finding: Finding) -> str:
+        """Its sentence and remedy."""
+        return self.wording.text(finding, self.facts(finding))
+
+    def corrected_sigma(self, finding: Finding) -> float:
+        """What a correction states under ``sigma_key``."""
+        if self.states == "sigma":
+            return self.scale(finding.stated.vehicle) * float(finding.sigmas[self.name][0])
+        return self.part(finding) * float(np.abs(finding.errors[self.name]).max())
 
     def least(self, setup: Setup) -> float:
         """The error by which the stated value is at its least, in ``unit``; of jets, where each is."""
@@ -257,8 +285,8 @@ def _known(key: str | None) -> bool:
         return True
     section, _, name = key.partition(".")
     field = Vehicle.model_fields.get(section)
-    kind = None if field is None else field.annotation
-    return section in ("jets", "wheels") or name in getattr(kind, "model_fields", ())
+    kind = {"jets": Jet, "wheels": Wheel}.get(section) or (None if field is None else field.annotation)
+    return name in getattr(kind, "model_fields", ())
 
 
 def vector(values: Array, unit: float = 1.0) -> str:

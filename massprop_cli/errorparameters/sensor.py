@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording, vector
+from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
 
@@ -37,18 +37,6 @@ def _factor(sensor: str) -> Facts:
         return {"axis": f"'s {finding.subject[0]} axis" if finding.subject else "", "factor": factor, "inverse": 1 / factor}
 
     return facts
-
-
-def _of_lag(sensor: str) -> Facts:
-    def facts(finding: Finding) -> Mapping[str, object]:
-        name = f"{sensor}_lag"
-        return {"lag": finding.corrected.value(f"imu.{name}_s")[0], "sigma": finding.sigmas[name][0] * finding.stated.period_s}
-
-    return facts
-
-
-def _largest(name: str, finding: Finding) -> float:
-    return float(np.abs(finding.errors[name]).max())
 
 
 def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
@@ -91,16 +79,12 @@ def _bias(sensor: str, unit: Unit, prior: float, columns: tuple[str, ...]) -> Er
         sigma_key=key,
         size=3,
         change=lambda setup, error: _unbiased(sensor, setup, error),
-        stated_sigma=lambda finding: _largest(name, finding),
+        states="size",
         columns=columns,
         bends="with gravity" if sensor == "gyro" else "never",
         estimated=True,
         redone="motion",
-        wording=Wording(
-            f"the {WORDS[sensor]} has a bias of {{bias}} {shown}, IMU axes",
-            f"state {key}",
-            lambda finding: {"bias": vector(finding.mounting.T @ finding.errors[name])},
-        ),
+        wording=Wording(f"the {WORDS[sensor]} has a bias of {{imu_axes}} {shown}, IMU axes", f"state {key}"),
     )
 
 
@@ -117,16 +101,15 @@ def _lowpass(sensor: str) -> ErrorParameter:
         lowest=0.0,
         slack=EARLIEST,
         scale=lambda vehicle: vehicle.cycle.period_s,
-        stated_sigma=lambda finding: float(finding.sigmas[name][0]) * finding.stated.period_s,
+        states="sigma",
         columns=LATER,
         bends="always",
         late=sensor == "gyro",  # the specific force alone comes late by the accelerometer's, which nothing else does
         redone="commands",
         difference=DIFFERENCE,
         wording=Wording(
-            f"the {WORDS[sensor]} is low-pass filtered with a time constant of {{lag:.3g}} ± {{sigma:.2g}} s",
+            f"the {WORDS[sensor]} is low-pass filtered with a time constant of {{value:.3g}} ± {{sigma:.2g}} s",
             f"log what is before it, or state imu.{name}_s",
-            _of_lag(sensor),
         ),
     )
 

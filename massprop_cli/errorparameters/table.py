@@ -2,42 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from massprop_cli.errorparameters import body, environment, mounting, sensor, thrust, timing
 from massprop_cli.errorparameters.parameter import ErrorParameter, Finding
 
-TABLE: tuple[ErrorParameter, ...] = (
-    *(*mounting.PARAMETERS, *timing.PARAMETERS, *thrust.PARAMETERS),
-    *(*sensor.PARAMETERS, *body.PARAMETERS, *environment.PARAMETERS),
-)
-"""In the order in which corrections apply them and assumptions are listed."""
 SPECIAL_CASES = (*thrust.SPECIAL_CASES, *sensor.SPECIAL_CASES, *mounting.SPECIAL_CASES, *body.SPECIAL_CASES)
-BY_NAME = {one.name: one for one in TABLE}
 ENTRIES = (
     *("gyro_turn", "accel_turn", "gyro_scale", "accel_scale", "imu", "bearing", "gyro_bias", "accel_bias", "torque", "drag"),
     *("delay", "rise", "fall", "droop", "cycle_droop", "lag", "gyro_lag", "accel_lag", "drift", "mass_rate", "inertia_rate"),
     *("tilt", "slope", "thrust", "position", "direction"),
 )
 """Parameters that are entries of x, in the order that massprop_cli/kernel/suppose.c has them."""
+
+
+def checked(parameters: Sequence[ErrorParameter]) -> tuple[ErrorParameter, ...]:
+    """The parameters; :class:`ValueError` if one is declared twice, or an entry of x or what a parameter is made of not at all."""
+    names = [one.name for one in parameters]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    missing = sorted({*ENTRIES, *(part for one in parameters for part in one.moved)} - set(names))
+    if twice or missing:
+        raise ValueError(f"error parameters declared twice: {twice}; not declared: {missing}")
+    return tuple(parameters)
+
+
+TABLE = checked(
+    (
+        *(*mounting.PARAMETERS, *timing.PARAMETERS, *thrust.PARAMETERS),
+        *(*sensor.PARAMETERS, *body.PARAMETERS, *environment.PARAMETERS),
+    )
+)
+"""In the order in which corrections apply them and assumptions are listed."""
+BY_NAME = {one.name: one for one in TABLE}
 PRIORS = {name: BY_NAME[name].prior for name in ENTRIES if BY_NAME[name].prior > 0}
 LATE = frozenset(one.code for one in TABLE if one.late)
 """Codes of what makes motion late."""
-HYPOTHESES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.of for case in SPECIAL_CASES)})
 BY_COLUMN = {
     column: {one.name for one in TABLE if column in one.columns} for column in dict.fromkeys(name for one in TABLE for name in one.columns)
 }
 """The parameters that each column of the log's regression is there for."""
-CODES = HYPOTHESES | {case.code for case in SPECIAL_CASES}
+CODES = frozenset({*(one.code for one in TABLE if one.prior > 0), *(case.code for case in SPECIAL_CASES)})
 """Of all warnings that name an error."""
-if len(BY_NAME) != len(TABLE) or not BY_NAME.keys() >= set(ENTRIES):
-    raise ValueError("an error parameter is declared twice, or an entry of x not at all")
 
 
 def words_of(code: str, finding: Finding) -> tuple[str, str]:
     """(code of the warning, text that goes on "the log fits if …") of a hypothesis with its values."""
     for case in SPECIAL_CASES:
         if case.of == code and case.applies(finding):
-            return case.code, case.wording.text(finding)
+            return case.code, case.wording.text(finding, {})
     named = [one for one in TABLE if one.code == code and one.wording.sentence]
     moved = [one for one in named if all(finding.errors[name].any() for name in one.moved)]
     best = max(moved or named, key=lambda one: len(one.moved))
-    return code, best.wording.text(finding)
+    return code, best.text(finding)

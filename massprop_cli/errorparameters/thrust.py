@@ -86,17 +86,6 @@ def _ramps(finding: Finding) -> Mapping[str, object]:
     return {"ramps": f"{longer} to {ramp} than {ramp}_s says, as {effect} {'more' if gives else 'less'}", "them": "it"}
 
 
-def _lost(key: str) -> Wording:
-    def facts(finding: Finding) -> Mapping[str, object]:
-        return {"lost": 100 * finding.corrected.value(f"thrust.{key}")[0], "sigma": 100 * finding.sigmas[key][0]}
-
-    when = "while that is open" if key == "droop" else "that fires in its cycle"
-    sentence = (
-        f"each jet loses {{lost:.3g}} ± {{sigma:.2g}} % of its thrust for each further one {when}, as of a supply whose pressure sags"
-    )
-    return Wording(sentence, f"state thrust.{key}", facts)
-
-
 def _droop_stated(setup: Setup) -> bool:
     return bool({"droop", "cycle_droop"} & setup.vehicle.thrust.model_fields_set)
 
@@ -112,7 +101,12 @@ def _sharing(setup: Setup) -> bool:
     return setup.log.command_kind == "jets" and together(setup.log) > 1
 
 
-def _droop(key: str, column: str, what: str, part_of: str = "") -> ErrorParameter:
+_LOST = (
+    "each jet loses {{percent:.3g}} ± {{percent_sigma:.2g}} % of its thrust for each further one {when}, as of a supply whose pressure sags"
+)
+
+
+def _droop(key: str, column: str, what: str, when: str, part_of: str = "") -> ErrorParameter:
     return ErrorParameter(
         key,
         "thrust-droop",
@@ -128,7 +122,7 @@ def _droop(key: str, column: str, what: str, part_of: str = "") -> ErrorParamete
         late=True,
         redone="commands",
         difference=0.01,
-        wording=_lost(key),
+        wording=Wording(_LOST.format(when=when), f"state thrust.{key}"),
         step=Step(f"thrust-{key.replace('_', '-')}", 0.01, "1 % for each", _supply, _sharing, part_of, stated=_droop_stated),
     )
 
@@ -198,8 +192,8 @@ PARAMETERS = (
     ),
     _ramp("rise", "rising", "time that thrust takes to rise"),
     _ramp("fall", "falling", "time that thrust takes to fall"),
-    _droop("droop", "sagging", "thrust lost to other jets that are open"),
-    _droop("cycle_droop", "ebbing", "thrust lost to other jets that fire in the cycle", "thrust-droop"),
+    _droop("droop", "sagging", "thrust lost to other jets that are open", "while that is open"),
+    _droop("cycle_droop", "ebbing", "thrust lost to other jets that fire in the cycle", "that fires in its cycle", "thrust-droop"),
 )
 
 

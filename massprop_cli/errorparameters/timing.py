@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from massprop_cli.base.arrays import Array
-from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, Step, Wording
+from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Wording
 from massprop_cli.errorparameters.setup import DELAY, LAG, Setup
 from massprop_cli.inputs.equipment import FASTEST_PPM
 
@@ -32,22 +30,6 @@ def _lagging(setup: Setup, error: Array) -> Setup:
     return setup._replace(timing=setup.timing.moved(["lag"], error))
 
 
-def _delay(finding: Finding) -> Mapping[str, object]:
-    return {
-        "stated": finding.stated.timing.delay,
-        "shown": finding.corrected.timing.delay,
-        "sigma": finding.sigmas["delay"][0],
-    }
-
-
-def _lag(finding: Finding) -> Mapping[str, object]:
-    return {"lag": finding.corrected.value(LAG)[0], "sigma": finding.sigmas["lag"][0] * finding.stated.period_s}
-
-
-def _fast(finding: Finding) -> Mapping[str, object]:
-    return {"fast": finding.corrected.value("imu.clock_drift_ppm")[0]}
-
-
 def _assumed(setup: Setup) -> str:
     cycle = setup.vehicle.cycle
     exact = "taken as exact (cycle.command_delay_sigma_cycles is not stated)"
@@ -71,9 +53,7 @@ _DRIFT = ErrorParameter(
     bends="always",
     late=True,
     redone="commands",
-    wording=Wording(
-        "the IMU's clock runs {fast:.4g} ppm faster than that of the commands", "use one clock, or state imu.clock_drift_ppm", _fast
-    ),
+    wording=Wording("the IMU's clock runs {value:.4g} ppm faster than that of the commands", "use one clock, or state imu.clock_drift_ppm"),
 )
 PARAMETERS = (
     _DRIFT,
@@ -87,16 +67,15 @@ PARAMETERS = (
         sigma_key="cycle.command_delay_sigma_cycles",
         lowest=0.0,
         slack=EARLIEST,
-        stated_sigma=lambda finding: float(finding.sigmas["delay"][0]),
+        states="sigma",
         columns=LATER,
         bends="always",
         late=True,
         redone="commands",
         difference=DIFFERENCE,
         wording=Wording(
-            "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {shown:.4g} ± {sigma:.2g} cycles",
+            "commands act later or earlier than cycle.command_delay_cycles = {stated:g}: the log shows {value:.4g} ± {sigma:.2g} cycles",
             'mend it, or state "auto" to have it found',
-            _delay,
         ),
         step=Step("command-delay", DELAY_STEP, f"{DELAY_STEP:g} cycles", _assumed),
     ),
@@ -112,12 +91,12 @@ PARAMETERS = (
         slack=EARLIEST,
         scale=lambda vehicle: vehicle.cycle.period_s,
         change=_lagging,
-        stated_sigma=lambda finding: float(finding.sigmas["lag"][0]) * finding.stated.period_s,
+        states="sigma",
         columns=LATER,
         bends="always",
         late=True,
         redone="commands",
         difference=DIFFERENCE,
-        wording=Wording("thrust follows commands with a lag of {lag:.4g} ± {sigma:.2g} s", "state thrust.lag_s", _lag),
+        wording=Wording("thrust follows commands with a lag of {value:.4g} ± {sigma:.2g} s", "state thrust.lag_s"),
     ),
 )

@@ -1,4 +1,4 @@
-/* Suppositions held against the triangles of one log, each fitted with a body, for the ground: massprop_cli/diagnosis/contest.py, which has
+/* Suppositions held against the triangles of one log, each fitted with a body, for the ground: massprop_cli/diagnosis/comparison.py, which has
  * it in NumPy as well. */
 #include <math.h>
 #include <stddef.h>
@@ -191,7 +191,7 @@ static void normal_of(const room_of *own, long all, long n, const double *pulled
     for (i = 0; i < n; i++) own->normal[i * n + i] += pulled[i] * pulled[i];
 }
 
-/* Damped Gauss-Newton steps of one supposition (massprop_cli/diagnosis/contest.py, _Descent). ends: a change of -2 log likelihood that
+/* Damped Gauss-Newton steps of one supposition (massprop_cli/diagnosis/comparison.py, _Descent). ends: a change of -2 log likelihood that
  * ends it, measurements less coefficients, and the most steps. */
 static int descended(const mp_suspect *about, const mp_told sensors[2], const mp_supposed *one, const double *moves, long n,
                      const double *pulled, const double *ends, const room_of *own, double *x, double *left, double *spread) {

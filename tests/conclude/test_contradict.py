@@ -14,7 +14,7 @@ from massprop_cli.conclude import contradict
 from massprop_cli.conclude.analysis import MendedAnswer
 from massprop_cli.conclude.contradict import Fault, by_lost
 from massprop_cli.conclude.judge import judged
-from massprop_cli.diagnosis.cures import Cure
+from massprop_cli.diagnosis.corrections import Correction
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Known, Phase
@@ -232,7 +232,7 @@ def test_what_several_causes_agree_on_is_in_doubt_where_none_of_them_is_sure() -
     assert len(good) > 5
 
     def verdicts(code: str) -> set[str]:
-        fault = Fault(Notice(code, "the log fits if this, or if that"), Cure(()))
+        fault = Fault(Notice(code, "the log fits if this, or if that"), Correction(()))
         # what mends it gives the same values, and so do its rivals
         answer = MendedAnswer(fault, (), clean.conclusions, ([clean.conclusions[0].values],))
         found = judged(replace(clean, faults=(fault,)), [answer])

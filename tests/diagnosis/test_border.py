@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES
-from massprop_cli.diagnosis.border import border
-from massprop_cli.diagnosis.look import looked
+from massprop_cli.diagnosis.phaseboundary import border
+from massprop_cli.diagnosis.screening import screened
 from tests import faulty
 from tests.diagnosis.test_look import look_at, otherwise, thrust
 from tests.faulty import PLAN
@@ -73,12 +73,12 @@ def test_what_is_wrong_all_along_or_not_at_all_has_no_border(key: str) -> None:
 
 def test_of_a_long_log_nothing_is_left_out_that_was_not_looked_at() -> None:
     """The stretch that is looked at ends amid the log, in somebody's hands; what comes then is good."""
-    look = look_at("free-flyer", *PLAN)
-    log = look.case.log
+    screening = look_at("free-flyer", *PLAN)
+    log = screening.case.log
     turned = log.delta_theta_imu_rad.copy()
     turned[-25:] = 0.0
-    case = look.case._replace(log=faulty.with_increments(log, turned, log.delta_v_imu_m_s), designs=None)
-    held = looked(case, look.piece)
+    case = screening.case._replace(log=faulty.with_increments(log, turned, log.delta_v_imu_m_s), designs=None)
+    held = screened(case, screening.piece)
     assert held is not None
     assert border(held, float(log.time_s[-1])) is not None
     assert border(held, float(log.time_s[-1]) + 60.0) is None

@@ -152,7 +152,7 @@ def test_a_fault_is_named(mistake: Mistake, key: str, code: str, words: str) -> 
     said = [notice.message for notice in notices if notice.code == code]
     assert said, [notice.code for notice in notices]
     assert words in said[0].replace("+0.79", "+0.8")
-    # the other suppositions stay unsaid
+    # the other hypotheses stay unsaid
     assert {notice.code for notice in notices} - {"unphysical-inertia"} == {code}
 
 

@@ -8,7 +8,7 @@ import pytest
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis import design, episode
 from massprop_cli.diagnosis.episode import episodes
-from massprop_cli.diagnosis.look import Look
+from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.windows import Reduced
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Vehicle
@@ -25,9 +25,9 @@ def failing(jet: str, thrust: float, start_s: float | None = None, end_s: float 
     return f'actuators.failures=[{{jet="{jet}", thrust={thrust}{span}}}]'
 
 
-def pulses(look: Look, jet: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def pulses(screening: Screening, jet: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """When each of a jet's pulses begins."""
-    log, vehicle, timing, _ = look.case
+    log, vehicle, timing, _ = screening.case
     column = [one.name for one in vehicle.jets].index(jet)
     begun = log.cycle_end_s + (timing.delay - 1) * vehicle.cycle.period_s
     return np.asarray(begun[log.command[:, column] > 0])
@@ -36,8 +36,8 @@ def pulses(look: Look, jet: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]
 def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """Oracle: ordinary least squares on all six axes, beside what another body changes: the window's column, or one of the whole log."""
     monkeypatch.setattr(design, "COUPLING", 0.0)  # no white noise by the rates' products
-    look = look_of(faulty.flown("free-flyer", *PLAN, failing("divert_xp", 0.7, 12.0)))
-    reduced = Reduced(look, look, NONE)
+    screening = look_of(faulty.flown("free-flyer", *PLAN, failing("divert_xp", 0.7, 12.0)))
+    reduced = Reduced(screening, screening, NONE)
     root, cycle = np.sqrt(reduced.weight), np.arange(len(reduced.design.mean))
     growth = np.vstack([np.zeros((1, reduced.design.growth.shape[1])), np.cumsum(reduced.design.growth, 0)])
     columns, rate = growth - growth.mean(0), reduced.design.rate - reduced.design.rate.mean(0)
@@ -76,9 +76,9 @@ def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said(seeds: r
             rng.uniform(0.4, 0.9),
             rng.uniform(6, 12),
         )
-        look = look_of(faulty.flown("free-flyer", *PLAN, failing(jet, thrust, start), seeds=(seed,)))
-        first = next(t for t in pulses(look, jet) if t >= start)
-        found = next(one for one in episodes(look) if one.failure.jet == jet)
+        screening = look_of(faulty.flown("free-flyer", *PLAN, failing(jet, thrust, start), seeds=(seed,)))
+        first = next(t for t in pulses(screening, jet) if t >= start)
+        found = next(one for one in episodes(screening) if one.failure.jet == jet)
         assert found.failure.end_s is None
         assert first - 0.1 < (found.failure.start_s or 0.0) <= first
         z.append((found.failure.thrust - thrust) / found.sigma)
@@ -111,8 +111,8 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
 
 def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     """Under a clock that drifts by two cycles in twenty seconds."""
-    look = otherwise("imu.clock_drift_ppm=6000.0")
-    log, vehicle, timing, _ = look.case
+    screening = otherwise("imu.clock_drift_ppm=6000.0")
+    log, vehicle, timing, _ = screening.case
     begun = list[Array]()
 
     def seen(start_s: Array, _: Vehicle) -> None:
@@ -121,7 +121,7 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(actuators, "strengths", seen)
         align.impulses(log, vehicle, timing.delay, 0.0)
-    np.testing.assert_allclose(episode._pulses(look, 0), begun[0][: log.cycles][log.command[:, look.free.fired[0]] > 0])
+    np.testing.assert_allclose(episode._pulses(screening, 0), begun[0][: log.cycles][log.command[:, screening.free.fired[0]] > 0])
 
 
 @pytest.mark.parametrize(

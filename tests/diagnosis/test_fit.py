@@ -94,7 +94,7 @@ def mistaken(gyro: float, mounting: Array) -> Samples:
 @pytest.mark.parametrize("cyclic", [False, True])
 @pytest.mark.parametrize("gyro", [1 / 57.3, 8.0, 57.3])
 def test_no_fit_runs_away(gyro: float, cyclic: bool) -> None:
-    """However wrong the supposition, no step leaves the reference worse than it was, and it stays a body of the testbed's scale."""
+    """However wrong the hypothesis, no step leaves the reference worse than it was, and it stays a body of the testbed's scale."""
     mounting = np.roll(np.eye(3), 1, axis=0) if cyclic else np.eye(3)
     samples, used = mistaken(gyro, mounting), flight.standard("free").used
     first = first_reference(samples, CYCLES, used) or Reference(np.eye(3), np.zeros(3), 0.05)

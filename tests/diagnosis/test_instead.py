@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis.contest import _Rows
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.comparison import _Rows
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
 from tests import faulty
 from tests.diagnosis.test_handed import NOISE, reduced
@@ -57,7 +57,7 @@ def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
 @pytest.mark.skipif(kernel().library is None, reason="no compiled kernel was built")
 def test_a_fit_that_comes_to_no_number_leads_nowhere_and_refuses_nothing() -> None:
     model, free = reduced("free")
-    rows = _Rows.of_all(model, free, NOISE, [Supposition("", (), np.eye(len(model.stated)))])
+    rows = _Rows.of_all(model, free, NOISE, [Hypothesis("", (), np.eye(len(model.stated)))])
     x = model.stated[None].copy()
     x[0, :10] = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05]
     x[0, model.place("gyro_scale")] = 800.0  # whose exponential is no number

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from massprop_cli.diagnosis import change
-from massprop_cli.diagnosis.causes import listed
-from massprop_cli.diagnosis.contest import fitted
-from massprop_cli.diagnosis.cures import Case
+from massprop_cli.diagnosis.comparison import fitted
+from massprop_cli.diagnosis.corrections import Case
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.diagnosis.diagnose import _changed
-from massprop_cli.diagnosis.look import Look, about_its_body, beside_a_torque, busiest, looked
-from massprop_cli.diagnosis.trial import _nothing
+from massprop_cli.diagnosis.hypotheses import listed
+from massprop_cli.diagnosis.refit import _nothing
+from massprop_cli.diagnosis.screening import Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.noiselevels import with_noise_levels
@@ -33,23 +33,23 @@ DOCKED = (
 )
 
 
-def look_at(name: str, *keys: str) -> Look:
+def look_at(name: str, *keys: str) -> Screening:
     """Of a log as one phase, about its own body; what is found out about it later is its caller's alone."""
     return replace(_look_at(name, *keys))
 
 
 @cache
-def _look_at(name: str, *keys: str) -> Look:
+def _look_at(name: str, *keys: str) -> Screening:
     return look_of(faulty.flown(name, *keys))
 
 
-def otherwise(*assignments: str) -> Look:
+def otherwise(*assignments: str) -> Screening:
     """Of a log whose vehicle file says something else than what was flown."""
     return replace(_otherwise(*assignments))
 
 
 @cache
-def _otherwise(*assignments: str) -> Look:
+def _otherwise(*assignments: str) -> Screening:
     flown = faulty.flown("free-flyer", *PLAN)
     return look_of(replace(flown, vehicle=changed(flown.vehicle, assignments)))
 
@@ -61,14 +61,14 @@ def thrust(jet: str, part: float) -> str:
     return f"jets.{number}.force_n={[x / part for x in force]}"
 
 
-def look_of(flown: simulate.Flight, member: int = 0) -> Look:
+def look_of(flown: simulate.Flight, member: int = 0) -> Screening:
     """The same of a flight."""
     log, timing = flown.log(member), Timing(float(flown.vehicle.cycle.command_delay_cycles), 0.0)
     piece = slice(5, log.cycles)
     used, _ = with_noise_levels(Stream.of(log, flown.vehicle, timing), [piece], flown.vehicle)
-    look = looked(*busiest(Case(log, used, timing, Designs()), piece))
-    assert look is not None
-    return about_its_body(look)
+    screening = screened(*busiest(Case(log, used, timing, Designs()), piece))
+    assert screening is not None
+    return about_its_body(screening)
 
 
 @pytest.mark.parametrize(
@@ -83,11 +83,11 @@ def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str, ke
     """Columns that say the same twice, but for the noise in them, explain noise that no body does: 1.4 times pure error on a bearing."""
     flown = faulty.flown(name, *keys, seeds=seeds)
     for member in range(len(seeds)):
-        look = look_of(flown, member)
-        assert look.misfit < 1 + 5 * np.sqrt(2 / look.freedom)
+        screening = look_of(flown, member)
+        assert screening.misfit < 1 + 5 * np.sqrt(2 / screening.freedom)
         # noise is what it is stated to be
-        assert 0.8 < (look.free.pure / look.noise).min() < (look.free.pure / look.noise).max() < 1.25
-        assert look.stated.value("theta")[9] == pytest.approx(1 / (25.0 if name == "testbed" else 22.0), rel=0.05)
+        assert 0.8 < (screening.free.pure / screening.noise).min() < (screening.free.pure / screening.noise).max() < 1.25
+        assert screening.stated.value("theta")[9] == pytest.approx(1 / (25.0 if name == "testbed" else 22.0), rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -101,38 +101,42 @@ def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str, ke
     ],
 )
 def test_what_is_wrong_all_along_leaves_free_coefficients_the_stated_noise(key: str, constant: bool) -> None:
-    look = otherwise(key)
-    assert look.constant is constant
-    assert not look.chance
+    screening = otherwise(key)
+    assert screening.constant is constant
+    assert not screening.chance
 
 
 def test_a_gyro_in_degrees_is_wrong_all_along_too_whatever_its_unit() -> None:
-    look = look_at("free-flyer", *PLAN)
-    assert look.constant
-    in_degrees = replace(look, free=replace(look.free, gyro=look.free.gyro._replace(left=look.free.gyro.left * DEGREE**-2)))
+    screening = look_at("free-flyer", *PLAN)
+    assert screening.constant
+    in_degrees = replace(
+        screening, free=replace(screening.free, gyro=screening.free.gyro._replace(left=screening.free.gyro.left * DEGREE**-2))
+    )
     assert in_degrees.constant
-    assert not replace(look, free=replace(look.free, gyro=look.free.gyro._replace(left=look.free.gyro.left * 4.0))).constant
+    assert not replace(
+        screening, free=replace(screening.free, gyro=screening.free.gyro._replace(left=screening.free.gyro.left * 4.0))
+    ).constant
 
 
 @pytest.mark.parametrize("walk", [3e-4, *(pytest.param(walk, marks=pytest.mark.thorough) for walk in (1e-3, 3e-3))])
 def test_a_torque_that_wanders_is_found_at_the_level_that_explains_most(walk: float) -> None:
     """Of levels a hundred times apart the nearest costs up to 100 in −2 log likelihood more, and a gyro's scale took the difference."""
-    look = look_at("free-flyer", *PLAN, f"disturbance.walk_n_m={walk}")
-    found = beside_a_torque(look)
-    (level,), theta = found.free.beside, look.stated.value("theta")
+    screening = look_at("free-flyer", *PLAN, f"disturbance.walk_n_m={walk}")
+    found = beside_a_torque(screening)
+    (level,), theta = found.free.beside, screening.stated.value("theta")
     assert level.walk > 0
     for by in 10.0 ** np.linspace(-1.5, 1.5, 13):
-        other = looked(look.case, look.piece, [level._replace(walk=level.walk * by)], theta)
+        other = screened(screening.case, screening.piece, [level._replace(walk=level.walk * by)], theta)
         assert other is not None
         assert found.cost < other.cost + 4
 
 
 @pytest.mark.parametrize("part", [1.0, 0.9])
 def test_a_cause_whose_values_are_chance_is_none(part: float) -> None:
-    look = otherwise(thrust("roll_p1", part))
-    every = listed(look.model, look.names, True)
+    screening = otherwise(thrust("roll_p1", part))
+    every = listed(screening.model, screening.names, True)
     supposed = [one for one in every if (one.code, one.subject) == ("thrust-scale", ("roll_p1",)) and not one.start]
-    (found,) = fitted(look.model, look.free, look.free.variance, supposed)
+    (found,) = fitted(screening.model, screening.free, screening.free.variance, supposed)
     assert found.factors[0] == pytest.approx(part, abs=2e-3)
     assert _nothing(found) is (part == 1.0)
 
@@ -144,19 +148,22 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     How much of the cycle in which it docks is left hangs on the direction that columns which are sums of others take from the fit: rounding
     has it, and the compiled kernel and NumPy differ.
     """
-    look = look_of(faulty.flown("free-flyer", *PLAN, *keys, seeds=(seed,)))
-    whole = beside_a_torque(look)
-    samples = look.case.timing.of(look.case.log, look.case.vehicle)
-    reference = first_reference(samples, look.piece, look.case.vehicle)
+    screening = look_of(faulty.flown("free-flyer", *PLAN, *keys, seeds=(seed,)))
+    whole = beside_a_torque(screening)
+    samples = screening.case.timing.of(screening.case.log, screening.case.vehicle)
+    reference = first_reference(samples, screening.piece, screening.case.vehicle)
     assert reference is not None
-    at = change.likeliest(samples, look.piece, reference, look.case.vehicle)
-    parts = [looked(look.case, part, look.free.beside) for part in (slice(look.piece.start, at), slice(at, look.piece.stop))]
+    at = change.likeliest(samples, screening.piece, reference, screening.case.vehicle)
+    parts = [
+        screened(screening.case, part, screening.free.beside)
+        for part in (slice(screening.piece.start, at), slice(at, screening.piece.stop))
+    ]
     sides = [part for part in parts if part is not None]
     assert len(sides) == 2
     assert all(side.fits for side in sides)
     left = sum(side.excess for side in sides) / whole.excess
     assert left < 0.25 if changed else left > 0.7
-    named = _changed(look, whole)
+    named = _changed(screening, whole)
     assert (named is not None) is changed
     if named is not None:
         (one,) = named.explanations

@@ -7,56 +7,56 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis import causes, search
-from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.diagnosis import hypotheses, search
+from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.diagnose import _pair
-from massprop_cli.diagnosis.look import Look
+from massprop_cli.diagnosis.refit import Refit, beyond, drifts_no_more, hopeless, tried
+from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import _by_promise, codes, searched
-from massprop_cli.diagnosis.trial import Trial, beyond, drifts_no_more, hopeless, tried
 from tests.diagnosis.test_diagnose import LAG
 from tests.diagnosis.test_look import look_at, otherwise
 from tests.faulty import PLAN
 
 
-def of(look: Look, code: str) -> tuple[float, Fitted]:
-    return next((score, found) for score, found in look.ranked.known if found.supposed.code == code)
+def of(screening: Screening, code: str) -> tuple[float, Fitted]:
+    return next((score, found) for score, found in screening.ranked.known if found.hypothesis.code == code)
 
 
-def delay_alone(look: Look) -> Trial:
-    trial = tried(look, of(look, "delay-mismatch")[1])
+def delay_alone(screening: Screening) -> Refit:
+    trial = tried(screening, of(screening, "delay-mismatch")[1])
     assert trial is not None
     return trial
 
 
 def test_a_lag_is_followed_first_though_other_late_causes_seem_likelier() -> None:
-    look = look_at("free-flyer", *PLAN, LAG)
-    score, _ = of(look, "thrust-lag")
-    likelier = [found.supposed.code for rough, found in look.ranked.known if rough < score]
+    screening = look_at("free-flyer", *PLAN, LAG)
+    score, _ = of(screening, "thrust-lag")
+    likelier = [found.hypothesis.code for rough, found in screening.ranked.known if rough < score]
     assert "delay-mismatch" in likelier  # by one reduction
-    first, begun = _by_promise(look, None, look, min(rough for rough, _ in look.ranked.known))[-1]
-    assert first.supposed.code == "thrust-lag"
+    first, begun = _by_promise(screening, None, screening, min(rough for rough, _ in screening.ranked.known))[-1]
+    assert first.hypothesis.code == "thrust-lag"
     assert begun is not None
-    found = searched(look, [], (6, 6), beyond(look))
+    found = searched(screening, [], (6, 6), beyond(screening))
     assert codes(found[0]) == {"thrust-lag"}
     assert [codes(trial) for trial in found if trial.fits] == [{"thrust-lag"}]
 
 
 @pytest.mark.parametrize(("key", "no_more"), [("cycle.command_delay_cycles=1.5", True), ("imu.clock_drift_ppm=1500.0", False)])
 def test_a_drift_of_the_clocks_is_followed_where_it_explains_more_than_a_delay(key: str, no_more: bool) -> None:
-    look = otherwise(key)
-    trial = delay_alone(look)
+    screening = otherwise(key)
+    trial = delay_alone(screening)
     assert trial.fits is no_more
-    assert drifts_no_more(trial, of(look, "clock-drift")[1]) is no_more
+    assert drifts_no_more(trial, of(screening, "clock-drift")[1]) is no_more
 
 
 @pytest.mark.thorough
 def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two jets that fail on a bearing, where a low-pass is curved, so that one look doesn't rule it out."""
+    """Of two jets that fail on a bearing, where a low-pass is curved, so that one screening doesn't rule it out."""
     failed = 'actuators.failures=[{jet="roll_p1", thrust=0.0}, {jet="pitch_n1", thrust=0.9}]'
 
     def tried_of() -> tuple[set[str], float]:
-        look = look_at("testbed", failed)
-        found = searched(look, [], (12, 12), beyond(look))
+        screening = look_at("testbed", failed)
+        found = searched(screening, [], (12, 12), beyond(screening))
         assert not any(trial.fits for trial in found)
         return {code for trial in found for code in codes(trial)}, min(trial.excess for trial in found)
 
@@ -70,20 +70,20 @@ def test_what_would_leave_a_multiple_of_what_another_leaves_is_not_tried(monkeyp
 @pytest.mark.parametrize(("name", "keys", "bent"), [("free-flyer", PLAN, False), ("testbed", (), True)])
 def test_what_a_gyro_gets_wrong_bends_what_is_measured_on_a_bearing_alone(name: str, keys: tuple[str, ...], bent: bool) -> None:
     """There it moves the vertical. A unit makes another motion within the cycles, and nothing that is late follows a straight line."""
-    look = look_at(name, *keys)
-    supposed = {one.code: one for one in (*causes.listed(look.model, look.names, True), *causes.units(look.model))}
+    screening = look_at(name, *keys)
+    supposed = {one.code: one for one in (*hypotheses.listed(screening.model, screening.names, True), *hypotheses.units(screening.model))}
     expected = {"gyro-scale": bent, "gyro-bias": bent, "gyro-units": True, "jet-position": False, "clock-drift": True}
     for code, curved in expected.items():
-        found = Fitted(supposed[code], look.model, look.stated.x, look.stated.chi_square, np.zeros(0))
-        assert hopeless(look, found, 0.0) is not curved, code
+        found = Fitted(supposed[code], screening.model, screening.stated.x, screening.stated.chi_square, np.zeros(0))
+        assert hopeless(screening, found, 0.0) is not curved, code
 
 
 def test_a_cause_that_fits_alone_is_the_answer_though_it_was_first_tried_to_find_a_second_beside_it() -> None:
-    look = otherwise("jets.12.position_m=[0.0, 0.06, 0.0]")
-    trial = tried(look, next(found for _, found in look.ranked))
+    screening = otherwise("jets.12.position_m=[0.0, 0.06, 0.0]")
+    trial = tried(screening, next(found for _, found in screening.ranked))
     assert trial is not None
     # one that says the same, begun elsewhere, was tried before and led nowhere
-    before = replace(trial, fits=False, fitted=replace(trial.fitted, supposed=replace(trial.fitted.supposed)))
-    found = _pair(look, [before], np.inf)
+    before = replace(trial, fits=False, fitted=replace(trial.fitted, hypothesis=replace(trial.fitted.hypothesis)))
+    found = _pair(screening, [before], np.inf)
     assert found is not None
     assert [(one.code, "divert_xp" in one.message) for one in found.explanations] == [("jet-position", True)]

@@ -11,9 +11,9 @@ from massprop_cli.base.arrays import frozen
 from massprop_cli.diagnosis import diagnose
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.contest import Fitted
-from massprop_cli.diagnosis.cures import Cure, skewed
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.corrections import Correction, skewed
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.prepare.timing import Timing
 from tests import faulty, flight
 
@@ -70,12 +70,12 @@ def test_a_small_turn_may_be_a_shear_of_the_same_size_and_a_large_one_is_none() 
     """An axis that leans by ε towards another turns both by ε/2 and shears them by ε/2."""
     flown = flight.standard()
     model = Model.of(free_response(flown.log(), flown.resolved, Timing(2.0, 0.0), slice(2, 320)), flown.used, 0.0, True)
-    cure = Cure(settings=("imu.body_from_imu=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",))
+    cure = Correction(settings=("imu.body_from_imu=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",))
 
     def found(angle: float) -> Fitted:
         x = model.stated.copy()
         x[model.place("gyro_turn")] = angle * np.array([0.6, 0.0, 0.8])
-        return Fitted(Supposition("imu-mounting", (), np.zeros((len(x), 0))), model, x, np.zeros(6), np.zeros(0))
+        return Fitted(Hypothesis("imu-mounting", (), np.zeros((len(x), 0))), model, x, np.zeros(6), np.zeros(0))
 
     shears = [np.array(one.gyro) - np.eye(3) for one in skewed(cure, found(0.01))]
     assert [one.settings for one in skewed(cure, found(0.01))] == [cure.settings] * 3

@@ -1,4 +1,4 @@
-"""What each supposition makes of the free coefficients, against flights that have it (computed another way: tests/flight.py)."""
+"""What each hypothesis makes of the free coefficients, against flights that have it (computed another way: tests/flight.py)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements, rotation, tensor
-from massprop_cli.diagnosis.causes import mountings
 from massprop_cli.diagnosis.channelwise import free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.contest import _Rows, fitted
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.comparison import _Rows, fitted
+from massprop_cli.diagnosis.hypotheses import mountings
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.timing import Timing
@@ -50,7 +50,7 @@ def left(log: Log, used: Vehicle, kind: str, **entries: Array) -> float:
     x[:10] = theta(kind)
     for name, value in entries.items():
         x[model.place(name)] = value
-    rows = _Rows.of_all(model, free, VARIANCE, [Supposition("", (), np.eye(len(x)))])
+    rows = _Rows.of_all(model, free, VARIANCE, [Hypothesis("", (), np.eye(len(x)))])
     return float((rows.left(x[None]) ** 2).sum())
 
 
@@ -152,7 +152,7 @@ def test_a_fit_finds_the_body_and_what_is_wrong_from_noise() -> None:
     column = np.zeros((len(model.stated), 1))
     column[model.place("thrust").start] = 0.3
     stated, found = fitted(
-        model, free, VARIANCE, [Supposition("", (), np.zeros((len(column), 0))), Supposition("thrust-scale", ("a",), column, suspects=(0,))]
+        model, free, VARIANCE, [Hypothesis("", (), np.zeros((len(column), 0))), Hypothesis("thrust-scale", ("a",), column, suspects=(0,))]
     )
     assert stated.chi_square.sum() > 1e4
     freedom = 6 * free.size - 11

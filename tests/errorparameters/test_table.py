@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_cli.diagnosis.handed import BLOCKS
+from massprop_cli.diagnosis.kernelfits import BLOCKS
 from massprop_cli.errorparameters.parameter import ErrorParameter, Wording
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, CODES, ENTRIES, TABLE
+from massprop_cli.errorparameters.table import BY_COLUMN, BY_NAME, CODES, ENTRIES, TABLE, checked
 from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare.timing import Timing
 from tests import flight
@@ -37,6 +37,7 @@ GOOD: dict[str, Any] = {
         ({"key": None}, "no key of the value, and no reason"),
         ({"key": "imu.no_such_key"}, "the vehicle file has no such key"),
         ({"sigma_key": "no_such_section.sigma"}, "the vehicle file has no such key"),
+        ({"key": "jets.weight_n"}, "the vehicle file has no such key"),
         ({"prior": -0.1}, "the prior sigma -0.1 is none"),
         ({"wording": Wording("it is off")}, "without a sentence or a remedy"),
     ],
@@ -45,6 +46,14 @@ def test_what_cannot_be_fails_as_it_is_declared(wrong: dict[str, Any], said: str
     ErrorParameter(**GOOD)
     with pytest.raises(ValueError, match=said):
         ErrorParameter(**{**GOOD, **wrong})
+
+
+def test_a_table_that_lacks_an_entry_or_has_one_twice_fails() -> None:
+    assert checked(TABLE) == TABLE
+    with pytest.raises(ValueError, match=r"declared twice: \['delay'\]; not declared: \[\]"):
+        checked((*TABLE, BY_NAME["delay"]))
+    with pytest.raises(ValueError, match=r"not declared: \['gyro_turn'\]"):
+        checked([one for one in TABLE if one.name != "gyro_turn"])
 
 
 def test_a_reason_stands_for_a_missing_key() -> None:
@@ -128,6 +137,15 @@ def test_every_column_of_a_parameter_is_one_of_the_regression() -> None:
 def test_only_entries_of_x_and_what_moves_several_are_hypotheses() -> None:
     assert {one.name for one in TABLE if one.prior > 0} == {*ENTRIES, "mounting"} - {"slope"}
     assert all(set(one.moved) <= set(ENTRIES) for one in TABLE if one.prior > 0)
+
+
+def test_the_page_of_assumptions_has_every_step() -> None:
+    text = (PAGE.parent / "assumptions.md").read_text(encoding="utf-8")
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| ")]
+    for one in TABLE:
+        if one.step is not None and not one.step.part_of:
+            (row,) = [row for row in rows if one.step.code in row[1].replace(",", " ").split()]
+            assert row[3].strip().startswith(one.step.words.partition(" along")[0].partition(" about")[0]), one.name
 
 
 def test_the_page_is_the_table() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.diagnosis.ready import finer
+from massprop_cli.diagnosis.preprocessing import finer
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.testbed import scenario, simulate

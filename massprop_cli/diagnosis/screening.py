@@ -1,4 +1,4 @@
-"""A stretch of a log, reduced: what is left of it as stated, and how every supposition does on it, the likeliest first.
+"""A stretch of a log, reduced: what is left of it as stated, and how every hypothesis does on it, the likeliest first.
 
 What is left is counted as a likelihood of free noise levels, with a price for each unknown and for each alternative of its kind.
 """
@@ -13,14 +13,14 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis import causes, stretch
+from massprop_cli.diagnosis import hypotheses, segment
 from massprop_cli.diagnosis.channelwise import Free, beside_torques, free_response
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.contest import ROUGHLY, TINY, Fitted, compared, fitted
-from massprop_cli.diagnosis.cures import Case, at_once
+from massprop_cli.diagnosis.comparison import ROUGHLY, TINY, Fitted, compared, fitted
+from massprop_cli.diagnosis.corrections import Case, at_once
 from massprop_cli.diagnosis.design import verticals
+from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.ranking import Ranking
-from massprop_cli.diagnosis.suppositions import Supposition
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.estimate.phases import as_stated
 from massprop_cli.estimate.whitening import Disturbance
@@ -31,7 +31,7 @@ from massprop_cli.prepare.actuators import channel_names, pushing
 from massprop_cli.prepare.stream import Stream
 
 LONGEST = 1200
-"""Cycles that suppositions are tried on."""
+"""Cycles that hypotheses are tried on."""
 FITS = (2.0, 6.0)
 """The log fits if what is left is below this many times pure error, and this many sigmas of chance more. The motion within a cycle is taken
 as linear, which leaves as much as the noise does where a body turns by 0.06 rad in a cycle."""
@@ -56,50 +56,50 @@ that are as well and less."""
 
 def busiest(case: Case, piece: slice) -> tuple[Case, slice]:
     """A case of the ``LONGEST`` cycles of a piece in which most is commanded."""
-    log, found = stretch.busiest(case.log, case.vehicle, case.timing, piece, LONGEST)
+    log, found = segment.busiest(case.log, case.vehicle, case.timing, piece, LONGEST)
     return case._replace(log=log), found
 
 
-def looked(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Look | None:
+def screened(case: Case, piece: slice, likely: Sequence[Disturbance] = (), theta: Array | None = None) -> Screening | None:
     """A case reduced as :func:`free_response` does; None where it is too short."""
     try:
         free = free_response(case.log, case.vehicle, case.timing, piece, likely, theta, case.designs)
     except (InputError, np.linalg.LinAlgError):
         return None
-    return _look(case, piece, free, theta)
+    return _screening(case, piece, free, theta)
 
 
-def _look(case: Case, piece: slice, free: Free, theta: Array | None) -> Look:
+def _screening(case: Case, piece: slice, free: Free, theta: Array | None) -> Screening:
     model = Model.of(free, case.vehicle, case.timing.lag, case.log.command_kind == "jets")
     noise = np.repeat([case.vehicle.imu.gyro_noise_rad_s, case.vehicle.imu.accel_noise_m_s2], 3) ** 2
-    (stated,) = fitted(model, free, free.variance, [Supposition("", (), np.zeros((len(model.stated), 0)))], theta)
-    return Look(case, piece, free, model, noise, stated)
+    (stated,) = fitted(model, free, free.variance, [Hypothesis("", (), np.zeros((len(model.stated), 0)))], theta)
+    return Screening(case, piece, free, model, noise, stated)
 
 
-def about_its_body(look: Look) -> Look:
+def about_its_body(screening: Screening) -> Screening:
     """The look with the motion within the cycles that its own body as stated has, where that explains more and leaves less.
 
     What hardly is a body, where the log tells of none, moves so much that only a torque explains it.
     """
-    again = looked(look.case, look.piece, theta=look.stated.value("theta"))
-    return again if again is not None and again.cost < look.cost and again.misfit < look.misfit else look
+    again = screened(screening.case, screening.piece, theta=screening.stated.value("theta"))
+    return again if again is not None and again.cost < screening.cost and again.misfit < screening.misfit else screening
 
 
-def beside_a_torque(look: Look) -> Look:
+def beside_a_torque(screening: Screening) -> Screening:
     """The look beside the torque, wandering or white, beside which its body as stated explains most; itself where it does so without."""
-    best = _likeliest_beside(look, look)
+    best = _likeliest_beside(screening, screening)
     near = best.free.beside[0] if best.free.beside else None
-    return best if near is None else _likeliest_beside(best, look, near)
+    return best if near is None else _likeliest_beside(best, screening, near)
 
 
-def _likeliest_beside(best: Look, look: Look, near: Disturbance | None = None) -> Look:
+def _likeliest_beside(best: Screening, screening: Screening, near: Disturbance | None = None) -> Screening:
     """Of torques of a few levels, or ``near`` one, or what was the ``best``."""
-    theta, cost = look.stated.value("theta"), partial(free_cost, noise=look.noise)
-    for free in sorted(beside_torques(*look.case[:3], look.piece, theta, look.case.designs, near), key=cost):
+    theta, cost = screening.stated.value("theta"), partial(free_cost, noise=screening.noise)
+    for free in sorted(beside_torques(*screening.case[:3], screening.piece, theta, screening.case.designs, near), key=cost):
         if cost(free) >= best.cost:
             break  # no body leaves less than free coefficients
-        one = _look(look.case, look.piece, free, theta)
-        explains = one.cost < best.cost and (one.close or one.misfit < look.misfit)
+        one = _screening(screening.case, screening.piece, free, theta)
+        explains = one.cost < best.cost and (one.close or one.misfit < screening.misfit)
         best = one if explains else best
     return best
 
@@ -120,7 +120,7 @@ def _counts(free: Free) -> Array:
 
 
 @dataclass(frozen=True)
-class Look:
+class Screening:
     """A stretch of a case: what it says, and what is left of it as stated."""
 
     case: Case
@@ -194,7 +194,7 @@ class Look:
         return self.free_cost + self.likelihood(self.stated.chi_square)
 
     def score(self, left: Array, found: Fitted, alternatives: int = 1) -> float:
-        """−2 log of how likely a supposition is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
+        """−2 log of how likely a hypothesis is that leaves chi-square ``left`` (6,): of free noise levels, times what is to be expected.
 
         Each unknown has its price (Schwarz 1978), but none that is just what a jet does that is dead or mounted the other way round.
         """
@@ -238,13 +238,13 @@ class Look:
 
     @cached_property
     def ranked(self) -> Ranking:
-        """Every supposition that leaves less than what is stated, the likeliest first."""
-        listed = causes.listed(self.model, self.names, self.case.log.command_kind == "jets")
+        """Every hypothesis that leaves less than what is stated, the likeliest first."""
+        listed = hypotheses.listed(self.model, self.names, self.case.log.command_kind == "jets")
         supposed = [*listed, *self._likely_turns(), *self._pushing_more()]
         most = self.score(self.stated.chi_square, self.stated) - CLEAR
         return Ranking(self.model, self.free, supposed, self.score, self.likelihood, most)
 
-    def _pushing_more(self) -> list[Supposition]:
+    def _pushing_more(self) -> list[Hypothesis]:
         """The channels that push giving another part of what is stated than those that only turn, from where it is likeliest on.
 
         Of k times the force the CG c and the mass m look like k c and m / k, with the IMU (k − 1) c away from its place. So where that
@@ -253,12 +253,12 @@ class Look:
         group = pushing(self.model.wrench(self.model.stated)[1], self.model.together)
         if self.model.bearing is not None or not group:
             return []
-        (away,) = fitted(self.model, self.free, self.free.variance, [causes.imu_position(self.model)], still=ROUGHLY)
+        (away,) = fitted(self.model, self.free, self.free.variance, [hypotheses.imu_position(self.model)], still=ROUGHLY)
         centre, by = away.value("theta")[MOMENT], away.value("imu")
         share = float(np.dot(by, centre)) / max(float(np.dot(centre, centre)), TINY)
-        return [causes.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
+        return [hypotheses.scaled(self.model, self.names, group, 1 / (1 - share))] if share < 1 else []
 
-    def _likely_turns(self) -> list[Supposition]:
+    def _likely_turns(self) -> list[Hypothesis]:
         """The few units and mountings that leave least before any is fitted well; on a bearing, as far as gravity is where it should be."""
         every = self._turns
         if self.model.bearing is not None:
@@ -280,7 +280,7 @@ class Look:
         return [Fitted(self._turns[i], self.model, self.stated.x, self.stated.chi_square, np.zeros(0)) for i in order]
 
     @cached_property
-    def turned_beside_a_channel(self) -> list[Supposition]:
+    def turned_beside_a_channel(self) -> list[Hypothesis]:
         """The unit or mounting that leaves least whatever one of the channels does; none on a bearing (:attr:`upright`)."""
         turns, channels = [] if self.model.bearing is not None else self._turns, range(len(self.names))
 
@@ -301,15 +301,15 @@ class Look:
         return bool(self.upright) and min(self._gravity) < UPSET * self._gravity[-1]
 
     @cached_property
-    def _turns(self) -> list[Supposition]:
-        return [*causes.units(self.model), *causes.mountings(self.model)]
+    def _turns(self) -> list[Hypothesis]:
+        return [*hypotheses.units(self.model), *hypotheses.mountings(self.model)]
 
     @cached_property
     def _gravity(self) -> list[float]:
         """Of each, and as stated."""
-        return self._by_gravity([*self._turns, self.stated.supposed])
+        return self._by_gravity([*self._turns, self.stated.hypothesis])
 
-    def _by_gravity(self, supposed: Sequence[Supposition]) -> list[float]:
+    def _by_gravity(self, supposed: Sequence[Hypothesis]) -> list[float]:
         """Mean square of what is left of the specific force once the vertical, integrated from the rates as supposed, is taken out."""
         samples = self.case.timing.of(self.case.log, self.case.vehicle)
         rate, force = samples.rate_rad_s[: self.piece.stop], samples.specific_force_m_s2[: self.piece.stop]

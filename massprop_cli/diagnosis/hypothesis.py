@@ -19,7 +19,7 @@ STRAIGHT = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Supposition:
+class Hypothesis:
     """Entries of x that may differ from what is stated."""
 
     code: str
@@ -34,7 +34,7 @@ class Supposition:
     accelerometer: Array = field(default_factory=lambda: STRAIGHT)
     suspects: tuple[int, ...] = ()
     """Channels whose commands are not to be relied on to find a body first."""
-    parts: tuple[Supposition, ...] = ()
+    parts: tuple[Hypothesis, ...] = ()
     """Of two at once, each."""
     freed: int | None = None
     """A channel of which nothing at all is supposed: what it does is free."""
@@ -49,16 +49,16 @@ class Supposition:
         """Entries that begin elsewhere, and where."""
         return tuple(self.start.items())
 
-    def beside(self, other: Supposition) -> Supposition:
+    def beside(self, other: Hypothesis) -> Hypothesis:
         """Both at once; what begins elsewhere or is turned must be in place already."""
-        return Supposition("", (), np.hstack([self.free, other.free]), parts=(self, other))
+        return Hypothesis("", (), np.hstack([self.free, other.free]), parts=(self, other))
 
-    def whatever(self, channel: int) -> Supposition:
+    def whatever(self, channel: int) -> Hypothesis:
         """The same where nothing is supposed of what one channel does."""
         # by position: thousands are made, which takes ``replace`` thrice as long
-        return Supposition(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), (), channel)
+        return Hypothesis(self.code, self.subject, self.free, self.start, self.gyro, self.accelerometer, (channel,), (), channel)
 
     @property
-    def moves(self) -> Supposition:
+    def moves(self) -> Hypothesis:
         """What is left to be found once it is in place."""
-        return Supposition(self.code, self.subject, self.free)
+        return Hypothesis(self.code, self.subject, self.free)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.configfile import written
-from massprop_cli.diagnosis.contest import TINY
-from massprop_cli.diagnosis.cures import Cure, shown
+from massprop_cli.diagnosis.comparison import TINY
+from massprop_cli.diagnosis.corrections import Correction, shown
 from massprop_cli.diagnosis.design import Designs
-from massprop_cli.diagnosis.look import Look, looked
+from massprop_cli.diagnosis.screening import Screening, screened
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.inputs.vehicle import Phase
 
@@ -38,7 +38,7 @@ class Border(NamedTuple):
     """Cycles."""
     log_s: tuple[float, float]
     """When the whole log begins and ends."""
-    look: Look
+    screening: Screening
     """At the others."""
 
     @property
@@ -58,66 +58,66 @@ class Border(NamedTuple):
         )
 
     @property
-    def cure(self) -> Cure:
+    def correction(self) -> Correction:
         """The key that mends it."""
         if self.phase is not None:
-            return Cure((f"phases.{self.number}.{self.key}={self.time_s}",))
+            return Correction((f"phases.{self.number}.{self.key}={self.time_s}",))
         begin_s, end_s = self.log_s
         only = {"name": "all", "start_s": begin_s, "end_s": end_s} | {self.key: self.time_s}
-        return Cure((f"phases={written([only])}",))
+        return Correction((f"phases={written([only])}",))
 
 
-def border(look: Look, end_s: float) -> Border | None:
+def border(screening: Screening, end_s: float) -> Border | None:
     """Where leaving out the first or the last cycles leaves nothing but noise, of a look that leaves more; None where it doesn't.
 
     ``end_s`` is when the whole log ends, of which the look may have but a stretch.
     """
-    plain, count = _plainly(look, look.piece), look.piece.stop - look.piece.start
+    plain, count = _plainly(screening, screening.piece), screening.piece.stop - screening.piece.start
     if plain is None:
         return None
-    look, most = plain, min(LONGEST, int(MOST * count))
-    if _beyond_noise(look) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
+    screening, most = plain, min(LONGEST, int(MOST * count))
+    if _beyond_noise(screening) < BEYOND * np.sqrt(2 * 6 * count) or most < 1:
         return None
-    sides = [_fewest(look, most, begins) for begins in (True, False)]
+    sides = [_fewest(screening, most, begins) for begins in (True, False)]
     found = min((one for one in sides if one is not None), key=lambda one: one[0], default=None)
-    return None if found is None else _placed(look, *found, end_s)
+    return None if found is None else _placed(screening, *found, end_s)
 
 
-def _beyond_noise(look: Look) -> float:
+def _beyond_noise(screening: Screening) -> float:
     """Sum of squares that body and commands leave, over the stated noise, beyond that of noise."""
-    free = look.free
-    squares = np.concatenate([free.gyro.left, free.accelerometer.left]) + look.stated.chi_square * free.variance
-    return float((squares / np.maximum(look.noise, TINY)).sum() - 6 * (look.piece.stop - look.piece.start))
+    free = screening.free
+    squares = np.concatenate([free.gyro.left, free.accelerometer.left]) + screening.stated.chi_square * free.variance
+    return float((squares / np.maximum(screening.noise, TINY)).sum() - 6 * (screening.piece.stop - screening.piece.start))
 
 
-def _plainly(look: Look, piece: slice) -> Look | None:
+def _plainly(screening: Screening, piece: slice) -> Screening | None:
     """A piece of the same beside the noise alone, or what is stated beside it: a torque that wanders would explain a few cycles, too."""
-    case, theta = look.case, look.stated.value("theta")
+    case, theta = screening.case, screening.stated.value("theta")
     stated = case.vehicle.environment
     if max(stated.disturbance_torque_n_m, stated.disturbance_walk_n_m) > 0:
-        return looked(case, piece, look.free.beside, theta)
-    coupling = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, look.piece, theta).driven.coupling
-    there = looked(case, piece, (Disturbance(coupling, 0.0),), theta)
-    return there if there is None else looked(case, piece, there.free.beside, there.stated.value("theta"))
+        return screened(case, piece, screening.free.beside, theta)
+    coupling = (case.designs or Designs()).of(case.log, case.vehicle, case.timing, screening.piece, theta).driven.coupling
+    there = screened(case, piece, (Disturbance(coupling, 0.0),), theta)
+    return there if there is None else screened(case, piece, there.free.beside, there.stated.value("theta"))
 
 
-def _without(look: Look, cut: int, begins: bool) -> Look | None:
+def _without(screening: Screening, cut: int, begins: bool) -> Screening | None:
     """The look without so many cycles; None where it leaves more than noise, or what fires in them fires nowhere else."""
-    first, stop = look.piece.start, look.piece.stop
-    there = _plainly(look, slice(first + cut, stop) if begins else slice(first, stop - cut))
-    if there is None or not np.array_equal(there.free.fired, look.free.fired):
+    first, stop = screening.piece.start, screening.piece.stop
+    there = _plainly(screening, slice(first + cut, stop) if begins else slice(first, stop - cut))
+    if there is None or not np.array_equal(there.free.fired, screening.free.fired):
         return None
     return there if there.chance and there.constant else None
 
 
-def _fewest(look: Look, enough: int, begins: bool) -> tuple[int, bool, Look] | None:
+def _fewest(screening: Screening, enough: int, begins: bool) -> tuple[int, bool, Screening] | None:
     """The fewest cycles without which it fits, at which end, and the look without them; None where so many aren't enough."""
-    found, too_few = _without(look, enough, begins), 0
+    found, too_few = _without(screening, enough, begins), 0
     if found is None:
         return None
     while enough - too_few > 1:
         middle = (too_few + enough) // 2
-        there = _without(look, middle, begins)
+        there = _without(screening, middle, begins)
         if there is None:
             too_few = middle
         else:
@@ -125,22 +125,22 @@ def _fewest(look: Look, enough: int, begins: bool) -> tuple[int, bool, Look] | N
     return enough, begins, found
 
 
-def _placed(look: Look, cut: int, begins: bool, found: Look, end_s: float) -> Border | None:
+def _placed(screening: Screening, cut: int, begins: bool, found: Screening, end_s: float) -> Border | None:
     """In the vehicle file; None where the stretch that was looked at begins, or ends, elsewhere than its phase."""
-    log, vehicle, timing, _ = look.case
+    log, vehicle, timing, _ = screening.case
     executed = timing.of(log, vehicle).executed
     period = vehicle.cycle.period_s
     ends = executed.start_s + executed.duration_s
-    time = float(executed.start_s[look.piece.start + cut] if begins else ends[look.piece.stop - cut - 1])
-    middle = float(ends[(look.piece.start + look.piece.stop) // 2])
+    time = float(executed.start_s[screening.piece.start + cut] if begins else ends[screening.piece.stop - cut - 1])
+    middle = float(ends[(screening.piece.start + screening.piece.stop) // 2])
     number = next((i for i, phase in enumerate(vehicle.phases) if phase.start_s < middle <= phase.end_s), None)
     if vehicle.phases and number is None:
         return None
     phase = None if number is None else vehicle.phases[number]
     known = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
-    if begins and float(executed.start_s[look.piece.start]) > known + NEAR * period:
+    if begins and float(executed.start_s[screening.piece.start]) > known + NEAR * period:
         return None
     last = end_s if phase is None else min(phase.end_s, end_s)
-    if not begins and float(ends[look.piece.stop - 1]) < last - NEAR * period:
+    if not begins and float(ends[screening.piece.stop - 1]) < last - NEAR * period:
         return None
     return Border(phase, number or 0, begins, round(time, 6), cut, (log.origin_s, end_s), found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from massprop_cli.conclude import supply
-from massprop_cli.conclude.taken import Taken
+from massprop_cli.conclude.assumedvalue import AssumedValue
 from massprop_cli.errorparameters.parameter import ErrorParameter, Step
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import TABLE
@@ -13,7 +13,7 @@ from massprop_cli.model.sensitivity import variant
 from massprop_cli.prepare.stream import Stream
 
 
-def granted(setup: Setup, samples: Stream, more: bool = False) -> Iterator[Taken]:
+def assumed(setup: Setup, samples: Stream, more: bool = False) -> Iterator[AssumedValue]:
     """What is varied, each about the log as it was read; ``more`` of it where something else than noise is left."""
     for one in TABLE:
         if one.step is not None and one.step.applies(setup):
@@ -22,7 +22,7 @@ def granted(setup: Setup, samples: Stream, more: bool = False) -> Iterator[Taken
         yield from supply.memory(setup, samples)
 
 
-def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> Iterator[Taken]:
+def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> Iterator[AssumedValue]:
     """Of each axis of a parameter, or of its parts and then of all together."""
     stated, message = one.stated_in(setup), step.message(setup)
     sigma = one.sigma(setup.vehicle) if one.considered else 0.0
@@ -32,9 +32,9 @@ def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> It
             continue
         if step.by_axis == "parts":
             said = message.format(along=f" along {axis}")
-            yield Taken(f"{step.code} {axis}", said, step.words, stated, changed, step.size, part_of=step.code)
+            yield AssumedValue(f"{step.code} {axis}", said, step.words, stated, changed, step.size, part_of=step.code)
         else:
             said = message.format(axis=axis)
-            yield Taken(step.code, said, step.words.format(axis=axis), stated, changed, step.size, sigma, step.part_of)
+            yield AssumedValue(step.code, said, step.words.format(axis=axis), stated, changed, step.size, sigma, step.part_of)
     if step.by_axis != "alone":
-        yield Taken(step.code, message.format(along=""), step.words, stated, None, step.size)
+        yield AssumedValue(step.code, message.format(along=""), step.words, stated, None, step.size)

@@ -11,9 +11,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import RAMPS, SUPPLY
-from massprop_cli.diagnosis.suppositions import Supposition
-from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
-from massprop_cli.errorparameters.table import PRIORS
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY, WORDS
+from massprop_cli.errorparameters.table import BY_NAME, PRIORS
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
@@ -21,7 +21,7 @@ ROUNDING = 1e-9
 """Between elements of matrices that are the same."""
 
 
-def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Supposition]:
+def listed(model: Model, names: Sequence[str], by_jets: bool) -> list[Hypothesis]:
     """All that move x by a little at a time, for a log whose channels that fired have ``names``."""
     return [*_channels(model, names), *_groups(model, names), *timing(model, by_jets), *_sensors(model), *_tilts(model), *_others(model)]
 
@@ -34,24 +34,19 @@ def along(model: Model, *moves: tuple[str, Array]) -> Array:
     return column
 
 
-def _one(model: Model, code: str, name: str, axis: int | None = None, subject: tuple[str, ...] = ()) -> Supposition:
-    place = model.place(name)
-    part = np.ones(place.stop - place.start) if axis is None else np.eye(place.stop - place.start)[axis]
-    return Supposition(code, subject, along(model, (name, part)))
+def _free(model: Model, *names: str, subject: tuple[str, ...] = ()) -> Hypothesis:
+    """Each component of these parameters, under the code of the last."""
+    units = [along(model, (name, unit)) for name in names for unit in np.eye(BY_NAME[name].size)]
+    return Hypothesis(BY_NAME[names[-1]].code, subject, np.hstack(units))
 
 
-def _all(model: Model, code: str, name: str, subject: tuple[str, ...] = ()) -> Supposition:
-    size = model.place(name).stop - model.place(name).start
-    return Supposition(code, subject, np.hstack([along(model, (name, unit)) for unit in np.eye(size)]))
-
-
-def _channels(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
+def _channels(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     count = len(names)
     for i, (name, force) in enumerate(zip(names, model.force, strict=True)):
         column = along(model, ("thrust", np.eye(count)[i]))
-        yield Supposition("thrust-scale", (name,), column, suspects=(i,))
+        yield Hypothesis("thrust-scale", (name,), column, suspects=(i,))
         for begin in (0.0, -1.0):  # dead, and the other way round: too far to be led there where two jets always fire together
-            yield Supposition("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
+            yield Hypothesis("thrust-scale", (name,), column, start={model.place("thrust").start + i: begin})
         size = float(np.linalg.norm(force))
         if size == 0 or model.couple[i].any():
             continue
@@ -60,17 +55,17 @@ def _channels(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
         for code, unit in (("jet-position", 1.0), ("jet-direction", size)):
             key = code.removeprefix("jet-")
             columns = [along(model, (key, unit * np.outer(np.eye(count)[i], axis).ravel())) for axis in across[1:]]
-            yield Supposition(code, (name,), np.hstack(columns), suspects=(i,))
+            yield Hypothesis(code, (name,), np.hstack(columns), suspects=(i,))
 
 
-def two_channels(model: Model, names: Sequence[str]) -> list[Supposition]:
+def two_channels(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     """The thrust of any two channels."""
     units = [along(model, ("thrust", unit)) for unit in np.eye(len(names))]
     pairs = itertools.combinations(range(len(names)), 2)
-    return [Supposition("thrust-scale", (names[i], names[j]), np.hstack([units[i], units[j]]), suspects=(i, j)) for i, j in pairs]
+    return [Hypothesis("thrust-scale", (names[i], names[j]), np.hstack([units[i], units[j]]), suspects=(i, j)) for i, j in pairs]
 
 
-def swapped(model: Model, names: Sequence[str]) -> list[Supposition]:
+def swapped(model: Model, names: Sequence[str]) -> list[Hypothesis]:
     """Any two jets, each of which does what is stated of the other: nothing is left to be found."""
     size, place = np.linalg.norm(model.force, axis=1), {name: model.place(name).start for name in ("thrust", "position", "direction")}
     found, none = [], np.zeros((len(model.stated), 0))
@@ -82,11 +77,11 @@ def swapped(model: Model, names: Sequence[str]) -> list[Supposition]:
             start[place["thrust"] + one] = float(size[other] / size[one])
             for name, stated in (("position", model.position), ("direction", model.force)):
                 start |= {place[name] + 3 * one + k: float(by) for k, by in enumerate(stated[other] - stated[one])}
-        found.append(Supposition("jets-swapped", (names[i], names[j]), none, start=start, suspects=(i, j)))
+        found.append(Hypothesis("jets-swapped", (names[i], names[j]), none, start=start, suspects=(i, j)))
     return found
 
 
-def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
+def _groups(model: Model, names: Sequence[str]) -> Iterator[Hypothesis]:
     """Channels that push along one line, those that turn about one axis, and those that do both alike."""
     torque, force = model.wrench(model.stated)
     about = torque - np.cross(np.zeros(3) if model.bearing is None else model.bearing, force)
@@ -95,10 +90,10 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
         column, subject = along(model, ("thrust", np.isin(np.arange(len(names)), group).astype(float))), tuple(names[i] for i in group)
         for begin in (0.0, -1.0):
             start = {model.place("thrust").start + i: begin for i in group}
-            yield Supposition("thrust-scale", subject, column, start=start, suspects=group)
+            yield Hypothesis("thrust-scale", subject, column, start=start, suspects=group)
     if len(names) > 1:  # how much all give together nothing tells, but which way
         start = dict.fromkeys(range(model.place("thrust").start, model.place("thrust").stop), -1.0)
-        yield Supposition("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)
+        yield Hypothesis("thrust-scale", tuple(names), np.zeros((len(model.stated), 0)), start=start)
     seen = {tuple(range(len(names)))}
     for keys in (lines[0], lines[1], list(zip(*lines, strict=True))):
         for key in dict.fromkeys(keys):
@@ -108,60 +103,49 @@ def _groups(model: Model, names: Sequence[str]) -> Iterator[Supposition]:
                 yield scaled(model, names, group)
 
 
-def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: float = 1.0) -> Supposition:
+def scaled(model: Model, names: Sequence[str], group: Sequence[int], begin: float = 1.0) -> Hypothesis:
     """Channels that all give the same part of what is stated; looked for from ``begin`` on: another unit may be any factor."""
     start = {} if begin == 1 else {model.place("thrust").start + i: begin for i in group}
     marks = np.isin(np.arange(len(names)), group) * max(1.0, abs(begin - 1) / PRIORS["thrust"])
-    return Supposition("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)), start=start)
+    return Hypothesis("thrust-scale", tuple(names[i] for i in group), along(model, ("thrust", marks)), start=start)
 
 
-def timing(model: Model, by_jets: bool) -> Iterator[Supposition]:
+def timing(model: Model, by_jets: bool) -> Iterator[Hypothesis]:
     """What makes motion late."""
     if by_jets and set(RAMPS) <= model.places.keys():  # valves that open or close late, or both alike
         ramps = (("rise",), ("fall",), ("rise", "fall"))
-        yield from (Supposition("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
+        yield from (Hypothesis("thrust-rise", (), along(model, *((ramp, np.ones(1)) for ramp in own))) for own in ramps)
     if set(SUPPLY) <= model.places.keys():
-        yield from (_one(model, "thrust-droop", name) for name in ("droop", "cycle_droop"))
-    for code, name in (
-        ("delay-mismatch", "delay"),
-        ("thrust-lag", "lag"),
-        ("gyro-filter", "gyro_lag"),
-        ("accel-filter", "accel_lag"),
-    ):
-        yield _one(model, code, name)
+        yield from (_free(model, name) for name in ("droop", "cycle_droop"))
     # clocks agree where the log begins, and the stretch is somewhere in it
-    yield Supposition("clock-drift", (), np.hstack([along(model, (name, np.ones(1))) for name in ("delay", "drift")]))
+    yield from (_free(model, *names) for names in (("delay",), ("lag",), ("gyro_lag",), ("accel_lag",), ("delay", "drift")))
 
 
-def _sensors(model: Model) -> Iterator[Supposition]:
+def _sensors(model: Model) -> Iterator[Hypothesis]:
     for sensor in ("gyro", "accel"):
-        name = f"{sensor}_scale"
-        for axis in range(3):
-            yield _one(model, f"{sensor}-scale", name, axis, (AXES[axis],))
-        yield _one(model, f"{sensor}-scale", name)
-    for sensor in ("gyro", "accel"):
-        if f"{sensor}_bias" not in model.biases:
-            yield _all(model, f"{sensor}-bias", f"{sensor}_bias")
+        subjects = (*zip(AXES, strict=True), ())
+        for subject, part in zip(subjects, (*np.eye(3), np.ones(3)), strict=True):
+            yield Hypothesis(f"{sensor}-scale", subject, along(model, (f"{sensor}_scale", part)))
+    yield from (_free(model, name) for name in ("gyro_bias", "accel_bias") if name not in model.biases)
 
 
-def _tilts(model: Model) -> Iterator[Supposition]:
-    both = [along(model, ("gyro_turn", unit), ("accel_turn", unit)) for unit in np.eye(3)]
-    yield Supposition("imu-mounting", (), np.hstack(both))
-    yield _all(model, "imu-mounting", "gyro_turn", ("gyro",))
-    yield _all(model, "imu-mounting", "accel_turn", ("accelerometer",))
+def _tilts(model: Model) -> Iterator[Hypothesis]:
+    both = [along(model, *((name, unit) for name in BY_NAME["mounting"].moved)) for unit in np.eye(3)]
+    yield Hypothesis("imu-mounting", (), np.hstack(both))
+    yield from (_free(model, f"{sensor}_turn", subject=(word,)) for sensor, word in WORDS.items())
 
 
-def units(model: Model) -> list[Supposition]:
+def units(model: Model) -> list[Hypothesis]:
     """Another unit of a sensor."""
     none, degree, g = np.zeros((len(model.stated), 0)), np.eye(3) / DEGREE, np.eye(3) / GRAVITY
     return [
-        Supposition("gyro-units", ("degrees",), none, gyro=degree),
-        Supposition("gyro-units", ("radians twice",), none, gyro=np.eye(3) * DEGREE),
-        Supposition("accel-units", ("g",), none, accelerometer=g),
+        Hypothesis("gyro-units", ("degrees",), none, gyro=degree),
+        Hypothesis("gyro-units", ("radians twice",), none, gyro=np.eye(3) * DEGREE),
+        Hypothesis("accel-units", ("g",), none, accelerometer=g),
     ]
 
 
-def mountings(model: Model) -> list[Supposition]:
+def mountings(model: Model) -> list[Hypothesis]:
     """The IMU turned by right angles, mirrored or transposed; either sensor of it alone."""
     none, mounting = np.zeros((len(model.stated), 0)), model.mounting
     # along the body's axes the true mounting is ``turn``; else its own axes are others; the rates were read through the stated one
@@ -170,30 +154,26 @@ def mountings(model: Model) -> list[Supposition]:
     reads = np.array([np.eye(3), mounting @ mounting, *by_body, *own])
     alike = np.abs(reads[:, None] - reads).max((2, 3)) < ROUNDING
     found = [
-        Supposition("imu-mounting", ("the transpose of what is stated",) if i == 1 else (), none, gyro=reads[i], accelerometer=reads[i])
+        Hypothesis("imu-mounting", ("the transpose of what is stated",) if i == 1 else (), none, gyro=reads[i], accelerometer=reads[i])
         for i in sorted(set(alike.argmax(1).tolist()))[1:]  # the first of its like, but for what is stated
     ]
     for read in own:
         if np.abs(read - np.eye(3)).max() > ROUNDING:
-            found.append(Supposition("imu-mounting", ("gyro",), none, gyro=read))
-            found.append(Supposition("imu-mounting", ("accelerometer",), none, accelerometer=read))
+            found.append(Hypothesis("imu-mounting", ("gyro",), none, gyro=read))
+            found.append(Hypothesis("imu-mounting", ("accelerometer",), none, accelerometer=read))
     return found
 
 
-def imu_position(model: Model) -> Supposition:
+def imu_position(model: Model) -> Hypothesis:
     """The IMU elsewhere."""
-    return _all(model, "imu-position", "imu")
+    return _free(model, "imu")
 
 
-def _others(model: Model) -> Iterator[Supposition]:
+def _others(model: Model) -> Iterator[Hypothesis]:
     yield imu_position(model)
-    if model.bearing is not None:
-        yield _all(model, "bearing-position", "bearing")
-        if "east" in model.places:
-            yield _all(model, "attitude-start", "tilt")
-    yield _all(model, "steady-torque", "torque")
-    yield _all(model, "rate-torque", "drag")
-    yield Supposition("fuel-use", (), np.hstack([along(model, ("mass_rate", np.ones(1))), along(model, ("inertia_rate", np.ones(1)))]))
+    on_bearing = ("bearing",) * (model.bearing is not None) + ("tilt",) * ("east" in model.places)
+    yield from (_free(model, name) for name in (*on_bearing, "torque", "drag"))
+    yield _free(model, "mass_rate", "inertia_rate")
 
 
 @cache

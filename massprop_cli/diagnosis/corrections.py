@@ -14,7 +14,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
-from massprop_cli.diagnosis.contest import Fitted
+from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
@@ -33,8 +33,8 @@ SECTIONS = ("jets", "imu", "environment", "thrust", "cycle")
 """In the order in which a correction lists what it changes."""
 SKEWED = 0.02
 """rad; a turn of a gyro's axes below which they may as well be out of square by as much: calibrated ones are by 1e-3 to 1e-2."""
-ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.stated_sigma is not None)
-"""Keys of a cure that say how uncertain something is, or that it is to be estimated, and not what it is."""
+ESTIMATED = frozenset(one.sigma_key for one in TABLE if one.states)
+"""Keys of a correction that say how uncertain something is, or that it is to be estimated, and not what it is."""
 
 
 class Case(NamedTuple):
@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cure:
+class Correction:
     """How a named fault is mended: keys of the vehicle file, and factors on what the log holds."""
 
     settings: tuple[str, ...] = ()
@@ -76,8 +76,8 @@ class Cure:
         values, spreads = ({key: configfile.literal(text) for key, text in side} for side in sides)
         return values, spreads
 
-    def factors_after(self, other: Cure) -> dict[str, object]:
-        """What is to be done, after another cure's factors, to what the log holds."""
+    def factors_after(self, other: Correction) -> dict[str, object]:
+        """What is to be done, after another correction's factors, to what the log holds."""
         found: dict[str, object] = {}
         for name in ("gyro", "accelerometer"):
             own, before = (np.array(getattr(one, name) or np.eye(3)) for one in (self, other))
@@ -87,9 +87,9 @@ class Cure:
             found["command_factors"] = (np.array(self.command or np.ones(6)) / np.array(other.command or np.ones(6))).tolist()
         return found
 
-    def followed_by(self, other: Cure) -> Cure:
+    def followed_by(self, other: Correction) -> Correction:
         """Both."""
-        return Cure(
+        return Correction(
             (*self.settings, *other.settings),
             _product(other.gyro, self.gyro),
             _product(other.accelerometer, self.accelerometer),
@@ -99,7 +99,7 @@ class Cure:
         )
 
     def log(self, log: Log) -> Log:
-        """The log as it is after the cure's factors."""
+        """The log as it is after the correction's factors."""
         return replace(
             log,
             delta_theta_imu_rad=log.delta_theta_imu_rad @ np.array(self.gyro).T if self.gyro else log.delta_theta_imu_rad,
@@ -146,7 +146,7 @@ def _printed(value: float) -> float:
 
 
 def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
-    """The case with the supposition's values in place; None where that takes more than factors and the vehicle file's keys."""
+    """The case with the hypothesis's values in place; None where that takes more than factors and the vehicle file's keys."""
     moved = [one for one in TABLE if one.name in ENTRIES and found.error(one.name).any()]
     if any(one.by_hand for one in moved):
         return None
@@ -163,7 +163,7 @@ def applied(case: Case, found: Fitted, fired: IntArray) -> Case | None:
     return case._replace(log=setup.log, vehicle=cast("Resolved", setup.vehicle), timing=timing)
 
 
-def _on_columns(found: Fitted) -> Cure:
+def _on_columns(found: Fitted) -> Correction:
     """Factors on the IMU's columns: its own scale, a unit, a turn of one sensor alone, or of both where it mirrors."""
     mounting, both = found.model.mounting, _both_turned(found) is not None
 
@@ -177,14 +177,14 @@ def _on_columns(found: Fitted) -> Cure:
         small = np.abs(matrix) < ROUNDING
         return () if np.abs(matrix - np.eye(3)).max() < ROUNDING else _rows(np.vectorize(_printed)(np.where(small, 0.0, matrix)))
 
-    return Cure(gyro=back("gyro", found.supposed.gyro), accelerometer=back("accel", found.supposed.accelerometer))
+    return Correction(gyro=back("gyro", found.hypothesis.gyro), accelerometer=back("accel", found.hypothesis.accelerometer))
 
 
 def _both_turned(found: Fitted) -> Array | None:
     """(3, 3) body from IMU, if both sensors are supposed to be turned alike and by a rotation."""
     turns = [
         rotation(found.value(f"{name}_turn")) @ base
-        for name, base in (("gyro", found.supposed.gyro), ("accel", found.supposed.accelerometer))
+        for name, base in (("gyro", found.hypothesis.gyro), ("accel", found.hypothesis.accelerometer))
     ]
     same = np.abs(turns[0] - turns[1]).max() < ROUNDING
     if not same or np.abs(turns[0] - np.eye(3)).max() < ROUNDING or np.linalg.det(turns[0]) < 0:
@@ -194,11 +194,11 @@ def _both_turned(found: Fitted) -> Array | None:
     return nearest
 
 
-def cure_of(case: Case, mended: Case, found: Fitted) -> Cure | None:
+def correction_of(case: Case, mended: Case, found: Fitted) -> Correction | None:
     """The keys that mend it, and factors on columns; None where neither does."""
     settings = tuple(_settings(case.setup, mended.setup, found))
-    cure = replace(_on_columns(found), settings=settings, command=_command(case, found))
-    return None if cure == Cure() else cure
+    correction = replace(_on_columns(found), settings=settings, command=_command(case, found))
+    return None if correction == Correction() else correction
 
 
 def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
@@ -218,39 +218,39 @@ def _settings(before: Setup, after: Setup, found: Fitted) -> Iterator[str]:
             yield f"{one.key}={_literal(value if value.size > 1 else value[0])}"
         elif one.key is not None or one.name not in said.errors or not said.errors[one.name].any():
             continue
-        if one.stated_sigma is not None:
-            yield f"{one.sigma_key}={one.stated_sigma(said):.3g}"
+        if one.states:
+            yield f"{one.sigma_key}={one.corrected_sigma(said):.3g}"
 
 
-def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Cure, ...]:
-    """The cure with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
+def around(case: Case, found: Fitted, fired: IntArray) -> tuple[Correction, ...]:
+    """The correction with each unknown one sigma further on, but for those whose sigma the vehicle file itself can state."""
     stated = np.zeros(len(found.x), dtype=bool)
     for name in ENTRIES:
-        stated[found.model.place(name)] = BY_NAME[name].stated_sigma is not None
-    cures = []
-    for move, sigma in zip(found.supposed.free.T, found.spread, strict=True):
+        stated[found.model.place(name)] = bool(BY_NAME[name].states)
+    corrections = []
+    for move, sigma in zip(found.hypothesis.free.T, found.spread, strict=True):
         further = replace(found, x=found.x + sigma * move)
         then = None if at_once(found) or move[stated].any() else applied(case, further, fired)
-        cure = None if then is None else cure_of(case, then, further)
-        cures += [] if cure is None else [cure]
-    return tuple(cures)
+        correction = None if then is None else correction_of(case, then, further)
+        corrections += [] if correction is None else [correction]
+    return tuple(corrections)
 
 
-def skewed(cure: Cure | None, found: Fitted) -> tuple[Cure, ...]:
-    """The cure with each pair of the gyro's axes out of square by as much as all are found to be turned, where that is little.
+def skewed(correction: Correction | None, found: Fitted) -> tuple[Correction, ...]:
+    """The correction with each pair of the gyro's axes out of square by as much as all are found to be turned, where that is little.
 
     An axis that leans over turns and shears; the turn is what is found, and the shear is taken on by the inertia, unseen.
     """
     size = float(np.linalg.norm(found.value("gyro_turn")))
-    if cure is None or not 0 < size < SKEWED:
+    if correction is None or not 0 < size < SKEWED:
         return ()
     shears = [np.eye(3) + size * (np.outer(a, b) + np.outer(b, a)) for a, b in itertools.combinations(np.eye(3), 2)]
-    return tuple(cure.followed_by(Cure(gyro=_rows(shear))) for shear in shears)
+    return tuple(correction.followed_by(Correction(gyro=_rows(shear))) for shear in shears)
 
 
 def at_once(found: Fitted) -> bool:
     """Whether it says of channels that they are dead or push the other way round, and nothing else."""
-    return found.supposed.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
+    return found.hypothesis.code == "thrust-scale" and bool((np.abs(found.factors[:, None] - [-1.0, 0.0]).min(1) < NEAR).all())
 
 
 def _command(case: Case, found: Fitted) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from massprop_cli.model.sensitivity import Reading, Variant
 
 
 @dataclass(frozen=True)
-class Taken:
+class AssumedValue:
     """An assumption, and how it is varied: ``size`` units make one step."""
 
     code: str

@@ -1,6 +1,6 @@
-"""Suppositions held against the triangles of one log, side by side: each with the body and the unknowns of its own that fit best.
+"""Hypotheses held against the triangles of one log, side by side: each with the body and the unknowns of its own that fit best.
 
-A fit is a few damped Gauss–Newton steps on triangles of constant size, of many suppositions at once; its slopes are differences.
+A fit is a few damped Gauss–Newton steps on triangles of constant size, of many hypotheses at once; its slopes are differences.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.handed import Fits, Posed
-from massprop_cli.diagnosis.suppositions import Supposition
+from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.kernelfits import Fits, Posed
 from massprop_cli.errorparameters.parameter import Finding
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import ENTRIES
@@ -33,22 +33,22 @@ STEPS = 8
 PULL = 0.01
 """Of a body's own size, the inverse of one sigma that holds it near where plain regression puts it."""
 STILL, ROUGHLY = 1e-3, 0.1
-"""A change of −2 log likelihood that ends it; where suppositions are but to be ranked."""
+"""A change of −2 log likelihood that ends it; where hypotheses are but to be ranked."""
 HALF_STEP = 1e-6
 """Of each unknown's expected size, the step of a derivative."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A supposition, with the values that fit best, and what it leaves."""
+    """A hypothesis, with the values that fit best, and what it leaves."""
 
-    supposed: Supposition
+    hypothesis: Hypothesis
     model: Model
     x: Array
     chi_square: Array
     """(6,) beyond what the free coefficients leave, over the noise, for each channel."""
     spread: Array
-    """(d,) one sigma of each of the supposition's own unknowns."""
+    """(d,) one sigma of each of the hypothesis's own unknowns."""
 
     def value(self, name: str) -> Array:
         """An entry of x."""
@@ -60,40 +60,40 @@ class Fitted:
 
     @cached_property
     def parts(self) -> list[Fitted]:
-        """Of two suppositions at once, each; else itself."""
-        if not self.supposed.parts:
+        """Of two hypotheses at once, each; else itself."""
+        if not self.hypothesis.parts:
             return [self]
-        parts = self.supposed.parts
+        parts = self.hypothesis.parts
         spreads = np.split(self.spread, np.cumsum([part.free.shape[1] for part in parts])[:-1])
-        return [replace(self, supposed=part, spread=own) for part, own in zip(parts, spreads, strict=True)]
+        return [replace(self, hypothesis=part, spread=own) for part, own in zip(parts, spreads, strict=True)]
 
     @property
     def unknowns(self) -> int:
         """How many d is."""
-        return int(self.supposed.free.shape[1])
+        return int(self.hypothesis.free.shape[1])
 
     @property
     def factors(self) -> Array:
-        """What of their stated thrust the channels give that the supposition is about."""
-        own = np.flatnonzero(self.supposed.free[self.model.place("thrust")].any(1))
+        """What of their stated thrust the channels give that the hypothesis is about."""
+        own = np.flatnonzero(self.hypothesis.free[self.model.place("thrust")].any(1))
         return self.value("thrust")[own]
 
     def sigma(self, name: str) -> Array:
         """One sigma of an entry of x, as far as its own unknowns go."""
-        found: Array = np.sqrt(((self.supposed.free[self.model.place(name)] * self.spread) ** 2).sum(1))
+        found: Array = np.sqrt(((self.hypothesis.free[self.model.place(name)] * self.spread) ** 2).sum(1))
         return found
 
     def finding(self, names: Sequence[str], stated: Setup, corrected: Setup) -> Finding:
         """What sentences and settings are made of; ``names`` of the channels that fired."""
         errors, sigmas = ({name: of(name) for name in ENTRIES} for of in (self.error, self.sigma))
-        turns, force = (self.supposed.gyro, self.supposed.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
-        about = (self.supposed.subject, tuple(names), errors, sigmas, stated, corrected)
+        turns, force = (self.hypothesis.gyro, self.hypothesis.accelerometer), (self.model.force, self.model.wrench(self.x)[1])
+        about = (self.hypothesis.subject, tuple(names), errors, sigmas, stated, corrected)
         return Finding(*about, self.model.mounting, turns, force, float(self.x[MU]))
 
     @cached_property
     def moved(self) -> Array:
         """(d,) the unknowns, each over what is to be expected of it."""
-        found: Array = np.linalg.lstsq(self.supposed.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0]
+        found: Array = np.linalg.lstsq(self.hypothesis.free[10:], (self.x - self.model.stated)[10:], rcond=None)[0]
         return found
 
     def along(self, part: float) -> Array:
@@ -108,8 +108,8 @@ class Fitted:
         return float((self.moved**2).sum()) if self.unknowns else 0.0
 
 
-def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> Array:
-    """(H, 6) chi-square of each supposition before anything is fitted but a body by plain regression."""
+def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis]) -> Array:
+    """(H, 6) chi-square of each hypothesis before anything is fitted but a body by plain regression."""
     rows = _Rows.of_all(model, free, variance, supposed)
     x, _ = rows.begun(supposed)
     found: Array = (rows.left(x) ** 2).sum(1) + rows.rest
@@ -117,9 +117,9 @@ def compared(model: Model, free: Free, variance: Array, supposed: Sequence[Suppo
 
 
 def fitted(
-    model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None = None, still: float = STILL
+    model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis], theta: Array | None = None, still: float = STILL
 ) -> list[Fitted]:
-    """Each supposition with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
+    """Each hypothesis with the body and the unknowns of its own that fit best; noise ``variance`` (6,).
 
     A fit begins with the body that plain regression gives, or with ``theta`` (10,) where that leaves less. Those that need the same columns
     are fitted side by side.
@@ -132,7 +132,7 @@ def fitted(
     return [found[i] for i in range(len(supposed))]
 
 
-def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition], theta: Array | None, still: float) -> list[Fitted]:
+def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis], theta: Array | None, still: float) -> list[Fitted]:
     own = max(s.free.shape[1] for s in supposed)
     rows = _Rows.of_all(model, free, variance, supposed)
     x, sizes = _begun(rows, supposed, theta)
@@ -168,7 +168,7 @@ def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float)
     return Fits(descent.x, descent.left, descent.spread())
 
 
-def _begun(rows: _Rows, supposed: Sequence[Supposition], theta: Array | None) -> tuple[Array, Array]:
+def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None) -> tuple[Array, Array]:
     """(H, nx) x that fits begin with, and (H, 10) the sizes of θ."""
     x, sizes = rows.begun(supposed)
     balanced = x.copy()  # where force or weight hardly tell where the CG is, regression may find it anywhere
@@ -276,7 +276,7 @@ class _Rows:
     """(p, H) of each, the unit vector along which a channel that is free takes whatever is left; None where there is none."""
 
     @staticmethod
-    def of_all(model: Model, free: Free, variance: Array, supposed: Sequence[Supposition]) -> _Rows:
+    def of_all(model: Model, free: Free, variance: Array, supposed: Sequence[Hypothesis]) -> _Rows:
         """Of all the columns that they need."""
         count = max(model.columns(one.moved) for one in supposed)
         model = replace(model, places={name: place for name, place in model.places.items() if place.stop <= count})
@@ -303,7 +303,7 @@ class _Rows:
         """As the kernel has them."""
         return Posed(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
 
-    def begun(self, supposed: Sequence[Supposition], trusting: bool = False) -> tuple[Array, Array]:
+    def begun(self, supposed: Sequence[Hypothesis], trusting: bool = False) -> tuple[Array, Array]:
         """(H, nx) x to begin with, and (H, 10) the sizes of θ; ``trusting`` the channels that are suspected."""
         return begun(self.model, self.told, self.regressed, self.posed if compiled() else None, supposed, trusting)
 

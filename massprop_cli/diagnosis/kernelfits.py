@@ -1,4 +1,4 @@
-"""What is handed to the kernel of suppositions and triangles, number by number (suppose.c, begin.c, contest.c of massprop_cli/kernel)."""
+"""What is handed to the kernel of hypotheses and triangles, number by number (suppose.c, begin.c, contest.c of massprop_cli/kernel)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Fits(NamedTuple):
 
 
 class Posed:
-    """Suppositions held against two triangles, as the kernel has them."""
+    """Hypotheses held against two triangles, as the kernel has them."""
 
     def __init__(
         self, model: Model, told: Sequence[Told], noise: Array, gyro: Array, accelerometer: Array, freed: tuple[Array, Array] | None

@@ -1,4 +1,4 @@
-"""A supposition put to the test: applied to log and vehicle file, which are reduced anew, until its values stand."""
+"""A hypothesis put to the test: applied to log and vehicle file, which are reduced anew, until its values stand."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.diagnosis.coefficients import Model
-from massprop_cli.diagnosis.contest import Fitted, fitted
-from massprop_cli.diagnosis.cures import Case, applied, at_once
-from massprop_cli.diagnosis.look import CLEAR, FITS, Look, about_its_body, looked
+from massprop_cli.diagnosis.comparison import Fitted, fitted
+from massprop_cli.diagnosis.corrections import Case, applied, at_once
+from massprop_cli.diagnosis.screening import CLEAR, FITS, Screening, about_its_body, screened
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.lowpass import narrowed
@@ -22,7 +22,7 @@ of the log's."""
 PART = 1e-3
 """Of what was left before; what leaves less explains a log though its pure error is far above the stated noise."""
 HOPELESS, SMALL = 8.0, 0.01
-"""Times pure error, and part of what was left before, above which a supposition about anything else won't make the log fit. docs/faults.md
+"""Times pure error, and part of what was left before, above which a hypothesis about anything else won't make the log fit. docs/faults.md
 moves."""
 NO_DRIFT = (0.01, 5.0)
 """Cycles over the stretch, and sigmas, below which clocks don't drift apart."""
@@ -44,8 +44,8 @@ SLOWLY, FARTHER = 0.3, 0.97
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A supposition, how it is mended, and what it leaves."""
+class Refit:
+    """A hypothesis, how it is mended, and what it leaves."""
 
     fitted: Fitted
     case: Case
@@ -54,175 +54,183 @@ class Trial:
     score: float
     """−2 log likelihood of what was measured, with that price."""
     fits: bool
-    look: Look | None = None
+    screening: Screening | None = None
     """What is left of the log as mended; None where that can't be written down."""
     units: float = 0.0
     """−2 log of how densely the mended measurements lie where they were measured."""
 
 
-def hopeless(look: Look, found: Fitted, most: float) -> bool:
+def hopeless(screening: Screening, found: Fitted, most: float) -> bool:
     """Whether it leaves more than so much of chi-square in the first reduction, where that is as good as exact for what it is about."""
-    if _before_its_cause(look, found):
+    if _before_its_cause(screening, found):
         return True
     if float(found.chi_square.sum()) <= most:
         return False
-    turns = [turn for turn in (found.supposed.gyro, found.supposed.accelerometer) if (turn != np.eye(3)).any()]
-    on_bearing = look.model.bearing is not None
+    turns = [turn for turn in (found.hypothesis.gyro, found.hypothesis.accelerometer) if (turn != np.eye(3)).any()]
+    on_bearing = screening.model.bearing is not None
     # other units make of the motion within the cycles another motion
     curved = bool(turns) if on_bearing else any(not np.isclose(abs(np.linalg.det(turn)), 1.0) for turn in turns)
-    free = found.supposed.free
+    free = found.hypothesis.free
     moved = {BY_NAME[name].bends for name in ENTRIES if free[found.model.place(name)].any()}
     return not curved and not moved & ({"always", "with gravity"} if on_bearing else {"always"})
 
 
-def beyond(look: Look) -> float:
+def beyond(screening: Screening) -> float:
     """Chi-square that is far too much."""
-    return max(HOPELESS, SMALL * look.misfit) * look.freedom
+    return max(HOPELESS, SMALL * screening.misfit) * screening.freedom
 
 
-def _before_its_cause(look: Look, found: Fitted) -> bool:
+def _before_its_cause(screening: Screening, found: Fitted) -> bool:
     """Whether it takes a delay, a lag, a rise or a droop below zero, by more than chance."""
-    limited = (BY_NAME[name] for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
-    return any(float(found.error(one.name)[0]) < one.least(look.case.setup) - one.slack for one in limited)
+    errors = ((BY_NAME[name], float(found.error(name)[0])) for name in ENTRIES if np.isfinite(BY_NAME[name].slack))
+    return any(error < one.least(screening.case.setup) - one.slack for one, error in errors if error < -one.slack)
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A supposition applied once."""
+    """A hypothesis applied once."""
 
-    look: Look
+    screening: Screening
     promised: float
     """Score that its next step promises."""
     least: float
     """Cost that following it on may bring."""
 
 
-def begin(look: Look, found: Fitted, first: Trial | None) -> Begun | None:
-    """A supposition with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
-    found = found if first is None else _beside(look, first, found)
-    case = applied(look.case, found, look.free.fired)
-    mended = None if case is None else _anew(look, found, case, look.free.beside)
+def begin(screening: Screening, found: Fitted, first: Refit | None) -> Begun | None:
+    """A hypothesis with its values applied, perhaps beside a ``first`` one; None where that makes another testbed."""
+    found = found if first is None else _beside(screening, first, found)
+    case = applied(screening.case, found, screening.free.fired)
+    mended = None if case is None else _anew(screening, found, case, screening.free.beside)
     if mended is None:
         return None
-    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
-    units = _by_units(mended, found, look.case)
+    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
+    units = _by_units(mended, found, screening.case)
     promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
     return Begun(mended, mended.free_cost + units + mended.score(more.chi_square, found), mended.cost + units - BOLD * promised)
 
 
-def tried(look: Look, found: Fitted, best: float = np.inf, first: Trial | None = None, begun: Begun | None = None) -> Trial | None:
-    """A supposition with its best values in log and vehicle file, perhaps beside a ``first`` one, both fitted together.
+def tried(
+    screening: Screening, found: Fitted, best: float = np.inf, first: Refit | None = None, begun: Begun | None = None
+) -> Refit | None:
+    """A hypothesis with its best values in log and vehicle file, perhaps beside a ``first`` one, both fitted together.
 
     None where they make it another testbed's. It is followed no further than it may come near the ``best`` score so far.
     """
-    found = found if first is None else _beside(look, first, found)
-    case = applied(look.case, found, look.free.fired)
+    found = found if first is None else _beside(screening, first, found)
+    case = applied(screening.case, found, screening.free.fired)
     if case is not None:
-        return refined(look, found, case, best, begun)
+        return refined(screening, found, case, best, begun)
     if first is not None:
         return None
-    look, found = _once_more(look, found)
-    excess = look.score(found.chi_square, found)
-    return Trial(found, look.case, excess, look.free_cost + excess, _passes(look, found))
+    screening, found = _once_more(screening, found)
+    excess = screening.score(found.chi_square, found)
+    return Refit(found, screening.case, excess, screening.free_cost + excess, _passes(screening, found))
 
 
-def drifts_no_more(trial: Trial, found: Fitted) -> bool:
+def drifts_no_more(refit: Refit, found: Fitted) -> bool:
     """Whether a drift of the clocks would explain no more than its price of what a trial leaves that is a delay alone."""
-    if trial.look is None or (trial.fitted.supposed.code, found.supposed.code) != ("delay-mismatch", "clock-drift"):
+    if refit.screening is None or (refit.fitted.hypothesis.code, found.hypothesis.code) != ("delay-mismatch", "clock-drift"):
         return False
-    mended = trial.look
-    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], trial.fitted.value("theta"))
+    mended = refit.screening
+    (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], refit.fitted.value("theta"))
     gained = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
     return bool(gained < np.log(mended.free.gyro.spare))
 
 
-def helped(look: Look, begun: Fitted) -> Trial | None:
+def helped(screening: Screening, begun: Fitted) -> Refit | None:
     """The same from a beginning far away; None where that explains less than what is stated."""
-    case = applied(look.case, begun, look.free.fired)
-    there = None if case is None else looked(case, look.piece)
-    if case is None or there is None or there.cost + _by_units(there, begun, look.case) > look.cost:
+    case = applied(screening.case, begun, screening.free.fired)
+    there = None if case is None else screened(case, screening.piece)
+    if case is None or there is None or there.cost + _by_units(there, begun, screening.case) > screening.cost:
         return None
-    return refined(look, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
+    return refined(screening, replace(begun, x=np.concatenate([there.stated.x[:10], begun.x[10:]])), case)
 
 
-def _beside(look: Look, first: Trial, second: Fitted) -> Fitted:
-    """A supposition beside the one that is mended already."""
+def _beside(screening: Screening, first: Refit, second: Fitted) -> Fitted:
+    """A hypothesis beside the one that is mended already."""
     one = first.fitted
-    x = _together(one.x, second.x, look.model)
-    supposed = one.supposed.beside(second.supposed)
+    x = _together(one.x, second.x, screening.model)
+    supposed = one.hypothesis.beside(second.hypothesis)
     turned = replace(
-        supposed, gyro=second.supposed.gyro @ one.supposed.gyro, accelerometer=second.supposed.accelerometer @ one.supposed.accelerometer
+        supposed,
+        gyro=second.hypothesis.gyro @ one.hypothesis.gyro,
+        accelerometer=second.hypothesis.accelerometer @ one.hypothesis.accelerometer,
     )
-    return Fitted(turned, look.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
+    return Fitted(turned, screening.model, x, second.chi_square, np.zeros(supposed.free.shape[1]))
 
 
-def mended_alone(look: Look, part: Fitted) -> Trial | None:
-    """One of two suppositions, with the values that it has beside the other; it is in the running with that alone."""
-    own = np.asarray(part.supposed.free.any(1)) | (np.arange(len(part.x)) < 10)
-    found = replace(part, x=np.where(own, part.x, look.model.stated))
-    case = applied(look.case, found, look.free.fired)
-    mended = None if case is None else looked(case, look.piece, theta=found.value("theta"))
+def corrected_alone(screening: Screening, part: Fitted) -> Refit | None:
+    """One of two hypotheses, with the values that it has beside the other; it is in the running with that alone."""
+    own = np.asarray(part.hypothesis.free.any(1)) | (np.arange(len(part.x)) < 10)
+    found = replace(part, x=np.where(own, part.x, screening.model.stated))
+    case = applied(screening.case, found, screening.free.fired)
+    mended = None if case is None else screened(case, screening.piece, theta=found.value("theta"))
     if case is None or mended is None:
         return None
-    return Trial(found, case, np.inf, np.inf, False, mended, _by_units(mended, found, look.case))
+    return Refit(found, case, np.inf, np.inf, False, mended, _by_units(mended, found, screening.case))
 
 
-def _once_more(look: Look, found: Fitted) -> tuple[Look, Fitted]:
+def _once_more(screening: Screening, found: Fitted) -> tuple[Screening, Fitted]:
     """Fitted to a reduction about its own body, where that leaves less."""
     theta = found.value("theta")
-    about = looked(look.case, look.piece, look.free.beside, theta)
+    about = screened(screening.case, screening.piece, screening.free.beside, theta)
     if about is None:
-        return look, found
-    (again,) = fitted(about.model, about.free, about.free.variance, [found.supposed], theta)
-    better = about.free_cost + about.likelihood(again.chi_square) < look.free_cost + look.likelihood(found.chi_square)
-    return (about, again) if better else (look, found)
+        return screening, found
+    (again,) = fitted(about.model, about.free, about.free.variance, [found.hypothesis], theta)
+    better = about.free_cost + about.likelihood(again.chi_square) < screening.free_cost + screening.likelihood(found.chi_square)
+    return (about, again) if better else (screening, found)
 
 
-def _passes(look: Look, found: Fitted) -> bool:
+def _passes(screening: Screening, found: Fitted) -> bool:
     """Whether the log fits so far as the small step to it tells: of what can't be put into log or vehicle file."""
-    freedom = look.freedom - found.unknowns
+    freedom = screening.freedom - found.unknowns
     left = float(found.chi_square.sum() / freedom)
-    return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * look.misfit or not look.loud)
+    return left < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (left < PART * screening.misfit or not screening.loud)
 
 
-def refined(look: Look, found: Fitted, case: Case, best: float = np.inf, begun: Begun | None = None) -> Trial | None:
+def refined(screening: Screening, found: Fitted, case: Case, best: float = np.inf, begun: Begun | None = None) -> Refit | None:
     """What is left once the case is reduced anew, its unknowns moved on from there until they stand, or can't come near the ``best`` score.
 
     First beside the disturbance that it was found with: a misfit may hide behind that, and without it the way is too steep. Then beside
     what is likeliest there, until that stays.
     """
-    beside = look.free.beside
-    found, case, mended = _led(look, found, case, beside, best, bool(beside), begun)
+    beside = screening.free.beside
+    found, case, mended = _led(screening, found, case, beside, best, bool(beside), begun)
     for _ in range(ROUNDS):
-        if mended is None or not beside or (not found.unknowns and _by_units(mended, found, look.case) + mended.cost > look.cost + CLEAR):
+        if (
+            mended is None
+            or not beside
+            or (not found.unknowns and _by_units(mended, found, screening.case) + mended.cost > screening.cost + CLEAR)
+        ):
             break
         before = case
-        found, case, mended = _led(look, found, case, (), best)
+        found, case, mended = _led(screening, found, case, (), best)
         if case is before:
             break
         beside = () if mended is None or mended.free.beside == beside else mended.free.beside
     if mended is None:
         return None
     found = replace(found, chi_square=mended.stated.chi_square)
-    thrust = look.model.place("thrust")
-    exact = [part.supposed.free[thrust].any(1) for part in found.parts if at_once(part)]
+    thrust = screening.model.place("thrust")
+    exact = [part.hypothesis.free[thrust].any(1) for part in found.parts if at_once(part)]
     if exact:
         x = found.x.copy()
         x[thrust] = np.where(np.any(exact, 0), x[thrust].round(), x[thrust])
         found = replace(found, x=x)
-        case = applied(look.case, found, look.free.fired) or case
-    much = mended.misfit < PART * look.misfit
+        case = applied(screening.case, found, screening.free.fired) or case
+    much = mended.misfit < PART * screening.misfit
     fits = mended.close and (much or not mended.loud) and not _no_drift(found) and not any(map(_nothing, found.parts))
     # noise that was stated too small may be all that is wrong with a log that fits as it is
-    fits = fits and (not (look.fits and look.noisy) or _gained(look, mended) > PROMISED * (look.cost - mended.cost))
+    fits = fits and (not (screening.fits and screening.noisy) or _gained(screening, mended) > PROMISED * (screening.cost - mended.cost))
     excess = mended.score(mended.stated.chi_square, found)
-    units = _by_units(mended, found, look.case)
-    return Trial(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
+    units = _by_units(mended, found, screening.case)
+    return Refit(found, case, excess, mended.free_cost + excess + units, fits, mended, units)
 
 
-def _gained(look: Look, mended: Look) -> float:
+def _gained(screening: Screening, mended: Screening) -> float:
     """By how much −2 log likelihood of free noise levels is less once mended, of a fit as exact as the estimator is."""
-    before, after = look.exact, mended.exact
+    before, after = screening.exact, mended.exact
     return -np.inf if before is None or after is None else float((len(before) * np.log((before**2).mean(0) / (after**2).mean(0))).sum())
 
 
@@ -234,24 +242,24 @@ def _nothing(part: Fitted) -> bool:
 def _no_drift(found: Fitted) -> bool:
     """Whether a drift of the clocks is none beside the delay that is supposed with it: then it is the delay alone."""
     drift = abs(float(found.value("drift")[0]))
-    own = found.supposed.code == "clock-drift"
+    own = found.hypothesis.code == "clock-drift"
     return own and drift < max(NO_DRIFT[0], NO_DRIFT[1] * float(found.spread[-1]) * PRIORS["drift"])
 
 
 def _led(
-    look: Look,
+    screening: Screening,
     found: Fitted,
     case: Case,
     likely: tuple[Disturbance, ...],
     best: float,
     roughly: bool = False,
     begun: Begun | None = None,
-) -> tuple[Fitted, Case, Look | None]:
-    """A supposition moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
+) -> tuple[Fitted, Case, Screening | None]:
+    """A hypothesis moved on until it stands, beside one of the ``likely`` disturbances, or what is likeliest now.
 
     Or until it promises too little to come near the ``best`` cost.
     """
-    mended = _anew(look, found, case, likely) if begun is None else begun.look
+    mended = _anew(screening, found, case, likely) if begun is None else begun.screening
     if mended is None:
         return found, case, None
     if not found.unknowns:
@@ -260,10 +268,10 @@ def _led(
     too_far = False
     still, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
     for i in range(most):
-        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.supposed.moves], found.value("theta"))
+        (more,) = fitted(mended.model, mended.free, mended.free.variance, [found.hypothesis.moves], found.value("theta"))
         found = replace(found, spread=more.spread * np.sqrt(max(mended.misfit, 1.0)))
         promised = mended.likelihood(mended.stated.chi_square) - mended.likelihood(more.chi_square)
-        now = mended.cost + _by_units(mended, found, look.case)
+        now = mended.cost + _by_units(mended, found, screening.case)
         if i >= STRAIGHT and float(more.chi_square.sum()) > NO_WAY * mended.freedom:
             break
         if promised < still or now - BOLD * promised > best + CLEAR:
@@ -274,10 +282,10 @@ def _led(
         parts = (1 / (1 - ratio), 1.0) if ratio > SLOWLY and not too_far else (1.0,)
         too_far = False
         for part in parts:
-            further = replace(found, x=_together(found.x, more.along(part), look.model))
-            then = applied(look.case, further, look.free.fired)
-            there = None if then is None else looked(then, look.piece, mended.free.beside, more.value("theta"))
-            if then is not None and there is not None and there.cost + _by_units(there, further, look.case) < now - still:
+            further = replace(found, x=_together(found.x, more.along(part), screening.model))
+            then = applied(screening.case, further, screening.free.fired)
+            there = None if then is None else screened(then, screening.piece, mended.free.beside, more.value("theta"))
+            if then is not None and there is not None and there.cost + _by_units(there, further, screening.case) < now - still:
                 break
             too_far = True  # not tried again at once
         else:
@@ -286,10 +294,10 @@ def _led(
     return found, case, mended
 
 
-def _anew(look: Look, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> Look | None:
-    """A case mended by a supposition, reduced; None where that is too short, or other channels fire."""
-    mended = looked(case, look.piece, likely, found.value("theta") if found.unknowns else None)
-    return mended if mended is not None and np.array_equal(mended.free.fired, look.free.fired) else None
+def _anew(screening: Screening, found: Fitted, case: Case, likely: tuple[Disturbance, ...]) -> Screening | None:
+    """A case mended by a hypothesis, reduced; None where that is too short, or other channels fire."""
+    mended = screened(case, screening.piece, likely, found.value("theta") if found.unknowns else None)
+    return mended if mended is not None and np.array_equal(mended.free.fired, screening.free.fired) else None
 
 
 def _together(x: Array, more: Array, model: Model) -> Array:
@@ -302,9 +310,9 @@ def _together(x: Array, more: Array, model: Model) -> Array:
     return found
 
 
-def _by_units(mended: Look, found: Fitted, stated: Case) -> float:
+def _by_units(mended: Screening, found: Fitted, stated: Case) -> float:
     """−2 log of the density of mended measurements in the units, along the axes and behind the low-passes of the measured."""
-    supposed, free, log = found.supposed, mended.free, stated.log
+    supposed, free, log = found.hypothesis, mended.free, stated.log
     record_s = median(log.interval_s)
     sensors = (("gyro", supposed.gyro, free.gyro), ("accel", supposed.accelerometer, free.accelerometer))
     total = 0.0
