@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
 
 import numpy as np
 
 from massprop_cli.conclude import supply
 from massprop_cli.conclude.taken import Taken, having
-from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import Wheel
 from massprop_cli.model.sensitivity import TURN, Reading, Side, Variant, imu_moved, imu_turned, late, reads_alone, turned_reading
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
@@ -22,7 +19,6 @@ DELAY_STEP = 0.1
 """Cycles by which the delay is varied."""
 AXES = "XYZ"
 GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
-Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
 def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: bool = False) -> Iterator[Taken]:
@@ -75,15 +71,11 @@ def _scaled(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
 
 
 def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Taken:
-    used = vehicle.model_copy(update={"wheels": tuple(map(_heavier, vehicle.wheels)), "rotors": tuple(map(_heavier, vehicle.rotors))})
-    uncertain = any(wheel.spin_inertia_sigma_kg_m2 > 0 for wheel in vehicle.spinning)
+    used = vehicle.with_momentum(1.01)
+    uncertain = any(unknown.scales for device in vehicle.spinning for unknown in device.unknowns)
     words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
     message = f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
     return Taken("wheel-inertia", message, "1 %", True, Variant(here, Side(Stream.of(log, used, timing), used), 0.01), 0.01)
-
-
-def _heavier(one: Spinner) -> Spinner:
-    return one if one.spin_inertia_kg_m2 is None else one.model_copy(update={"spin_inertia_kg_m2": 1.01 * one.spin_inertia_kg_m2})
 
 
 def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken]:

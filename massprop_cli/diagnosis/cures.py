@@ -15,10 +15,10 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.diagnosis.contest import Fitted
 from massprop_cli.diagnosis.design import Designs, level_of
-from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.equipment import MOST_DROOP, Jet
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Column, Vehicle
+from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
 from massprop_cli.prepare.timing import Timing

@@ -50,7 +50,10 @@ class VehicleInfo(Item):
         description="common relative uncertainty of all forces and torques; 0 beside wheels, which tell it as far as the covariance says"
     )
     rotors: list[str] = Field([], description="absent where there are none")
-    wheels: list[str] = Field([], description="reaction wheels, and rotors whose momentum counts; absent where there are none")
+    wheels: list[str] = Field(
+        [],
+        description="what stores momentum: reaction wheels, rotors that state their spin inertia; absent where there are none",
+    )
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
