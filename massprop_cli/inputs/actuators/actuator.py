@@ -20,6 +20,18 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.section import Section, Vector
 
+NEAR = 0.02
+"""Part of itself within which a first reading is what is stated of it in another unit."""
+SPEEDS = {
+    30 / np.pi: "it is in rpm",
+    np.pi / 30: "{} is in rpm",
+    180 / np.pi: "it is in deg/s",
+    1 / (2 * np.pi): "it is in revolutions per second",
+    -1.0: "it has the other sign",
+    -30 / np.pi: "it is in rpm, and has the other sign",
+}
+"""How many times what is stated of it a first speed is, and why."""
+
 
 class LogColumn(NamedTuple):
     """A column that a log has of each actuator of one kind; the actuator's name stands in its middle."""
@@ -208,6 +220,22 @@ def own_column(source: LogTable, actuator: Actuator, key: str, otherwise: str = 
             f'{column!r}; state column = "{other.key}" under its [[{actuator.TABLE}]]{otherwise}'
         )
     return column
+
+
+def refuse_other_units(
+    source: LogTable, what: str, key: str, factors: Mapping[float, str], pairs: Sequence[tuple[float | None, Array | None]]
+) -> None:
+    """:class:`InputError` where all readings begin at what ``key`` states of them times one of ``factors``.
+
+    ``pairs`` are what is stated and the readings.
+    """
+    known = [(stated, float(readings[0])) for stated, readings in pairs if stated and readings is not None]
+    for factor, why in factors.items():
+        if known and all(abs(first - factor * stated) < NEAR * abs(factor * stated) for stated, first in known):
+            raise InputError(
+                f"{source.table.path}: the first {what} is {factor:.4g} times the {key} of the vehicle file: {why.format(key)}; mend the "
+                f"{what.partition(' of ')[0]}s, or {key}"
+            )
 
 
 def unit(axis: Vector) -> Array:

@@ -20,6 +20,7 @@ from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import (
+    SPEEDS,
     Grown,
     LogColumn,
     LogTimes,
@@ -28,6 +29,7 @@ from massprop_cli.inputs.actuators.actuator import (
     Unknown,
     own_column,
     pointing,
+    refuse_other_units,
     unit,
 )
 from massprop_cli.inputs.formats.units import SPIN, TORQUE
@@ -38,17 +40,6 @@ SPEED = LogColumn("wheel_", "_rad_s", "speed", SPIN, True, True, "a wheel's spee
 ON_WHEEL = LogColumn(
     "wheel_", "_n_m", "torque", TORQUE, False, True, "torque on a wheel over this control cycle, N m; the body feels the opposite"
 )
-OTHER_UNITS = {
-    30 / np.pi: "it is in rpm",
-    np.pi / 30: "start_rad_s is in rpm",
-    180 / np.pi: "it is in deg/s",
-    1 / (2 * np.pi): "it is in revolutions per second",
-    -1.0: "it has the other sign",
-    -30 / np.pi: "it is in rpm, and has the other sign",
-}
-"""How many times what is stated of it a wheel's first speed is, and why."""
-NEAR = 0.02
-"""Part of itself within which such a speed is another one."""
 FOR_A_PARABOLA = 8
 """Records, of which fewer make one too noisy at its end."""
 
@@ -164,13 +155,7 @@ class Wheel(MomentumDevice):
         Nothing in the motion tells the unit: inertia grows with the speeds.
         """
         pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
-        stated = [(start, float(speed[0])) for start, speed in pairs if start and speed is not None]
-        for factor, what in OTHER_UNITS.items():
-            if stated and all(abs(first - factor * start) < NEAR * abs(factor * start) for start, first in stated):
-                raise InputError(
-                    f"{source.table.path}: the first speed of each wheel is {factor:.4g} times the start_rad_s of the vehicle file: "
-                    f"{what}; mend the speeds, or start_rad_s"
-                )
+        refuse_other_units(source, "speed of each wheel", "start_rad_s", SPEEDS, pairs)
 
     def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
         """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""

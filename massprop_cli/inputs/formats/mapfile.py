@@ -13,6 +13,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats.recording import maps_beside
 from massprop_cli.inputs.section import Positive, Real, Section
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -175,9 +176,10 @@ class MapFile(Section):
         if wrench == 1:
             missing = "force" if self.force is None else "torque"
             raise ValueError(f"[{missing}] is missing beside the other; map it, or state paths = [0, 0, 0] under it")
-        if (wrench > 0) + bool(self.jets) + bool(self.rotors) > 1:
+        actuators = {kind: getattr(self, table) for table, kind in ACTUATORS.items()}
+        if (wrench > 0) + bool(self.jets) + any(own for kind, own in actuators.items() if kind.THRUSTS) > 1:
             raise ValueError("maps more than one of jets, rotors and a commanded wrench; keep the one kind that was executed")
-        if not (wrench or self.jets or self.rotors or self.wheels):
+        if not (wrench or self.jets or any(actuators.values())):
             raise ValueError("maps no command; add [torque] and [force], [jets.NAME], [rotors.NAME] or [wheels.NAME]")
         if self.attitude is None and any(one is not None and one.frame == "world" for one in (self.torque, self.force)):
             raise ValueError('frame = "world" needs [attitude], to turn commands into body axes')
