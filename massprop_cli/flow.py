@@ -16,6 +16,7 @@ from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
+from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, Notice, read
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -78,7 +79,7 @@ def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> l
         return []
     if not any(one.verdict == "converged" for conclusion in again.conclusions for one in conclusion.estimates.values()):
         return []
-    what = "the log tells no inertia as its wheels are logged, and does with all of them the other way round"
+    what = f"the log tells no inertia as its {called(told.vehicle.spinning)} are logged, and does with all of them the other way round"
     return [Notice("command-sign", f"{what}: mend the sign of their columns, or their axis")]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from massprop_cli.conclude import supply
 from massprop_cli.conclude.taken import Taken, having
+from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.sensitivity import TURN, Reading, Side, Variant, imu_moved, imu_turned, late, reads_alone, turned_reading
@@ -73,8 +74,8 @@ def _scaled(vehicle: Vehicle, samples: Stream, axis: int) -> Variant | Reading:
 def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Taken:
     used = vehicle.with_momentum(1.01)
     uncertain = any(unknown.scales for device in vehicle.spinning for unknown in device.unknowns)
-    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
-    message = f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
+    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated"
+    message = f"inertia rests on the spin inertia or momentum that the vehicle file states of its {called(vehicle.spinning)}; {words}"
     return Taken("wheel-inertia", message, "1 %", True, Variant(here, Side(Stream.of(log, used, timing), used), 0.01), 0.01)
 
 

@@ -52,7 +52,7 @@ class VehicleInfo(Item):
     rotors: list[str] = Field([], description="absent where there are none")
     wheels: list[str] = Field(
         [],
-        description="what stores momentum: reaction wheels, rotors that state their spin inertia; absent where there are none",
+        description="what stores momentum that counts, by its name: a wheel, say; absent where there is none",
     )
 
     @model_serializer(mode="wrap")

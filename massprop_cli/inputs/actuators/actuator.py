@@ -210,6 +210,11 @@ class MomentumLog(Protocol):
         """With the other sign."""
 
 
+def called(devices: Sequence[MomentumDevice]) -> str:
+    """What a sentence calls all of them: wheels, say."""
+    return " and ".join(dict.fromkeys(f"{device.NOUN}s" for device in devices))
+
+
 def own_column(source: LogTable, actuator: Actuator, key: str, otherwise: str = "") -> str:
     """The column ``key`` of an actuator that may have either; :class:`InputError` where the log has another one alone."""
     column = next(one for one in actuator.COLUMNS if one.key == key).of(actuator.name)
