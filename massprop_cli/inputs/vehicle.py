@@ -16,6 +16,7 @@ from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.actuator import Actuator, MomentumDevice
+from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro
 from massprop_cli.inputs.actuators.rotor import Rotor
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.columns import Column
@@ -112,6 +113,7 @@ class Vehicle(Section):
     jets: tuple[Jet, ...] = Field((), max_length=256)
     rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
+    control_moment_gyros: tuple[ControlMomentGyro, ...] = Field((), max_length=64)
     nominal: Nominal = Nominal.unset()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)

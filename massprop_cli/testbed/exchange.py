@@ -10,10 +10,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.testbed.conditions import Actuators
 from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin
+from massprop_cli.testbed.gyros import Gyros
 from massprop_cli.testbed.motion import Bodies, CycleMotion
 from massprop_cli.testbed.wheels import Wheels
 
-KINDS: tuple[type[Exchanger], ...] = (Wheels,)
+KINDS: tuple[type[Exchanger], ...] = (Wheels, Gyros)
 
 
 def channels(vehicle: Vehicle) -> int:

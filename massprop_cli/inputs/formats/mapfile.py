@@ -116,6 +116,14 @@ class Wheel(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
+class ControlMomentGyro(Mapped):
+    """The gimbal angle of one control moment gyro."""
+
+    path: Path_
+    unit: Path_ | None = Field(None, description="rad, deg: its gimbal angle")
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
 class Supply(Mapped):
     """The supply voltage."""
 
@@ -166,6 +174,7 @@ class MapFile(Section):
     jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")
     rotors: dict[str, Rotor] = Field({}, description="by their names in the vehicle file")
     wheels: dict[str, Wheel] = Field({}, description="by their names in the vehicle file")
+    control_moment_gyros: dict[str, ControlMomentGyro] = Field({}, description="by their names in the vehicle file")
     supply: Supply | None = Field(None, description="for rotors that state nominal_v")
     attitude: Attitude | None = None
     records: Records | None = None
