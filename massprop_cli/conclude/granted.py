@@ -20,6 +20,9 @@ DELAY_STEP = 0.1
 """Cycles by which the delay is varied."""
 AXES = "XYZ"
 GYRO, ACCELEROMETER = "gyro-scale", "accelerometer-scale"
+LIKELY = 0.2
+"""Part by which stored momentum may be off: where nothing but momentum turns the vehicle, inertia is proportional to it, and what a log
+tells of it, 50 % at best, isn't linear."""
 
 
 def granted(log: Log, vehicle: Vehicle, timing: Timing, samples: Stream, more: bool = False) -> Iterator[Taken]:
@@ -76,7 +79,8 @@ def _wheel_inertia(log: Log, vehicle: Vehicle, timing: Timing, here: Side) -> Ta
     uncertain = any(unknown.scales for device in vehicle.spinning for unknown in device.unknowns)
     words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated"
     message = f"inertia rests on the spin inertia or momentum that the vehicle file states of its {called(vehicle.spinning)}; {words}"
-    return Taken("wheel-inertia", message, "1 %", True, Variant(here, Side(Stream.of(log, used, timing), used), 0.01), 0.01)
+    varied = Variant(here, Side(Stream.of(log, used, timing), used), 0.01)
+    return Taken("wheel-inertia", message, "1 %", True, varied, 0.01, most=LIKELY)
 
 
 def _on_bearing(vehicle: Vehicle, here: Side, samples: Stream) -> Iterator[Taken]:
