@@ -41,9 +41,10 @@ class Exchange:
         """``issued`` (K, C) or (S, K, C) are recorded commands, kind by kind."""
         self.kinds = [kind(setting) for kind in KINDS if kind.channels(setting.vehicle)]
         self.shape = (setting.members, setting.cycles, 0)
+        first = 0
         for kind in self.kinds if issued is not None else ():
-            own, issued = np.split(issued, [kind.issued.shape[-1]], -1)
-            kind.issued[:] = own
+            last = first + kind.issued.shape[-1]
+            kind.issued[:], first = np.asarray(issued)[..., first:last], last
 
     @property
     def issued(self) -> Array:
