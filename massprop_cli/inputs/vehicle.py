@@ -210,7 +210,7 @@ class Vehicle(Section):
 
     @cached_property
     def spinning(self) -> tuple[MomentumDevice, ...]:
-        """All whose momentum counts: wheels, and rotors that state their spin inertia."""
+        """All that stores momentum that counts: wheels, control moment gyros, and rotors that state their spin inertia."""
         return tuple(device for _, own in self.actuators for one in own if (device := one.device) is not None)
 
     @cached_property
