@@ -17,10 +17,10 @@ from massprop_cli.conclude.judge import judged
 from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
+from massprop_cli.inputs.actuators.actuator import called
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, Notice, read
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.inputs.wheel import backwards
 
 USUAL = (1, 0, 2)
 """Cycles; delays of most testbeds."""
@@ -71,15 +71,16 @@ def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> l
     A body that turns with what drives it has no inertia that is positive, so that nothing is ever told of it.
     """
     values = [one.value for conclusion in told.conclusions for one in conclusion.estimates.values()]
-    if not told.log.wheels or any(value is not None for value in values):
+    if not told.log.spinning or any(value is not None for value in values):
         return []
+    backwards = replace(told.log, spinning=tuple(one.backwards() for one in told.log.spinning))
     try:
-        again = estimated(replace(told.log, wheels=tuple(map(backwards, told.log.wheels))), source, told.assignments, say, check=False)
+        again = estimated(backwards, source, told.assignments, say, check=False)
     except (InputError, np.linalg.LinAlgError):
         return []
     if not any(one.verdict == "converged" for conclusion in again.conclusions for one in conclusion.estimates.values()):
         return []
-    what = "the log tells no inertia as its wheels are logged, and does with all of them the other way round"
+    what = f"the log tells no inertia as its {called(told.vehicle.spinning)} are logged, and does with all of them the other way round"
     return [Notice("command-sign", f"{what}: mend the sign of their columns, or their axis")]
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.inputs.wheel import backwards
 from massprop_cli.testbed import scenario, simulate
 from tests import faulty
 
@@ -35,12 +35,12 @@ def test_wheels_that_are_logged_backwards_are_named_where_nothing_is_told() -> N
     """A lab had been asked for more of the torque that it had commanded already."""
     flown = simulate.fly(scenario.load("wheels"), [1])
     log, source = flown.log(0), VehicleSource(flown.vehicle, "", "")
-    other = flow.examine(replace(log, wheels=tuple(map(backwards, log.wheels))), source)
+    other = flow.examine(replace(log, spinning=tuple(said.backwards() for said in log.spinning)), source)
     assert not any(one.verdict == "converged" for one in other.conclusions[0].estimates.values())
     assert [notice.code for notice in other.notices] == ["command-sign"]
     assert flow.examine(log, source).notices == ()
     # of wheels that hardly turn the body neither way tells anything
-    stopped = tuple(replace(wheel, speed_rad_s=np.zeros(log.rows)) for wheel in log.wheels)
+    stopped = tuple(WheelLog(np.zeros(log.rows), None, None) for _ in log.spinning)
     rng = np.random.default_rng(1)
-    still = replace(log, delta_theta_imu_rad=1e-5 * rng.normal(size=(log.rows, 3)), wheels=stopped)
+    still = replace(log, delta_theta_imu_rad=1e-5 * rng.normal(size=(log.rows, 3)), spinning=stopped)
     assert "command-sign" not in [notice.code for notice in flow.examine(still, source).notices]

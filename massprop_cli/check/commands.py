@@ -10,7 +10,6 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.check.finding import Finding, rows
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import WheelLog
 
 ALWAYS = 0.98
 """Part of the cycles, and of each, from which on a jet counts as never off."""
@@ -22,7 +21,7 @@ Place = Callable[[int], str]
 
 def commands(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
     """Findings of jets or wrench; ``place`` names a row."""
-    if not log.command.any() and not any(spun(wheel) for wheel in log.wheels):
+    if not log.command.any() and not any(one.moved for one in log.spinning):
         return [
             _finding(
                 "nothing-commanded",
@@ -60,17 +59,12 @@ def never_fired(log: Log, vehicle: Vehicle) -> list[str]:
     }
     names = by_kind[log.command_kind]
     idle = [name for name, column in zip(names, log.command.T, strict=True) if not column.any()]
-    return [*idle, *(wheel.name for wheel, said in zip(vehicle.spinning, log.wheels, strict=True) if not spun(said))]
-
-
-def spun(wheel: WheelLog) -> bool:
-    """Whether anything was asked of a wheel: a torque, or another speed."""
-    return bool(wheel.torque_n_m.any()) if wheel.torque_n_m is not None else bool(np.ptp(np.asarray(wheel.speed_rad_s)) > 0)
+    return [*idle, *(one.name for one, said in zip(vehicle.spinning, log.spinning, strict=True) if not said.moved)]
 
 
 def _opposed(vehicle: Vehicle) -> list[tuple[int, int]]:
     wrench: Array = vehicle.jet_wrench
-    size = np.abs(wrench).max(initial=0.0)  # of wheels alone there are none
+    size = np.abs(wrench).max(initial=0.0)  # of momentum devices alone there are none
     return [
         (i, j)
         for i in range(len(wrench))

@@ -35,6 +35,6 @@ def _steps(one: ErrorParameter, step: Step, setup: Setup, samples: Stream) -> It
             yield AssumedValue(f"{step.code} {axis}", said, step.words, stated, changed, step.size, part_of=step.code)
         else:
             said = message.format(axis=axis)
-            yield AssumedValue(step.code, said, step.words.format(axis=axis), stated, changed, step.size, sigma, step.part_of)
+            yield AssumedValue(step.code, said, step.words.format(axis=axis), stated, changed, step.size, sigma, step.most, step.part_of)
     if step.by_axis != "alone":
         yield AssumedValue(step.code, message.format(along=""), step.words, stated, None, step.size)

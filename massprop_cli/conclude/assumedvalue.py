@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.model.sensitivity import Reading, Variant
 
@@ -19,6 +21,8 @@ class AssumedValue:
     size: float
     sigma: float = 0.0
     """One sigma, units, by which it is stated to be uncertain."""
+    most: float = np.inf
+    """Units by which it may be off at most: of a log that tells it no better than that, it is not tested."""
     part_of: str = ""
     """Code of that which it is a part of, whose effect is told: it is but tested by itself."""
 

@@ -212,7 +212,7 @@ def _thrust_scale(vehicle: Vehicle, conclusions: Sequence[Conclusion]) -> list[A
 def _mass_thrust(log: Log, vehicle: Vehicle, history: History, conclusion: Conclusion, response: Response, first: int) -> list[Assumption]:
     """The command channels (columns from ``first`` on) on which the mass rests alone, with what one percent of their thrust does."""
     fired = np.diag(response.misfit)[first:] > 0  # what never acted leaves nothing
-    fired[len(fired) - len(vehicle.spinning) :] = False  # and wheels don't push
+    fired[len(fired) - len(vehicle.momentum_wrench) :] = False  # and what stores momentum doesn't push
     chosen = np.zeros(len(fired), dtype=bool)
     chosen[fired] = _alone(response.misfit[first:, first:][np.ix_(fired, fired)], response.shift[:, first:][:, fired], conclusion)
     if conclusion.estimates["mass"].value is None or not chosen.any() or (chosen == fired).all():

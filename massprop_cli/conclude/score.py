@@ -87,6 +87,8 @@ def doubts(found: Examined, names: Sequence[str], groups: Sequence[Sequence[int]
     with np.errstate(divide="ignore", invalid="ignore"):
         sizes = np.nan_to_num(np.abs(cross) / own)
         sigmas = np.nan_to_num(sizes / np.sqrt(max(found.scatter, 1.0) / own + uncertain**2))
+    most = np.array([t.most for t in found.varied])
+    sigmas[: len(most)] *= own[: len(most)] > most**-2
     shifts = [None if response is None else response.shift @ along for response in found.responses]
     limit = threshold(REFUTED, 2 * len(whats))  # it may be more or less
 

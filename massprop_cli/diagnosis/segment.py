@@ -43,9 +43,9 @@ def edges_of(first: int, stop: int) -> IntArray:
 def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:
     """The log with all its pieces, or the busiest stretch of the busiest one, if they hold more than ``longest`` cycles together.
 
-    All of a log with a wheel whose torque was logged: its speed follows from the beginning on.
+    All of a log with a momentum device whose torque was logged: its momentum follows from the beginning on.
     """
-    whole = any(wheel.speed_rad_s is None for wheel in log.wheels)
+    whole = any(one.integrated for one in log.spinning)
     if whole or sum(piece.stop - piece.start for piece in pieces) <= longest:
         return log, pieces
     parts, most = [busiest(log, vehicle, timing, piece, longest) for piece in pieces], _most(log)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Finding, SpecialCase, Step, Wording
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.inputs.rotor import Rotor
-from massprop_cli.inputs.wheel import Wheel
+from massprop_cli.inputs.actuators.actuator import called
 
+LIKELY = 0.2
+"""Part by which stored momentum may be off: where nothing but momentum turns the vehicle, inertia is proportional to it, and what a log
+tells of it, 50 % at best, isn't linear."""
 GROWN = 1.0
 """Percent by which mass or inertia may seem to grow by chance: what thrust is repeatable to."""
-Spinner = TypeVar("Spinner", Wheel, Rotor)
 
 
 def _rates(finding: Finding) -> Mapping[str, object]:
@@ -28,19 +28,14 @@ def _walked(finding: Finding) -> float:
 
 
 def _heavier(setup: Setup, error: Array) -> Setup:
-    def one(each: Spinner) -> Spinner:
-        spin = each.spin_inertia_kg_m2
-        return each if spin is None else each.model_copy(update={"spin_inertia_kg_m2": (1 + float(error[0])) * spin})
-
-    vehicle = setup.vehicle
-    changed = {"wheels": tuple(map(one, vehicle.wheels)), "rotors": tuple(map(one, vehicle.rotors))}
-    return setup._replace(vehicle=type(vehicle).model_construct(vehicle.model_fields_set, **{**dict(vehicle), **changed}))
+    return setup._replace(vehicle=setup.vehicle.with_momentum(1 + float(error[0])))
 
 
 def _spin(setup: Setup) -> str:
-    uncertain = any(wheel.spin_inertia_sigma_kg_m2 > 0 for wheel in setup.vehicle.spinning)
-    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated (spin_inertia_sigma_kg_m2)"
-    return f"inertia rests on the spin inertia that the vehicle file states of its wheels; {words}"
+    devices = setup.vehicle.spinning
+    uncertain = any(unknown.scales for device in devices for unknown in device.unknowns)
+    words = "its uncertainty is in every sigma" if uncertain else "no uncertainty of it is stated"
+    return f"inertia rests on the spin inertia or momentum that the vehicle file states of its {called(devices)}; {words}"
 
 
 _CHANGES = "the mass changes by {mass:+.3g} % and the inertia by {inertia:+.3g} % from the first to the last cycle"
@@ -73,14 +68,14 @@ PARAMETERS = (
     ErrorParameter(
         "spin_inertia",
         "wheel-inertia",
-        "spin inertia of wheels and rotors",
+        "spin inertia or momentum of wheels, rotors and gyros",
         "1",
         key="wheels.spin_inertia_kg_m2",
         sigma_key="wheels.spin_inertia_sigma_kg_m2",
         change=_heavier,
         redone="all",
         difference=0.01,
-        step=Step("wheel-inertia", 0.01, "1 %", _spin, lambda setup: bool(setup.vehicle.spinning)),
+        step=Step("wheel-inertia", 0.01, "1 %", _spin, lambda setup: bool(setup.vehicle.spinning), most=LIKELY),
     ),
 )
 SPECIAL_CASES = (

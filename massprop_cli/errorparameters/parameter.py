@@ -11,9 +11,9 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.errorparameters.setup import Setup, stated
+from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import Wheel
 
 Unit = Literal["1", "m", "N", "rad", "rad/s", "m/s²", "N m", "N m s", "cycles", "parts", "kg", "kg m²"]
 Redone = Literal["body", "motion", "commands", "all"]
@@ -112,6 +112,8 @@ class Step:
     """Whether the vehicle file states it; None: by its key."""
     by_axis: Literal["alone", "parts", "columns"] = "alone"
     """Whether each axis is an assumption, or a part of one; or the filter carries columns of its own for them."""
+    most: float = np.inf
+    """In the parameter's unit: by which it may be off at most. Of a log that tells it no better than that it is not tested."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ the product are (1 + κ) times what the filter finds and m_b isn't.
 What is known conditions a Gaussian, linear in the slopes of I = J⁻¹. Where the log hardly tells J, I ± 2 sigma is wider than these make it;
 that comes last, by what is then left of J's sigma: widened before, each axis by its own factor, gains would be wrong by their ratios.
 
-Where there are wheels, the filter itself follows the scale as far as these tell it (:mod:`massprop_cli.model.momentum`), and its inertia
-is the one that answers to the wheels' columns; the reported one has the wheels in it as the vehicle file says.
+Where there are momentum devices, the filter itself follows the scale as far as these tell it (:mod:`massprop_cli.model.momentum`); its
+inertia is the one that answers to their columns; the reported one has them in it as the vehicle file says.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
         values[untold, 6:9] = jacobian[untold, 6:9] = np.nan
     data: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
     if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
-        values[:, :6] -= sum(wheel.locked_beyond_reported * elements(wheel.locked) for wheel in vehicle.spinning)
+        values[:, :6] -= sum(elements(device.beyond_reported) for device in vehicle.spinning)
         shared = np.zeros_like(data)
     else:
         proportional = by_scale(values, vehicle)

@@ -1,6 +1,13 @@
-"""Names of a telemetry log's columns. Units are in the names; body axes for commands, IMU axes for the rest."""
+"""Names of a telemetry log's columns. Units are in the names; body axes for commands, IMU axes for the rest.
+
+Those of actuators are each in its own module (:mod:`massprop_cli.inputs.actuators`).
+"""
 
 from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from massprop_cli.inputs.section import Real, Section
 
 AXES = ("x", "y", "z")
 TIME = "time_s"
@@ -20,36 +27,14 @@ def jet(name: str) -> str:
     return f"jet_{name}_s"
 
 
-def wheel_speed(name: str) -> str:
-    """The column of a wheel's speed."""
-    return f"wheel_{name}_rad_s"
+class Column(Section):
+    """Where a contract column is found in this log: ``value = scale * column``."""
 
+    from_: str = Field(alias="from")
+    scale: Real = 1.0
 
-def wheel_torque(name: str) -> str:
-    """The column of the torque on a wheel."""
-    return f"wheel_{name}_n_m"
-
-
-def rotor_command(name: str) -> str:
-    """The column of what a rotor is told."""
-    return f"rotor_{name}_command"
-
-
-def rotor_speed(name: str) -> str:
-    """The column of a rotor's speed."""
-    return f"rotor_{name}_rad_s"
-
-
-def rotor_of(column: str) -> str | None:
-    """The rotor that a column is called after; None where it is no rotor's."""
-    return _named(column, "rotor_", ("_rad_s", "_command"))
-
-
-def wheel_of(column: str) -> str | None:
-    """The wheel that a column is called after; None where it is no wheel's."""
-    return _named(column, "wheel_", ("_rad_s", "_n_m"))
-
-
-def _named(column: str, start: str, ends: tuple[str, str]) -> str | None:
-    end = next((end for end in ends if column.startswith(start) and column.endswith(end)), None)
-    return None if end is None else column.removeprefix(start).removesuffix(end)
+    @model_validator(mode="after")
+    def _scales(self) -> Column:
+        if self.scale == 0:
+            raise ValueError("scale is zero")
+        return self

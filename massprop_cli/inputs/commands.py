@@ -1,4 +1,4 @@
-"""The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and wheels."""
+"""The columns of a log that say what its actuators were told to do: jets, a wrench or rotors, and what stores momentum."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any, Literal
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, frozen, median
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import SUPPLY, WRENCH, jet, rotor_command, rotor_of, rotor_speed, wheel_of, wheel_speed, wheel_torque
+from massprop_cli.inputs.actuators.actuator import MomentumLog
+from massprop_cli.inputs.columns import WRENCH, jet
 from massprop_cli.inputs.equipment import Cycle
-from massprop_cli.inputs.logtable import LONG, LogTable
+from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import Wheel, WheelLog
 
 CommandKind = Literal["jets", "wrench", "rotors"]
 LATE = 1e-3
@@ -28,21 +28,10 @@ FULL, FEW = 5, 4
 a pulse as short may be all that was wanted."""
 IDLE = 0.5
 """Part of all on-times that may stand at their least, where that isn't 0."""
-STRAYED = {
-    30 / np.pi: "it is in rpm",
-    np.pi / 30: "start_rad_s is in rpm",
-    180 / np.pi: "it is in deg/s",
-    1 / (2 * np.pi): "it is in revolutions per second",
-    -1.0: "it has the other sign",
-    -30 / np.pi: "it is in rpm, and has the other sign",
-}
-"""How many times what is stated of it a wheel's first speed is, and why."""
-NEAR = 0.02
-"""Part of itself within which such a speed is another one."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
-    """What was commanded: on-times of jets, torque about O and force, or what rotors are told; nothing, (K, 0), of wheels alone."""
+    """What was commanded: on-times of jets, torque about O and force, or what rotors are told; nothing, (K, 0), beside momentum alone."""
     path, logged = source.table.path, source.logged
     if vehicle.rotors:
         return "rotors", _rotors(source, vehicle, records, n)
@@ -57,7 +46,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
     if wrench:
         return "wrench", _each(source, WRENCH, records, n)
-    if not known and vehicle.wheels:
+    if not known and vehicle.spinning:
         return "jets", np.zeros((n // records, 0))
     if not known:
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
@@ -71,51 +60,12 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
 
 
 def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
-    """(K, columns) of :func:`_per_cycle`."""
+    """(K, columns) of :meth:`LogTable.per_cycle`."""
     found = spill.empty(n // records, len(columns))
     for place, column in enumerate(columns):
-        found[:, place] = _per_cycle(source, column, records, n)
+        found[:, place] = source.per_cycle(column, records, n)
         spill.give_back()
     return found
-
-
-def _per_cycle(source: LogTable, column: str, records: int, n: int) -> Array:
-    """(K,) the command in the first row of each cycle; other rows must be null or the same."""
-    values = source.optional(column)[:n]
-    bad = np.flatnonzero(np.isinf(values))
-    if bad.size:
-        raise source.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
-    grid = values.reshape(-1, records)
-    first = grid[:, :1]
-    missing = np.flatnonzero(np.isnan(first[:, 0]))
-    if missing.size:
-        raise source.error(
-            int(missing[0]) * records,
-            column,
-            "no command in the first row of its control cycle; write one (0 for none)" + _lost(source, int(missing[0]) * records),
-        )
-    differs = np.argwhere(~np.isnan(grid) & (grid != first))
-    if differs.size:
-        cycle, row = (int(i) for i in differs[0])
-        raise source.error(
-            cycle * records + row,
-            column,
-            f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
-            "commands change at cycle starts only: check cycle.period_s and the first row" + _lost(source, cycle * records + row),
-        )
-    return np.ascontiguousarray(first[:, 0])
-
-
-def _lost(source: LogTable, row: int) -> str:
-    """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
-    steps = np.diff(source.required("time_s")[: row + 1])
-    long = np.flatnonzero(steps > LONG * median(steps)) if len(steps) else steps
-    if not len(long):
-        return ""
-    at = int(long[0]) + 1
-    return (
-        f"; or a record was lost before {source.place(at)}, which comes {steps[at - 1]:.6g} s after the one above it: split the log there"
-    )
 
 
 def _check_on_times(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
@@ -180,95 +130,16 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
     if others or vehicle.jets:
         what = f"column {others[0]!r}" if others else "[[jets]]"
         raise InputError(f"{source.table.path}: the vehicle file has [[rotors]], and there is {what} too; keep the one kind that pushed")
-    known = [rotor.name for rotor in vehicle.rotors]
-    _refuse_strangers(source, "rotor", rotor_of, known)
-    found = []
-    for rotor in vehicle.rotors:
-        column, other = rotor_command(rotor.name), rotor_speed(rotor.name)
-        if rotor.column == "speed":
-            column, other = other, column
-        if not source.has(column) and source.has(other):
-            kind = "command" if rotor.column == "speed" else "speed"
-            raise InputError(
-                f"{source.table.path}: rotor {rotor.name!r} has column {source.name(other)!r} and no {column!r}; "
-                f'state column = "{kind}" under its [[rotors]], and thrust_n by that'
-            )
-        x = _mean(source, column, records, n) if rotor.column == "speed" else _per_cycle(source, column, records, n)
-        if rotor.nominal_v is not None:
-            x = x * _mean(source, SUPPLY, records, n) / rotor.nominal_v
-        found.append(x)
-    return np.stack(found, 1)
+    return np.stack([rotor.asked(source, records, n) for rotor in vehicle.rotors], 1)
 
 
-def _mean(source: LogTable, column: str, records: int, n: int) -> Array:
-    """(K,) over each cycle, of a number in every record."""
-    found: Array = source.required(column)[:n].reshape(-1, records).mean(1)
-    return found
-
-
-def _refuse_strangers(source: LogTable, kind: str, of: Callable[[str], str | None], known: Sequence[str]) -> None:
-    """:class:`InputError` where a column is called after a wheel or rotor that the vehicle file doesn't have."""
-    for column in source.logged:
-        name = of(column)
-        if name is not None and name not in known:
-            hint = nearest(name, known, f"the nearest {kind} is") or f"; it has no [[{kind}s]] at all"
-            raise InputError(
-                f"{source.table.path}: column {column!r} names a {kind} that the vehicle file lacks{hint}. Add it to the vehicle file"
-            )
-
-
-def wheels(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[WheelLog, ...]:
-    """What the log's n rows say of each wheel, and of each rotor that states its spin inertia."""
-    _refuse_strangers(source, "wheel", wheel_of, [wheel.name for wheel in vehicle.wheels])
-    if not vehicle.rotors:
-        _refuse_strangers(source, "rotor", rotor_of, [])
-    own = [_of_speed(source, wheel, n) if wheel.column == "speed" else _of_torque(source, wheel, records, n) for wheel in vehicle.wheels]
-    _check_starts(source, vehicle, own)
-    turning = [rotor_speed(rotor.name) for rotor in vehicle.rotors if rotor.wheel is not None]
-    return (*own, *(WheelLog(frozen(source.required(column)[:n]), None, None) for column in turning))
-
-
-def _check_starts(source: LogTable, vehicle: Vehicle, own: Sequence[WheelLog]) -> None:
-    """:class:`InputError` where all speeds begin at what the vehicle file states of them in another unit, or the other way round.
-
-    Nothing in the motion tells the unit: inertia grows with the speeds.
-    """
-    pairs = zip(vehicle.wheels, own, strict=True)
-    stated = [
-        (wheel.start_rad_s, float(said.speed_rad_s[0])) for wheel, said in pairs if wheel.start_rad_s and said.speed_rad_s is not None
-    ]
-    for factor, what in STRAYED.items():
-        if stated and all(abs(first - factor * start) < NEAR * abs(factor * start) for start, first in stated):
-            raise InputError(
-                f"{source.table.path}: the first speed of each wheel is {factor:.4g} times the start_rad_s of the vehicle file: {what}; "
-                "mend the speeds, or start_rad_s"
-            )
-
-
-def _of_speed(source: LogTable, wheel: Wheel, n: int) -> WheelLog:
-    column, other = wheel_speed(wheel.name), wheel_torque(wheel.name)
-    if not source.has(column) and source.has(other):
-        raise InputError(
-            f"{source.table.path}: wheel {wheel.name!r} has column {source.name(other)!r} and no {column!r}; "
-            'state column = "torque" under its [[wheels]]'
-        )
-    return WheelLog(frozen(source.required(column)[:n]), None, None)
-
-
-def _of_torque(source: LogTable, wheel: Wheel, records: int, n: int) -> WheelLog:
-    column, speed = wheel_torque(wheel.name), wheel_speed(wheel.name)
-    if not source.has(column) and source.has(speed):
-        raise InputError(
-            f"{source.table.path}: wheel {wheel.name!r} has column {source.name(speed)!r} and no {column!r}; "
-            'state column = "speed" under its [[wheels]]'
-        )
-    start = wheel.start_rad_s
-    if start is None and source.has(speed):
-        first = float(source.optional(speed)[0])
-        start = first if np.isfinite(first) else None
-    if start is None:
-        raise InputError(
-            f"{source.table.path}: nothing says how fast wheel {wheel.name!r} turns when its first torque acts; state start_rad_s under "
-            f"its [[wheels]], or write its speed into the first cell of column {speed!r}"
-        )
-    return WheelLog(None, frozen(_per_cycle(source, column, records, n)), start)
+def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[MomentumLog, ...]:
+    """What the log's n rows say of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
+    found: list[MomentumLog] = []
+    for kind, own in vehicle.actuators:
+        kind.refuse_strangers(source, [one.name for one in own])
+        stored = [one for one in own if one.device is not None]
+        said = [one.read(source, records, n) for one in stored]
+        kind.check_together(source, stored, said)
+        found += said
+    return tuple(found)

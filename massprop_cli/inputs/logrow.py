@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from massprop_cli.inputs import columns as names
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 
 def schema() -> dict[str, Any]:
@@ -38,10 +39,11 @@ def schema() -> dict[str, Any]:
         "properties": properties,
         "patternProperties": {
             "^jet_.+_s$": {**command, "minimum": 0, "description": "commanded on-time in this control cycle, s"},
-            "^rotor_.+_command$": {**command, "description": "what a rotor is told in this control cycle, as its thrust_n takes it"},
-            "^rotor_.+_rad_s$": {**number, "description": "a rotor's speed at time_s, rad/s"},
-            "^wheel_.+_rad_s$": {**command, "description": "a wheel's speed relative to the body at time_s, rad/s"},
-            "^wheel_.+_n_m$": {**command, "description": "torque on a wheel over this control cycle, N m; the body feels the opposite"},
+            **{
+                f"^{column.start}.+{column.end}$": {**(command if column.nullable else number), "description": column.description}
+                for kind in ACTUATORS.values()
+                for column in kind.COLUMNS
+            },
         },
         "required": ["time_s"],
         "allOf": [either(names.DELTA_THETA, names.GYRO), either(names.DELTA_V, names.ACCEL)],

@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import FIXED
+from massprop_cli.inputs.columns import FIXED, TIME, Column
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
-from massprop_cli.inputs.vehicle import Column
 
 GAP, LONG = 2.5, 1.5
 """Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
@@ -93,4 +92,46 @@ class LogTable:
             values = self.required(column)
             for part in spill.parts(len(values)):
                 found[part, place] = values[part]
+        return found
+
+    def per_cycle(self, column: str, records: int, n: int) -> Array:
+        """(K,) the command in the first row of each cycle; other rows must be null or the same."""
+        values = self.optional(column)[:n]
+        bad = np.flatnonzero(np.isinf(values))
+        if bad.size:
+            raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
+        grid = values.reshape(-1, records)
+        first = grid[:, :1]
+        missing = np.flatnonzero(np.isnan(first[:, 0]))
+        if missing.size:
+            raise self.error(
+                int(missing[0]) * records,
+                column,
+                "no command in the first row of its control cycle; write one (0 for none)" + self._lost(int(missing[0]) * records),
+            )
+        differs = np.argwhere(~np.isnan(grid) & (grid != first))
+        if differs.size:
+            cycle, row = (int(i) for i in differs[0])
+            raise self.error(
+                cycle * records + row,
+                column,
+                f"{grid[cycle, row]:g} differs from {first[cycle, 0]:g} in the first row of its control cycle; "
+                "commands change at cycle starts only: check cycle.period_s and the first row" + self._lost(cycle * records + row),
+            )
+        return np.ascontiguousarray(first[:, 0])
+
+    def _lost(self, row: int) -> str:
+        """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
+        steps = np.diff(self.required(TIME)[: row + 1])
+        long = np.flatnonzero(steps > LONG * median(steps)) if len(steps) else steps
+        if not len(long):
+            return ""
+        at = int(long[0]) + 1
+        return (
+            f"; or a record was lost before {self.place(at)}, which comes {steps[at - 1]:.6g} s after the one above it: split the log there"
+        )
+
+    def mean(self, column: str, records: int, n: int) -> Array:
+        """(K,) over each cycle, of a number in every record."""
+        found: Array = self.required(column)[:n].reshape(-1, records).mean(1)
         return found

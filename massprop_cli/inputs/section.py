@@ -1,6 +1,7 @@
 """What the tables of all configuration files are made of: numbers within range, vectors, sections that refuse unknown keys."""
 
-from typing import Annotated, Self, cast
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -34,3 +35,10 @@ class Section(BaseModel):
     def unset(cls) -> Self:
         """With every key at its default. It needs no validator of its own, to build which takes time: the file's model has one for all."""
         return cast("Self", cls.model_construct())
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with some keys changed, which derives anew what the original has cached."""
+        copied = super().model_copy(update=update, deep=deep)
+        for cached in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[cached]
+        return copied

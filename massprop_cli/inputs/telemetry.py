@@ -17,12 +17,12 @@ from massprop_cli.base.arrays import Array, BoolArray, frozen, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
+from massprop_cli.inputs.actuators.actuator import MomentumLog
 from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.tablefile import Made, Table
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import WheelLog
 
 CommandKind = commands.CommandKind
 ABSURD = 1e6
@@ -85,7 +85,7 @@ class Log:
     """How a map made it of another recording."""
     ignored: BoolArray | None = None
     """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
-    wheels: tuple[WheelLog, ...] = ()
+    spinning: tuple[MomentumLog, ...] = ()
     """Of each of the vehicle's :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
@@ -107,7 +107,7 @@ class Log:
             command=self.command[first:stop],
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
             ignored=None if self.ignored is None else self.ignored[first:stop],
-            wheels=tuple(wheel.part(rows) for wheel in self.wheels),
+            spinning=tuple(one.part(rows) for one in self.spinning),
             began_s=self.origin_s,
         )
 
@@ -172,7 +172,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         rate_columns=DELTA_THETA if source.has(DELTA_THETA[0]) else GYRO,
         force_columns=DELTA_V if source.has(DELTA_V[0]) else ACCEL,
         made=table.made,
-        wheels=commands.wheels(source, vehicle, records, n),
+        spinning=commands.momentum(source, vehicle, records, n),
     )
 
 

@@ -6,7 +6,7 @@ The models below are the schema (``massprop schema vehicle``). Unknown keys are 
 import math
 from functools import cached_property
 from itertools import combinations
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
@@ -15,11 +15,14 @@ from pydantic_core import PydanticCustomError, to_jsonable_python
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.actuators.actuator import Actuator, MomentumDevice
+from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro
+from massprop_cli.inputs.actuators.rotor import Rotor
+from massprop_cli.inputs.actuators.wheel import Wheel
+from massprop_cli.inputs.columns import Column
 from massprop_cli.inputs.equipment import Cycle, Environment, Imu, Jet, Thrust
 from massprop_cli.inputs.estimatorsettings import ConvergenceSettings, Drift, EstimatorSettings
-from massprop_cli.inputs.rotor import Rotor
 from massprop_cli.inputs.section import Positive, Real, Section
-from massprop_cli.inputs.wheel import Wheel
 
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
 PRODUCTS = ("ixy", "ixz", "iyz")
@@ -98,19 +101,6 @@ class Docking(Section):
     known: KnownTable = Field({}, description="quantities of the docked object that were measured elsewhere")
 
 
-class Column(Section):
-    """Where a contract column is found in this log: ``value = scale * column``."""
-
-    from_: str = Field(alias="from")
-    scale: Real = 1.0
-
-    @model_validator(mode="after")
-    def _scales(self) -> Self:
-        if self.scale == 0:
-            raise ValueError("scale is zero")
-        return self
-
-
 class Vehicle(Section):
     """A whole vehicle file, checked."""
 
@@ -123,6 +113,7 @@ class Vehicle(Section):
     jets: tuple[Jet, ...] = Field((), max_length=256)
     rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
+    control_moment_gyros: tuple[ControlMomentGyro, ...] = Field((), max_length=64)
     nominal: Nominal = Nominal.unset()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)
@@ -140,7 +131,7 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
-        for kind, named in (("jet", self.jets), ("rotor", self.rotors), ("wheel", self.wheels), ("phase", self.phases)):
+        for kind, named in (("jet", self.jets), *((kind.NOUN, own) for kind, own in self.actuators), ("phase", self.phases)):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")
@@ -173,12 +164,8 @@ class Vehicle(Section):
     @field_validator("columns")
     @classmethod
     def _maps_known_columns(cls, mapping: dict[str, Column], info: ValidationInfo) -> dict[str, Column]:
-        of = {
-            "jets": (columns.jet,),
-            "rotors": (columns.rotor_command, columns.rotor_speed),
-            "wheels": (columns.wheel_speed, columns.wheel_torque),
-        }
-        known = [*columns.FIXED, *(column(one.name) for kind, some in of.items() for one in info.data.get(kind, ()) for column in some)]
+        of = [column.of(one.name) for name, kind in ACTUATORS.items() for one in info.data.get(name, ()) for column in kind.COLUMNS]
+        known = [*columns.FIXED, *(columns.jet(jet.name) for jet in info.data.get("jets", ())), *of]
         for name in mapping:
             if name not in known:
                 hint = configfile.nearest(name, known, "the nearest is")
@@ -222,16 +209,34 @@ class Vehicle(Section):
         """(rotors, 6) torque about O and force of one newton of each rotor's thrust, body axes."""
         return np.array([rotor.wrench for rotor in self.rotors]).reshape(-1, 6)
 
-    @cached_property
-    def spinning(self) -> tuple[Wheel, ...]:
-        """All whose momentum counts: the wheels, and rotors that state their spin inertia."""
-        return (*self.wheels, *(rotor.wheel for rotor in self.rotors if rotor.wheel is not None))
+    @property
+    def actuators(self) -> list[tuple[type[Actuator], tuple[Any, ...]]]:
+        """All of each kind, but jets."""
+        return [(kind, getattr(self, name)) for name, kind in ACTUATORS.items()]
 
     @cached_property
-    def wheel_wrench(self) -> Array:
-        """(W, 6) torque and force on the body of 1 N m on each of :attr:`spinning`."""
-        axis = np.array([wheel.direction for wheel in self.spinning]).reshape(-1, 3)
-        return np.hstack([-axis, np.zeros_like(axis)])
+    def spinning(self) -> tuple[MomentumDevice, ...]:
+        """All that stores momentum that counts: wheels, control moment gyros, and rotors that state their spin inertia."""
+        return tuple(device for _, own in self.actuators for one in own if (device := one.device) is not None)
+
+    @cached_property
+    def momentum_wrench(self) -> Array:
+        """(A, 6) torque and force on the body of 1 N m along each axis of each of :attr:`spinning`."""
+        axes = np.concatenate([np.zeros((0, 3)), *(device.axes for device in self.spinning)])
+        return np.hstack([-axes, np.zeros_like(axes)])
+
+    def with_momentum(self, factor: float) -> Self:
+        """The vehicle with so many times the momentum in everything that stores it."""
+        return self.model_copy(update={kind.TABLE: tuple(one.scaled(factor) for one in own) for kind, own in self.actuators})
+
+
+ACTUATORS: dict[str, type[Actuator]] = {
+    name: kind
+    for name, field in Vehicle.model_fields.items()
+    for kind in get_args(field.annotation)[:1]
+    if isinstance(kind, type) and issubclass(kind, Actuator)
+}
+"""By their tables in the vehicle file."""
 
 
 def schema() -> dict[str, Any]:

@@ -43,8 +43,7 @@ def parse(text: str, source: str, assignments: Sequence[str] = ()) -> VehicleSou
 def changed(vehicle: Vehicle, assignments: Sequence[str]) -> Vehicle:
     """The vehicle with ``KEY=VALUE`` assignments on top; what it doesn't state stays unstated."""
     data = vehicle.model_dump(by_alias=True, exclude_none=True, exclude_unset=True)
-    for items in {"jets", "rotors", "wheels", "phases"} & data.keys():
-        data[items] = list(data[items])
+    data = {key: list(value) if isinstance(value, tuple) else value for key, value in data.items()}
     return _checked(configfile.validate(Vehicle, configfile.override(data, assignments), "vehicle", "", assignments), "vehicle")
 
 

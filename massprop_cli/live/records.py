@@ -155,7 +155,7 @@ class Reader:
         cells = {name: Cells(place, name, lambda: arrow.held(np.zeros(1)), row) for name in self.names}
         log = LogTable(Table(place, "", cells, 1, row, None), self.vehicle.columns)
         commands.commands(log, self.vehicle, 1, 1)
-        commands.wheels(log, self.vehicle, 1, 1)
+        commands.momentum(log, self.vehicle, 1, 1)
 
     def _cells(self, line: str) -> dict[str, str]:
         if self.is_json:

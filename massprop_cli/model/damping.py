@@ -1,6 +1,6 @@
 """Torque against the body's rate, −d ω with d of each axis: drag of the air, the film of a bearing, a cable.
 
-It acts as the body turns, so beside what the wheels' momentum does (:mod:`massprop_cli.model.momentum`) it is the torque that the motion
+It acts as the body turns, so beside what stored momentum does (:mod:`massprop_cli.model.momentum`) it is the torque that the motion
 itself makes. In proportion to the rate alone: what goes with its square is not in it.
 """
 
@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.model.momentum import precession
 from massprop_cli.model.plant import Motion
 from massprop_cli.model.windows import Windows, windows
-from massprop_cli.prepare.wheels import Stored
+from massprop_cli.prepare.stored import Stored
 
 
 def made_by_motion(stored: Stored | None, damping: Array, motion: Motion, bin_s: Array) -> tuple[Array, Array] | None:

@@ -42,9 +42,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
-    if vehicle.spinning or vehicle.rotors:
-        return f"[[{'wheels' if vehicle.wheels else 'rotors'}]] are stated, and the kernel knows none"
-    return ""
+    stated = next((kind.TABLE for kind, own in vehicle.actuators if own), "")
+    return f"[[{stated}]] are stated, and the kernel knows none" if stated else ""
 
 
 def vehicle_numbers(vehicle: Vehicle, states: Sequence[bool], begun: Begun) -> Array:

@@ -3,8 +3,8 @@
 In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), angular acceleration
 by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at
 the start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it); on a table, what the
-accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with wheels, relative errors of scales that are uncertain, of
-all thrust and of each wheel.
+accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with momentum devices, what is uncertain of the scale of all
+thrust and of each device.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Layout:
     damping: slice
     tilt: slice
     scale: slice
-    """Relative errors of the thrust's scale and of the wheels' inertias, of a vehicle that has wheels."""
+    """Relative error of the thrust's scale and unknowns of momentum devices, of a vehicle that has any."""
     size: int
 
     @staticmethod

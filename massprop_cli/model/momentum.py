@@ -1,4 +1,4 @@
-"""What the momentum of wheels does to the body, −ω × h; and what an error of a scale does, of a wheel's inertia or of all thrust."""
+"""What stored momentum does to the body, −ω × h; and what an error of what is stated does, of a device or of all thrust."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.inputs.actuators.actuator import Unknown
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.inputs.wheel import Wheel
 from massprop_cli.model.plant import Motion, Plant, Reference
 from massprop_cli.model.windows import Windows, windows
 from massprop_cli.prepare.align import Aligned
-from massprop_cli.prepare.wheels import Stored
+from massprop_cli.prepare.stored import Stored
 
 
 def precession(stored: Stored, motion: Motion, bin_s: Array) -> tuple[Array, Array]:
@@ -25,49 +25,44 @@ def held(stored: Stored, bin_s: Array) -> Windows:
 
 
 def scale_sigmas(vehicle: Vehicle) -> Array:
-    """(n,) one sigma of what a log may tell beside wheels: scales of all thrust, of each wheel's inertia and torque; its start."""
+    """(n,) one sigma of what a log may tell beside momentum devices: the scale of all thrust, and each device's unknowns."""
     if not vehicle.spinning:
         return np.zeros(0)
-    found = np.array([vehicle.thrust.scale_sigma, *(sigma for wheel in vehicle.spinning for sigma in _sigmas(wheel))])
+    found = np.array([vehicle.thrust.scale_sigma, *(unknown.sigma for device in vehicle.spinning for unknown in device.unknowns)])
     return found[found > 0]
 
 
 def relative_scales(vehicle: Vehicle) -> Array:
-    """(n,) one relative sigma of each scale that inertia and mass may follow: of all thrust, of each wheel's column."""
-    wheels = (_sigmas(wheel)[wheel.column == "torque"] for wheel in vehicle.spinning)
-    return np.array([vehicle.thrust.scale_sigma, *wheels])
+    """(n,) one relative sigma of each scale that inertia and mass may follow: of all thrust, of each device's torque."""
+    devices = (unknown.sigma for device in vehicle.spinning for unknown in device.unknowns if unknown.scales)
+    return np.array([vehicle.thrust.scale_sigma, *devices])
 
 
 def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, reference: Reference, motion: Motion) -> Windows:
     """(K, 3, n) impulse of the moment, under a cycle's windows, by one unit of each of :func:`scale_sigmas`' scales, N m s."""
     assert executed.stored is not None
-    channels, found = executed.channels, []
+    channels, found, first = executed.channels, [], 0
     if vehicle.thrust.scale_sigma > 0:
         own, _ = plant.pushed(reference, channels.wrench[: channels.thrusting], motion.up.mean(1), plant.pivot)
         found.append(_impulse(*(times(own, part[:, : channels.thrusting]) for part in (channels.rising, channels.whole))))
-    for i, wheel in enumerate(vehicle.spinning):
-        first, torque = _sigmas(wheel)
-        # speed and inertia make all its momentum and torque; a torque column makes both, but for the momentum that it began with
-        begun = np.full_like(executed.stored.mean[..., i], executed.stored.begun[i])
-        grown = executed.stored.mean[..., i] - (begun if wheel.column == "torque" else 0.0), executed.stored.skew[..., i]
-        exchanged = _impulse(
-            *(part[:, channels.thrusting + i, None] * -executed.stored.axis[i] for part in (channels.rising, channels.whole))
-        )
-        if first > 0 and wheel.column == "torque":
-            found.append(_precessed(executed, motion, i, np.full_like(begun, wheel.spin_inertia_kg_m2), np.zeros_like(begun)))
-        elif first > 0:
-            found.append(_sum(_precessed(executed, motion, i, *grown), exchanged))
-        if torque > 0:
-            found.append(_sum(_precessed(executed, motion, i, *grown), exchanged))
+    for device in vehicle.spinning:
+        axes = slice(first, first + len(device.axes))
+        first = axes.stop
+        found += [_moment(executed, motion, axes, unknown) for unknown in device.unknowns]
     return Windows(*(np.stack(parts, -1) for parts in zip(*found, strict=True)))
 
 
-def _sigmas(wheel: Wheel) -> tuple[float, float]:
-    """Of its inertia, relative; where torque is logged, of its momentum at first over its inertia, rad/s, and of that torque, relative."""
-    relative = wheel.spin_inertia_sigma_kg_m2 / wheel.spin_inertia_kg_m2
-    if wheel.column == "speed":
-        return relative, 0.0
-    return float(np.hypot(wheel.start_sigma_rad_s, relative * (wheel.start_rad_s or 0.0))), wheel.torque_scale_sigma
+def _moment(executed: Aligned, motion: Motion, own: slice, unknown: Unknown) -> Windows:
+    """(K, 3) impulse of −(δḣ + ω × δh) by one unit of an unknown of the device whose axes are ``own``."""
+    stored, channels = executed.stored, executed.channels
+    assert stored is not None
+    axis, turning = stored.axis[own], slice(channels.thrusting + own.start, channels.thrusting + own.stop)
+    held = stored.mean[..., own] - stored.begun[own] * unknown.since_start
+    mean, skew = held @ unknown.by.T + unknown.constant, stored.skew[..., own] @ unknown.by.T
+    bin_s = executed.duration_s / mean.shape[1]
+    pulled, late = _precession(motion, mean @ axis, skew @ axis, bin_s[:, None, None])
+    exchanged = _impulse(*(-part[:, turning] @ unknown.by.T @ axis for part in (channels.rising, channels.whole)))
+    return _sum(windows(pulled, bin_s, late.sum(1)), exchanged)
 
 
 def _impulse(rising: Array, whole: Array) -> Windows:
@@ -76,14 +71,6 @@ def _impulse(rising: Array, whole: Array) -> Windows:
 
 def _sum(one: Windows, other: Windows) -> Windows:
     return Windows(*(a + b for a, b in zip(one, other, strict=True)))
-
-
-def _precessed(executed: Aligned, motion: Motion, number: int, mean: Array, skew: Array) -> Windows:
-    """(K, 3) impulse of −ω × h of a momentum along one wheel's axis."""
-    assert executed.stored is not None
-    axis, bin_s = executed.stored.axis[number], executed.duration_s / mean.shape[1]
-    pulled, late = _precession(motion, mean[..., None] * axis, skew[..., None] * axis, bin_s[:, None, None])
-    return windows(pulled, bin_s, late.sum(1))
 
 
 def _precession(motion: Motion, momentum: Array, skew: Array, bin_s: Array) -> tuple[Array, Array]:

@@ -87,12 +87,13 @@ def rehearsal(vehicle: VehicleSource, guess: Guess, off: Sequence[str] = ()) -> 
         )
     jets = tuple(jet for jet in stated.jets if jet.name not in off)
     limits = guess.file.actuators
-    if stated.wheels or stated.rotors:
-        table = "[[wheels]]" if stated.wheels else "[[rotors]]"
-        simulated = ", or rehearse motions by wheels with massprop simulate (by_wheels = true in a segment)" if stated.wheels else ""
+    for kind, own in stated.actuators:
+        if not own:
+            continue
+        simulated = "" if kind.THRUSTS else f", or rehearse motions by {kind.NOUN}s with massprop simulate (by_wheels = true in a segment)"
         raise InputError(
-            f"{vehicle.source}: motions by {table} can't be planned, and without them a plan tells less than the vehicle does; plan by "
-            f"its jets or wrench with a copy that has no {table}{simulated}"
+            f"{vehicle.source}: motions by [[{kind.TABLE}]] can't be planned, and without them a plan tells less than the vehicle does; "
+            f"plan by its jets or wrench with a copy that has no [[{kind.TABLE}]]{simulated}"
         )
     if not jets and (stated.jets or not (limits.max_torque_n_m or limits.max_force_n)):
         raise InputError(

@@ -1,8 +1,8 @@
 """What commanded actuators do: each command channel in time, as a piecewise linear signal, and its wrench at full.
 
 Jets, commanded wrenches and rotors are three kinds, of which a log has one. Another one says in :func:`executed` which signal
-(:mod:`massprop_cli.prepare.signal`) a command makes, and in :func:`channel_wrench` which torque and force that is at full. Wheels, which
-may be beside either, are the last channels: :mod:`massprop_cli.prepare.wheels` says what they do.
+(:mod:`massprop_cli.prepare.signal`) a command makes, and in :func:`channel_wrench` which torque and force that is at full. What stores
+momentum, which may be beside either, is the last channels: :mod:`massprop_cli.prepare.stored` has what it does.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.actuators.rotor import thrust_integrals
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
-from massprop_cli.prepare import rotors
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 from massprop_cli.prepare.signal import Signal, window_integrals
 
@@ -36,17 +36,17 @@ def capability(log: Log, vehicle: Vehicle) -> Array:
     wrench = channel_wrench(log, vehicle)
     if log.command_kind != "wrench":
         return wrench
-    used: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.spinning), dtype=bool))]
+    used: Array = wrench[np.append((log.command != 0).any(0), np.ones(len(vehicle.momentum_wrench), dtype=bool))]
     return used
 
 
 def channel_wrench(log: Log, vehicle: Vehicle) -> Array:
     """(C, 6) torque about O and force of each command channel, as far as they move the vehicle.
 
-    Jets at full, a wrench's components, rotors' newtons; wheels' N m.
+    Jets at full, a wrench's components, rotors' newtons; momentum devices' N m.
     """
     own = {"jets": vehicle.jet_wrench, "wrench": np.eye(6), "rotors": vehicle.rotor_wrench}[log.command_kind]
-    found: Array = np.vstack([own, vehicle.wheel_wrench]) * vehicle.environment.moving
+    found: Array = np.vstack([own, vehicle.momentum_wrench]) * vehicle.environment.moving
     return found
 
 
@@ -54,7 +54,7 @@ def channel_names(log: Log, vehicle: Vehicle) -> list[str]:
     """Of each command channel."""
     by_kind = {"jets": [jet.name for jet in vehicle.jets], "wrench": list(WRENCH), "rotors": [rotor.name for rotor in vehicle.rotors]}
     names = by_kind[log.command_kind]
-    return [*names, *(wheel.name for wheel in vehicle.spinning)]
+    return [*names, *(name for device in vehicle.spinning for name in device.channels)]
 
 
 def pulses(start_s: Array, on_s: Array, jet: Jet, touching_s: float) -> Signal:
@@ -96,9 +96,8 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     command = log.command[issued].T
     if log.command_kind == "rotors":
         at_once = by_commands_clock(log, vehicle, cycle_edges(log, issued)[0])
-        begun = (begin_s if rotor.column == "command" else at_once for rotor in vehicle.rotors)
-        told = zip(begun, command, vehicle.rotors, strict=True)
-        return rotors.window_integrals([rotors.Held(begin, x, *rotor.lags(lag_s), rotor.thrust_n) for begin, x, rotor in told], edges_s)
+        told = zip(vehicle.rotors, command, strict=True)
+        return thrust_integrals([rotor.held(x, begin_s, at_once, lag_s) for rotor, x in told], edges_s)
     if log.command_kind == "jets":
         return jet_integrals(begin_s, command, vehicle, edges_s, lag_s)
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)

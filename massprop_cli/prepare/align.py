@@ -21,8 +21,8 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
+from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
-from massprop_cli.prepare.wheels import Stored, first_known_s, turned
 
 LAGS_FORGOTTEN = 5.0
 """After this many time constants a lagging actuator has forgotten what it did before the log began."""
@@ -37,9 +37,9 @@ class Channels:
     rising: Array
     whole: Array
     wrench: Array
-    """(C, 6) torque about O and force of each at full thrust; on the body, of 1 N m on a wheel."""
+    """(C, 6) torque about O and force of each at full thrust; on the body, of 1 N m on a momentum device."""
     thrusting: int
-    """How many of them push; the others, the last, are wheels."""
+    """How many of them push; the others, the last, are momentum devices."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Aligned:
     ignored: BoolArray
     """(K, 2) whose gyro, whose accelerometer is not used."""
     stored: Stored | None = None
-    """What the wheels hold, where there are any."""
+    """What momentum devices hold, where there are any."""
 
     @property
     def end_s(self) -> Array:
@@ -148,7 +148,7 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
     edges = _bin_edges(start, duration, bins)
     integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges, lag_s)
     thrusting, stored = integral.shape[1], None
-    if log.wheels:
+    if log.spinning:
         torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
         integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
     integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)

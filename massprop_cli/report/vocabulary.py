@@ -73,7 +73,7 @@ def _thrust_scale(result: Result) -> str:
     if result.provenance.settings.get("estimator.method") == "thesis":
         return "Sigmas of the thesis's filters are its “precision”: they shrink with noise alone and are no errors."
     if vehicle.wheels:
-        return "Inertia and mass have their scale from the wheels and the thrust; what the log tells of both is in every sigma."
+        return "Inertia and mass have their scale from stored momentum and from the thrust; what the log tells of both is in every sigma."
     said = (
         "Mass and inertia are proportional to the thrust that the vehicle file states; a scale common to all thrust can't be seen in a log"
     )

@@ -51,7 +51,10 @@ class VehicleInfo(Item):
         description="common relative uncertainty of all forces and torques; 0 beside wheels, which tell it as far as the covariance says"
     )
     rotors: list[str] = Field([], description="absent where there are none")
-    wheels: list[str] = Field([], description="reaction wheels, and rotors whose momentum counts; absent where there are none")
+    wheels: list[str] = Field(
+        [],
+        description="what stores momentum that counts, by its name: a wheel, say; absent where there is none",
+    )
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

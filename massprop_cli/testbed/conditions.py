@@ -84,7 +84,11 @@ class Actuators(Section):
     max_torque_n_m: Vector | None = Field(None, description="full command about each axis of a vehicle without jets")
     max_force_n: Vector | None = Field(None, description="full command along each axis of a vehicle without jets")
     max_wheel_torque_n_m: Positive | None = Field(None, description="full torque on each of the vehicle's wheels")
-    wheel_scale: Positive = Field(1.0, description="true spin inertia of the wheels over the vehicle file's")
+    wheel_scale: Positive = Field(1.0, description="true spin inertia of wheels, and momentum of gyros, over the vehicle file's")
+    max_gimbal_rate_rad_s: Positive | None = Field(None, description="of each control moment gyro")
+    gyro_run_down_s: Positive | None = Field(
+        None, description="time constant with which the rotors of control moment gyros run down; absent: they keep their speeds"
+    )
     failures: tuple[Failure, ...] | None = Field(None, description="of jets; absent: as the vehicle file states")
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.testbed import imu, mission, truth
+from massprop_cli.testbed import exchange, imu, mission, truth
 from massprop_cli.testbed.actuators import Actuators
 from massprop_cli.testbed.environment import dynamics_in
+from massprop_cli.testbed.exchanger import Setting
 from massprop_cli.testbed.motion import (
     Bodies,
     CycleMotion,
@@ -24,7 +25,6 @@ from massprop_cli.testbed.motion import (
 from massprop_cli.testbed.onboard import Onboard, RunningOf, nominal
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import Event
-from massprop_cli.testbed.wheels import Wheels
 
 BINS = 20
 """At least this many bins in a cycle."""
@@ -70,9 +70,9 @@ class Cycles:
         self.allocated = mission.allocation(source)
         self.plan = mission.plan(scenario, self.allocated, rngs["plan"]) if issued is None else None
         edges = self.width * np.arange(bins + 1)
-        jets, spun = (None, None) if issued is None else np.split(issued, [issued.shape[-1] - len(scenario.vehicle.wheels)], -1)
+        jets, spun = (None, None) if issued is None else np.split(issued, [issued.shape[-1] - exchange.channels(scenario.vehicle)], -1)
         self.actuators = _actuators(scenario, rngs["pulses"], edges, jets)
-        self.wheels = Wheels(scenario, self.members, edges, spun)
+        self.exchange = exchange.Exchange(_setting(scenario, self.members, edges), spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque = _disturbance(scenario, rngs["disturbance"])
         self.damping = np.array(scenario.disturbance.rate_n_m_s)[:, None, None]
@@ -103,14 +103,14 @@ class Cycles:
         disturbing = self.torque[:, :, k, None]
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
-        spin = self.wheels.spin(k, self.rate[:, k].T)
+        spin = self.exchange.spin(k, self.rate[:, k].T, mean.shape[-1])
         mean[:3] -= spin.torque
         gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
-        dynamics = self.dynamics_of(self.wheels.bare(self.body))
+        dynamics = self.dynamics_of(self.exchange.bare(self.body))
         wrench = Wrench(mean, gathered, spin.momentum, spin.torque, self.damping)
         motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), wrench, self.width)
-        self.wheels.log(k, motion)
+        self.exchange.log(k, motion)
         self.rate[:, k + 1] = motion.rate_end.T
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
         self._sense(k, motion.rate, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
@@ -153,7 +153,7 @@ class Cycles:
         if self.plan.held_by_wheels[k].any():
             turning = turning + torque * self.plan.held_by_wheels[k]
         self.actuators.issue(k, self.allocated.commands(demand))
-        self.wheels.issue(k, turning @ self.allocated.on_wheels.T)
+        self.exchange.issue(k, turning)
 
     def _sense(self, k: int, rate: Array, felt: Array, jump: Array | float) -> None:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
@@ -192,6 +192,11 @@ def _onboard(source: ScenarioSource, attitude: Array, running: RunningOf | None)
     if running is None:
         raise InputError(f'{source.source}: control.model = "estimate" wants an estimator aboard; massprop simulate brings one')
     return Onboard(scenario.control, attitude, body, running(scenario.logged, source.source, members))
+
+
+def _setting(scenario: Scenario, members: int, edges_s: Array) -> Setting:
+    records, rate = scenario.sensors.records_per_cycle, scenario.initial.rate_rad_s
+    return Setting(scenario.vehicle, scenario.actuators, members, scenario.cycles, records, scenario.delay_cycles, rate, edges_s)
 
 
 def _bins(scenario: Scenario) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.testbed import exchange
 from massprop_cli.testbed.scenario import Scenario, ScenarioSource
 from massprop_cli.testbed.timeline import AXES, TURNS, Segment
 
@@ -25,7 +26,7 @@ class Plan:
     held: BoolArray
     """(K, 3) where the attitude controller adds its torque."""
     wheel_demand: Array
-    """(S, K, 3) the same torque of the wheels', on the body."""
+    """(S, K, 3) the same torque on the body by what stores momentum."""
     held_by_wheels: BoolArray
     """(K, 3)"""
 
@@ -38,10 +39,8 @@ class Allocation:
     """(6, 2, C) part of full thrust of each command channel for one unit about an axis, + and −; NaN where an axis can't be served."""
     full: Array
     """(6, 2) largest torque [N m] or force [N] in each direction."""
-    on_wheels: Array
-    """(W, 3) torque on each wheel for one N m on the body about each axis."""
     full_by_wheels: Array
-    """(3,) largest torque, N m."""
+    """(3,) largest torque by what stores momentum, N m."""
 
     def largest(self, axis: int, by_wheels: bool) -> tuple[float, float]:
         """Torque or force about an axis, + and −."""
@@ -73,18 +72,9 @@ def allocation(source: ScenarioSource) -> Allocation:
         share = np.where(np.isnan(np.diag(unit))[:, None, None], np.nan, np.stack([np.nan_to_num(unit), -np.nan_to_num(unit)], 1))
     peak = np.abs(share).max(-1)
     full = np.where(np.isnan(peak), 0.0, 1 / np.where(peak > 0, peak, np.nan))
-    found = Allocation(share, full, *_by_wheels(scenario))
+    found = Allocation(share, full, exchange.full(scenario.vehicle, scenario.actuators))
     _check_served(source, found)
     return found
-
-
-def _by_wheels(scenario: Scenario) -> tuple[Array, Array]:
-    """Torques of least size on the wheels, and what they can do about each axis; nothing about one that they don't span."""
-    axis = np.array([wheel.direction for wheel in scenario.vehicle.wheels]).reshape(-1, 3) * scenario.vehicle.environment.moving[:3]
-    share = -np.linalg.pinv(axis.T) if len(axis) else np.zeros((0, 3))
-    served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED**0.5
-    most = np.abs(share).max(0, initial=0.0)
-    return share, np.where(served, (scenario.actuators.max_wheel_torque_n_m or 0.0) / np.where(most > 0, most, 1.0), 0.0)
 
 
 @lru_cache(maxsize=16)

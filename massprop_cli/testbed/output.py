@@ -201,7 +201,7 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
         (list(columns.DELTA_THETA), flight.delta_theta_rad[member]),
         (list(columns.DELTA_V), flight.delta_v_m_s[member]),
         (names, _in_first_record(commanded, records)),
-        *_wheels(flight, member, records),
+        *(([name], values[member][:, None]) for name, values in flight.columns.items()),
     ]
     if scenario.sensors.log_attitude:
         blocks.append((list(columns.QUATERNION), flight.attitude_wxyz[member, 1:]))
@@ -212,19 +212,6 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
         happened = {cycle * records: kind for cycle, kind in flight.events}
         found[columns.EVENT] = arrow.text([happened.get(row) for row in range(len(flight.time_s))])
     return pa.table(found)
-
-
-def _wheels(flight: Flight, member: int, records: int) -> Iterator[tuple[list[str], Any]]:
-    """The column that the vehicle file says the log has of each wheel; a torque's with the speed that it began with."""
-    torque = _in_first_record(flight.wheel_torque(member), records)
-    for i, wheel in enumerate(flight.vehicle.wheels):
-        if wheel.column == "speed":
-            yield [columns.wheel_speed(wheel.name)], flight.wheel_rad_s[member][:, i, None]
-        else:
-            yield [columns.wheel_torque(wheel.name)], torque[:, i, None]
-            first = np.full((len(torque), 1), np.nan)
-            first[0] = wheel.start_rad_s or 0.0
-            yield [columns.wheel_speed(wheel.name)], first
 
 
 def _in_first_record(issued: Any, records: int) -> Any:

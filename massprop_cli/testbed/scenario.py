@@ -20,6 +20,7 @@ from massprop_cli.inputs import vehiclefile
 from massprop_cli.inputs.equipment import Failure
 from massprop_cli.inputs.section import Positive
 from massprop_cli.inputs.vehicle import Docking, Phase, Vehicle
+from massprop_cli.testbed import exchange
 from massprop_cli.testbed.conditions import Actuators, Body, Control, Disturbance, Fuel, Initial, Sensors
 from massprop_cli.testbed.timeline import LONGEST, TURNS, WHOLE, Event, Segment, Timed
 
@@ -95,7 +96,7 @@ class Scenario(Timed):
             raise ValueError("give either duration_cycles or duration_s")
         if period / records < SHORTEST_RECORD_S:
             raise ValueError(f"a record of {period / records:.3g} s is too short to simulate; is cycle.period_s in seconds?")
-        if self.cycles * (10 * records + 4 * (max(len(self.vehicle.jets), 6) + len(self.vehicle.wheels))) > MOST_NUMBERS:
+        if self.cycles * (10 * records + 4 * (max(len(self.vehicle.jets), 6) + len(self.vehicle.spinning))) > MOST_NUMBERS:
             raise ValueError(f"{self.cycles} cycles of {records} records are too long for one log; shorten it")
         for name, lag in (("thrust.lag_s", self.vehicle.thrust.lag_s), ("actuators.lag_s", self.actuators.lag_s)):
             if isinstance(lag, float) and lag > SLOWEST_LAG * period:
@@ -162,7 +163,7 @@ class Scenario(Timed):
         if self.control is None and any(s.motion == "hold" or s.closed_loop for s in self.plan):
             raise ValueError("the plan holds the attitude: add [control] with rate_gain_n_m_s and attitude_gain_n_m")
         self._check_model()
-        self._check_wheels()
+        self._check_devices()
         if not self.vehicle.jets:
             needs = {axis for s in self.plan if s.motion != "coast" and not self.turned_by_wheels(s) for axis in s.driven}
             torque, force = self.actuators.max_torque_n_m, self.actuators.max_force_n
@@ -180,25 +181,19 @@ class Scenario(Timed):
         if missing and self.modelled != "truth":
             raise ValueError(f'control.model = "{self.modelled}" begins with the nominal body: give {", ".join(missing)}')
 
-    def _check_wheels(self) -> None:
-        wheels = self.vehicle.wheels
-        if self.vehicle.rotors:
-            raise ValueError("rotors can't be simulated; drop [[vehicle.rotors]]")
-        if any(self.turned_by_wheels(s) for s in self.plan) and self.actuators.max_wheel_torque_n_m is None:
-            raise ValueError("the plan turns by wheels: give actuators.max_wheel_torque_n_m")
-        if not wheels:
-            if any(s.by_wheels for s in self.plan):
-                raise ValueError("the plan turns by wheels (by_wheels), and the vehicle has no [[wheels]]")
-            return
-        if any(event.kind == "dock" for event in self.events):
-            raise ValueError("docking of a vehicle with wheels can't be simulated")
-        counted = sum(self.actuators.wheel_scale * wheel.locked for wheel in wheels if wheel.locked_in_inertia)
-        if np.linalg.eigvalsh(self.truth.inertia - counted)[0] <= 0:
-            raise ValueError("[truth] has less inertia than the wheels that locked_in_inertia counts into it")
+    def _check_devices(self) -> None:
+        turned_by = any(self.turned_by_wheels(s) for s in self.plan)
+        problem = exchange.problem(self.vehicle, self.actuators, self.truth.inertia, turned_by)
+        if problem:
+            raise ValueError(problem)
+        if turned_by and not exchange.channels(self.vehicle):
+            raise ValueError("the plan turns by wheels (by_wheels), and the vehicle has nothing that stores momentum")
+        if self.vehicle.spinning and any(event.kind == "dock" for event in self.events):
+            raise ValueError("docking of a vehicle that stores momentum can't be simulated")
 
     def turned_by_wheels(self, segment: Segment) -> bool:
-        """Whether a segment of the plan is the wheels': it says so, or there is nothing else that could turn the vehicle."""
-        alone = bool(self.vehicle.wheels) and not self.vehicle.jets and self.actuators.max_torque_n_m is None
+        """Whether a segment of the plan is for what stores momentum: it says so, or nothing else could turn the vehicle."""
+        alone = bool(self.vehicle.spinning) and not self.vehicle.jets and self.actuators.max_torque_n_m is None
         return segment.motion != "coast" and (segment.by_wheels or (alone and set(segment.driven) <= set(TURNS)))
 
     @property

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import commands
+from massprop_cli.inputs.actuators.actuator import MomentumLog
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.inputs.wheel import WheelLog
+from massprop_cli.testbed import exchange
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.onboard import RunningOf
@@ -39,9 +45,11 @@ class Flight:
     delta_v_m_s: Array
     """(S, K N, 3) IMU axes."""
     issued: Array
-    """(S, K, C) on-times in s, or wrench in N m and N, then torques on wheels in N m, as issued in each cycle."""
-    wheel_rad_s: Array
-    """(S, K N, W) speed of each wheel relative to the body, after each record."""
+    """(S, K, C) on-times in s, or wrench in N m and N, then what momentum devices are told, as issued in each cycle."""
+    turning: Mapping[str, Array]
+    """(S, K N) what each momentum device does after each record, by the log column of that."""
+    columns: Mapping[str, Array]
+    """(S, K N) what the log has of momentum devices; NaN in cells that are empty."""
     attitude_wxyz: Array
     """(S, K N + 1, 4) true attitude at the start and after each record."""
     rate_rad_s: Array
@@ -56,31 +64,25 @@ class Flight:
     """(S, K, 10) what the control took the body to be in each cycle; (S, 0, 10) where its gains are stated."""
 
     def commanded(self, member: int) -> Array:
-        """(K, C) of one member, without the wheels' torques."""
-        issued: Array = self.issued[member, :, : self.issued.shape[2] - len(self.vehicle.wheels)]
-        if self.vehicle.wheels and not self.vehicle.jets and not issued.any():
+        """(K, C) of one member, without those of momentum devices."""
+        issued: Array = self.issued[member, :, : self.issued.shape[2] - exchange.channels(self.vehicle)]
+        if self.vehicle.spinning and not self.vehicle.jets and not issued.any():
             return issued[:, :0]
         return issued
 
-    def wheel_torque(self, member: int) -> Array:
-        """(K, W) as issued, N m."""
-        torque: Array = self.issued[member, :, self.issued.shape[2] - len(self.vehicle.wheels) :]
-        return torque
-
-    def _wheels(self, member: int) -> tuple[WheelLog, ...]:
-        torque, speed = self.wheel_torque(member), self.wheel_rad_s[member]
-        return tuple(
-            WheelLog(speed[:, i], None, None) if wheel.column == "speed" else WheelLog(None, torque[:, i], wheel.start_rad_s or 0.0)
-            for i, wheel in enumerate(self.vehicle.wheels)
-        )
+    def _spinning(self, path: Path, member: int) -> tuple[MomentumLog, ...]:
+        places, rows, records = Places(None), len(self.time_s), len(self.time_s) // self.issued.shape[1]
+        cells = {name: Cells(path, name, partial(arrow.numbers, values[member]), places) for name, values in self.columns.items()}
+        return commands.momentum(LogTable(Table(path, "", cells, rows, places, None), {}), self.vehicle, records, rows)
 
     def log(self, member: int) -> Log:
         """One member's log, as reading its file gives it."""
         records = len(self.time_s) // self.issued.shape[1]
         interval = np.diff(self.time_s, prepend=0.0)
         theta, velocity = self.delta_theta_rad[member], self.delta_v_m_s[member]
+        path = Path(f"seed-{self.seeds[member]}")
         return Log(
-            path=Path(f"seed-{self.seeds[member]}"),
+            path=path,
             sha256="",
             rows=len(self.time_s),
             records_per_cycle=records,
@@ -90,7 +92,7 @@ class Flight:
             delta_v_imu_m_s=velocity,
             command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
             command=self.commanded(member),
-            wheels=self._wheels(member),
+            spinning=self._spinning(path, member),
             attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
             notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
         )
@@ -132,8 +134,9 @@ def fly(
         time_s=frozen(_record_ends(scenario)),
         delta_theta_rad=frozen(_flat(flying.gyro.increments)),
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),
-        issued=frozen(np.concatenate([flying.actuators.issued, flying.wheels.issued], -1)),
-        wheel_rad_s=frozen(flying.wheels.speed),
+        issued=frozen(np.concatenate([flying.actuators.issued, flying.exchange.issued], -1)),
+        turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
+        columns={name: frozen(values) for name, values in flying.exchange.columns.items()},
         attitude_wxyz=frozen(flying.attitude),
         rate_rad_s=frozen(flying.rate),
         events=tuple((k, event.kind) for k, event in sorted(flying.events.items())),

@@ -50,7 +50,7 @@ class Segment(Timed):
     torque_n_m: Positive | None = Field(None, description="instead of level")
     force_n: Positive | None = Field(None, description="instead of level")
     closed_loop: bool = Field(False, description="hold the attitude beneath the pulses about roll, pitch and yaw")
-    by_wheels: bool = Field(False, description="turn by the wheels, not the jets")
+    by_wheels: bool = Field(False, description="turn by wheels, or what else stores momentum, and not by the jets")
 
     @model_validator(mode="after")
     def _is_whole(self) -> Segment:

@@ -6,62 +6,78 @@ A wheel of spin inertia J turns about its axis a at W relative to the body, whic
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.testbed.conditions import Actuators
+from massprop_cli.testbed.exchanger import Exchanger, Setting, Spin, held
 from massprop_cli.testbed.motion import Bodies, CycleMotion
-from massprop_cli.testbed.scenario import Scenario
+
+SERVED = 3e-5
+"""By which a unit of torque about an axis may miss it."""
 
 
-@dataclass(frozen=True)
-class Spin:
-    """What the wheels do within a cycle, body axes, bin by bin."""
-
-    torque: Array
-    """(3, S, B) on all wheels, N m."""
-    momentum: Array
-    """(3, S, B) mean over each bin, N m s."""
-
-
-class Wheels:
+class Wheels(Exchanger):
     """The W wheels of S members through K cycles of N records."""
 
-    def __init__(self, scenario: Scenario, members: int, edges_s: Array, issued: Array | None) -> None:
-        """``issued`` (K, W) or (S, K, W) are recorded torques, N m."""
-        vehicle, count = scenario.vehicle, len(scenario.vehicle.wheels)
-        self.wheels, self.delay, self.edges_s = vehicle.wheels, scenario.delay_cycles, edges_s
-        self.period_s, self.records = vehicle.cycle.period_s, scenario.sensors.records_per_cycle
-        self.axis = np.array([wheel.direction for wheel in self.wheels]).reshape(-1, 3)
-        self.inertia = scenario.actuators.wheel_scale * np.array([wheel.spin_inertia_kg_m2 for wheel in self.wheels])
-        self.limit = scenario.actuators.max_wheel_torque_n_m or 0.0
-        self.issued = np.zeros((members, scenario.cycles, count))
-        if issued is not None:
-            self.issued[:] = issued
-        self.speed = np.zeros((members, scenario.cycles * self.records, count))
+    def __init__(self, setting: Setting) -> None:
+        vehicle, count = setting.vehicle, len(setting.vehicle.wheels)
+        self.setting, self.wheels, self.edges_s = setting, vehicle.wheels, setting.edges_s
+        self.period_s, self.records = vehicle.cycle.period_s, setting.records
+        self.axis = _axes(vehicle)
+        self.share = -np.linalg.pinv(self.axis.T * vehicle.environment.moving[:3, None])
+        self.inertia = setting.real.wheel_scale * np.array([wheel.spin_inertia_kg_m2 for wheel in self.wheels])
+        self.limit = setting.real.max_wheel_torque_n_m or 0.0
+        self.issued = np.zeros((setting.members, setting.cycles, count))
+        self.speed = np.zeros((setting.members, setting.cycles * self.records, count))
         """(S, K N, W) relative to the body, after each record, rad/s."""
         start = np.array([wheel.start_rad_s or 0.0 for wheel in self.wheels])
-        self._held = np.repeat((self.inertia * (start + self.axis @ np.array(scenario.initial.rate_rad_s)))[None], members, 0)
-        self._in_body = [wheel.locked_in_inertia for wheel in self.wheels]
+        self._held = np.repeat((self.inertia * (start + self.axis @ np.array(setting.rate_rad_s)))[None], setting.members, 0)
+
+    @staticmethod
+    def channels(vehicle: Vehicle) -> int:
+        """W."""
+        return len(vehicle.wheels)
+
+    @staticmethod
+    def full(vehicle: Vehicle, real: Actuators) -> Array:
+        """(3,) by torques of least size on the wheels; nothing about an axis that they don't span."""
+        axis = _axes(vehicle) * vehicle.environment.moving[:3]
+        share = -np.linalg.pinv(axis.T)
+        served = np.abs(-axis.T @ share - np.eye(3)).max(0) < SERVED
+        most = np.abs(share).max(0)
+        return np.where(served, (real.max_wheel_torque_n_m or 0.0) / np.where(most > 0, most, 1.0), 0.0)
+
+    @staticmethod
+    def problem(vehicle: Vehicle, real: Actuators, truth: Array, turned_by: bool) -> str:
+        """Why they can't be flown."""
+        if turned_by and vehicle.wheels and real.max_wheel_torque_n_m is None:
+            return "the plan turns by wheels: give actuators.max_wheel_torque_n_m"
+        if np.linalg.eigvalsh(truth - _counted(vehicle, real))[0] <= 0:
+            return "[truth] has less inertia than the wheels that locked_in_inertia counts into it"
+        return ""
 
     def bare(self, bodies: Bodies) -> Bodies:
         """The bodies without the wheels' spin inertia, wherever it was counted."""
-        spinning = np.einsum("w,wi,wj->ij", self.inertia * self._in_body, self.axis, self.axis)
-        return Bodies(bodies.inertia - spinning[..., None], bodies.cg, bodies.mass)
+        return Bodies(bodies.inertia - _counted(self.setting.vehicle, self.setting.real)[..., None], bodies.cg, bodies.mass)
 
     def issue(self, cycle: int, torque: Array) -> None:
-        """Take (S, W) commands, N m, as far as the motors can."""
-        self.issued[:, cycle] = np.clip(torque, -self.limit, self.limit)
+        """Torque on the body (S, 3), N m, as far as the motors can."""
+        self.issued[:, cycle] = np.clip(torque @ self.share.T, -self.limit, self.limit)
 
     def spin(self, cycle: int, rate: Array) -> Spin:
         """Through one cycle that begins at the body's ``rate`` (3, S)."""
-        torque, width = self._commanded(cycle), np.diff(self.edges_s)
+        delay, width = self.setting.delay_cycles, np.diff(self.edges_s)
+        torque = held(self.issued, cycle, delay, self.period_s, self.edges_s)
         about = rate.T @ self.axis.T
         edges = np.empty((*torque.shape[:2], len(self.edges_s)))
         edges[..., 0] = self._held
         # a wheel's start speed is the one at which its first command finds it
-        started = self.edges_s[:-1] > (self.delay - cycle - 1e-6) * self.period_s
-        for b in range(len(width) if self.wheels else 0):
+        started = self.edges_s[:-1] > (delay - cycle - 1e-6) * self.period_s
+        for b in range(len(width)):
             torque[..., b] -= self._friction(edges[..., b] / self.inertia - about) * started[b]
             edges[..., b + 1] = edges[..., b] + torque[..., b] * width[b]
         self._held, self._edges = edges[..., -1], edges
@@ -78,17 +94,37 @@ class Wheels:
         speed = self._edges[..., ends] / self.inertia[:, None] - np.einsum("isn,wi->swn", rate[..., ends - 1], self.axis)
         self.speed[:, cycle * self.records : (cycle + 1) * self.records] = np.moveaxis(speed, -1, 1)
 
-    def _commanded(self, cycle: int) -> Array:
-        """(S, W, B) mean torque of each bin: each cycle's command is held for a cycle, from its delay on."""
-        source = int(np.floor(cycle - self.delay))
-        late = (self.delay + source - cycle + 1) * self.period_s  # from when on the next one acts
-        later = np.clip((self.edges_s[1:] - late) / np.diff(self.edges_s), 0.0, 1.0)
-        held = range(self.issued.shape[1])
-        first, second = (self.issued[:, k] if k in held else np.zeros_like(self.issued[:, 0]) for k in (source, source + 1))
-        return np.asarray(first[..., None] * (1 - later) + second[..., None] * later)
+    @property
+    def turning(self) -> Mapping[str, Array]:
+        """The speeds."""
+        return {f"wheel_{wheel.name}_rad_s": self.speed[..., i] for i, wheel in enumerate(self.wheels)}
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """Speed or torque of each; a torque's with the speed that the wheel began with."""
+        found = {}
+        for i, (wheel, (name, speed)) in enumerate(zip(self.wheels, self.turning.items(), strict=True)):
+            if wheel.column == "torque":
+                found[f"wheel_{wheel.name}_n_m"], first = np.full((2, *speed.shape), np.nan)
+                found[f"wheel_{wheel.name}_n_m"][:, :: self.records] = np.round(self.issued[..., i], 12)
+                first[:, 0] = wheel.start_rad_s or 0.0
+            found[name] = speed if wheel.column == "speed" else first
+        return found
 
     def _friction(self, speed: Array) -> Array:
         """(S, W) torque against speeds."""
         coulomb = np.array([wheel.coulomb_friction_n_m for wheel in self.wheels])
         viscous = np.array([wheel.viscous_friction_n_m_s for wheel in self.wheels])
         return np.asarray(coulomb * np.sign(speed) + viscous * speed)
+
+
+def _axes(vehicle: Vehicle) -> Array:
+    """(W, 3) unit vectors."""
+    axes = np.array([wheel.axis for wheel in vehicle.wheels]).reshape(-1, 3)
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+
+def _counted(vehicle: Vehicle, real: Actuators) -> Array:
+    """(3, 3) spin inertia of the wheels that the body's inertia has in it, kg m²."""
+    inertia = np.array([real.wheel_scale * wheel.spin_inertia_kg_m2 * wheel.locked_in_inertia for wheel in vehicle.wheels])
+    return np.asarray(np.einsum("w,wi,wj->ij", inertia, _axes(vehicle), _axes(vehicle)))

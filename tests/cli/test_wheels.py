@@ -1,4 +1,4 @@
-"""Wheels from end to end: every file of a result is written, with on-times of jets alone, and a report is drawn of it."""
+"""Wheels and gyros from end to end: every file of a result is written, with on-times of jets alone, and a report is drawn of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from massprop_cli import QUANTITIES
 from tests.commandline import massprop
 
 
-@pytest.mark.parametrize(("name", "jets"), [("wheels", 0), ("wheels-and-jets", 18)])
+@pytest.mark.parametrize(("name", "jets"), [("wheels", 0), ("wheels-and-jets", 18), ("control-moment-gyros", 0)])
 def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, tmp_path: Path) -> None:
     flight, found = tmp_path / "flight", tmp_path / "found"
     assert massprop(tmp_path, "simulate", name, "--out", str(flight)).returncode == 0
@@ -29,4 +29,4 @@ def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, tm
     for key in set(QUANTITIES) & set(told):
         assert history[key][-1].as_py() == pytest.approx(told[key]["value"], abs=told[key]["sigma"])
     assert massprop(tmp_path, "report", str(found)).returncode == 0
-    assert "wheel" in (found / "report.html").read_text()
+    assert "by the momentum stored in" in (found / "report.html").read_text()

@@ -135,6 +135,15 @@ def test_an_uncertain_spin_inertia_is_in_every_sigma() -> None:
     assert np.abs((values - TRUTH) / sigmas)[:9].max() < 3.5
 
 
+def test_inertia_follows_the_spin_inertia_that_is_assumed() -> None:
+    """Of wheels alone, whose momentum is all that there is to compare with: 1 % of one makes 1 % of the other."""
+    _, flight = flown("wheels")
+    (assumed,) = (one for one in estimated(flight).assumptions if one.code == "wheel-inertia")
+    for name, change in assumed.effects[0].change.items():
+        assert change == pytest.approx(0.01 * TRUTH[QUANTITIES.index(name)], rel=0.05), name
+    assert set(QUANTITIES[:6]) <= assumed.effects[0].change.keys()
+
+
 @pytest.mark.parametrize("name", ["wheels", pytest.param("wheels-and-jets", marks=pytest.mark.thorough)])
 def test_what_is_stated_of_the_locked_wheel_moves_the_inertia_by_just_that(name: str) -> None:
     _, flight = flown(name)
@@ -160,9 +169,10 @@ def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_a
     turning = ("initial.rate_rad_s=[0.4, -0.4, 0.3]", "vehicle.imu.gyro_noise_rad_s=1e-5", "sensors.records_per_cycle=10")
     loose = (f"vehicle.cycle.command_delay_cycles={delay}", "control.rate_gain_n_m_s=[0, 0, 0]", "control.attitude_gain_n_m=[0, 0, 0]")
     _, flight = flown("wheels", *by_torque, *turning, *loose)
-    then = flight.wheel_rad_s[0, round(10 * delay) - 1]
+    then = [speed[0, round(10 * delay) - 1] for speed in flight.turning.values()]
     log = flight.log(0)
-    log = replace(log, wheels=tuple(replace(wheel, start_rad_s=float(speed)) for wheel, speed in zip(log.wheels, then, strict=True)))
+    started = [replace(said, start_rad_s=float(speed)) for said, speed in zip(log.spinning, then, strict=True)]  # type: ignore[type-var]
+    log = replace(log, spinning=tuple(started))
     analysis = flow.examine(log, VehicleSource(flight.vehicle, "", ""))
     values, sigmas = found(analysis)
     assert np.abs((values - TRUTH) / sigmas)[:9].max() < 4.0

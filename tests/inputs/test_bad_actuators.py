@@ -99,3 +99,60 @@ def test_what_is_wrong_with_a_rotor_is_refused_with_what_to_do(name: str, tmp_pa
     save_vehicle(tmp_path, vehicle_text().partition("[[jets]]")[0] + bad.wheels)
     log = save(bad.edit(flight()), tmp_path / "log.parquet")
     refused(tmp_path, log, names=bad.names)
+
+
+GYRO = """
+[[control_moment_gyros]]
+name = "g1"
+gimbal_axis = [0.0, 0.0, 1.0]
+spin_axis = [2.0, 0.0, 0.0]
+h_n_m_s = 0.4
+locked_in_inertia = true
+"""
+BY_SPEED = GYRO.replace("h_n_m_s = 0.4", "spin_inertia_kg_m2 = 8e-4")
+GIMBAL = added(cmg_g1_gimbal_rad=0.25)
+BAD_GYROS = {
+    "column of no gyro": Bad(
+        GYRO, both(GIMBAL, added(cmg_g2_gimbal_rad=0.0)), ("'cmg_g2_gimbal_rad'", "the nearest control moment gyro is 'g1'", "Add it")
+    ),
+    "gyros in the log alone": Bad("", GIMBAL, ("'cmg_g1_gimbal_rad'", "it has no [[control_moment_gyros]] at all", "Add it")),
+    "no column": Bad(GYRO, added(), ("'cmg_g1_gimbal_rad' is missing", "add it")),
+    "no speed where the momentum is not stated": Bad(BY_SPEED, GIMBAL, ("'cmg_g1_rad_s' is missing", "add it")),
+    "empty cell": Bad(GYRO, lambda table: cell("cmg_g1_gimbal_rad", 7, NAN)(GIMBAL(table)), ("row 7", "cmg_g1_gimbal_rad", "mend or cut")),
+    "a gimbal that leaps": Bad(
+        GYRO,
+        lambda table: cell("cmg_g1_gimbal_rad", 7, 3.0)(GIMBAL(table)),
+        ("row 7", "cmg_g1_gimbal_rad", "3 rad, after 0.25 rad", "is it in radians"),
+    ),
+    "a gimbal in degrees that goes round": Bad(
+        GYRO,
+        lambda table: cell("cmg_g1_gimbal_rad", 7, 360.25)(GIMBAL(table)),
+        ("row 7", "cmg_g1_gimbal_rad", "360.25 rad", "is it in radians"),
+    ),
+    "angles in degrees": Bad(
+        GYRO + "start_gimbal_rad = 0.0043633\n", GIMBAL, ("57.3 times the start_gimbal_rad", "it is in degrees", "mend the gimbal angles")
+    ),
+    "the other way round": Bad(GYRO + "start_gimbal_rad = -0.25\n", GIMBAL, ("-1 times the start_gimbal_rad", "it has the other sign")),
+    "speed in rpm": Bad(
+        BY_SPEED + "start_rad_s = 1.0472\n", both(GIMBAL, added(cmg_g1_rad_s=10.0)), ("9.549 times the start_rad_s", "it is in rpm")
+    ),
+    "axes that are not orthogonal": Bad(
+        GYRO.replace("[2.0, 0.0, 0.0]", "[1.0, 0.0, 1.0]"), GIMBAL, ("control_moment_gyros.0", "45 degrees from gimbal_axis, not 90")
+    ),
+    "no momentum": Bad(GYRO.replace("h_n_m_s = 0.4\n", ""), GIMBAL, ("control_moment_gyros.0", "state h_n_m_s, or spin_inertia_kg_m2")),
+    "left out of the inertia by nobody knows how much": Bad(
+        GYRO.replace("= true", "= false"), GIMBAL, ("control_moment_gyros.0", "locked_in_inertia = false needs spin_inertia_kg_m2")
+    ),
+    "nothing on the locked rotor": Bad(
+        GYRO.replace("locked_in_inertia = true\n", ""), GIMBAL, ("'control_moment_gyros.0.locked_in_inertia' is missing; add it",)
+    ),
+    "axis of no length": Bad(GYRO.replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0]"), GIMBAL, ("gimbal_axis", "points nowhere")),
+    "one name twice": Bad(2 * GYRO, GIMBAL, ("control moment gyro name 'g1' is used twice",)),
+}
+
+
+@pytest.mark.parametrize("name", BAD_GYROS)
+def test_what_is_wrong_with_a_control_moment_gyro_is_refused_with_what_to_do(name: str, tmp_path: Path) -> None:
+    bad = BAD_GYROS[name]
+    save_vehicle(tmp_path, vehicle_text() + bad.wheels)
+    refused(tmp_path, save(bad.edit(flight()), tmp_path / "log.parquet"), names=bad.names)

@@ -9,6 +9,7 @@ import pytest
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import vehiclefile
+from massprop_cli.inputs.actuators.rotor import Held, thrust_integrals
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V, WRENCH
 from massprop_cli.inputs.formats import mapfile
 from massprop_cli.inputs.logfile import read_table
@@ -18,7 +19,6 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import signal
 from massprop_cli.prepare.actuators import held
 from massprop_cli.prepare.align import align
-from massprop_cli.prepare.rotors import Held, window_integrals
 from tests.refusal import flight, save
 
 FLIGHTS = Path(__file__).parents[2] / "sample_logs" / "crazyflie"
@@ -42,11 +42,11 @@ def commands(count: int = 40) -> tuple[Array, Array]:
 def test_with_one_lag_both_ways_a_rotor_lags_as_a_wrench_does() -> None:
     begin, thrust = commands()
     edges = np.linspace(0.0, 2.1, 169)
-    found = window_integrals([Held(begin, thrust, 0.08, 0.08, (0.0, 1.0))], edges)
+    found = thrust_integrals([Held(begin, thrust, 0.08, 0.08, (0.0, 1.0))], edges)
     expected = signal.window_integrals([held(begin, thrust)], edges, 0.08)
     for one, other in zip(found, expected, strict=True):
         assert np.abs(one - other).max() < 1e-13
-    found = window_integrals([Held(begin, thrust, 0.0, 0.0, (0.0, 1.0))], edges)
+    found = thrust_integrals([Held(begin, thrust, 0.0, 0.0, (0.0, 1.0))], edges)
     for one, other in zip(found, signal.window_integrals([held(begin, thrust)], edges), strict=True):
         assert np.abs(one - other).max() < 1e-13
 
@@ -66,7 +66,7 @@ def test_turning_up_and_down_have_lags_of_their_own_and_thrust_is_what_the_speed
     y = 0.3 + 0.5 * y + 0.8 * y**2 + 0.1 * y**3
     number = np.searchsorted(edges, time, "right") - 1
     inside = (number >= 0) & (number < 36)
-    integral, moment = window_integrals([Held(begin, thrust, 0.03, 0.12, (0.3, 0.5, 0.8, 0.1))], edges)
+    integral, moment = thrust_integrals([Held(begin, thrust, 0.03, 0.12, (0.3, 0.5, 0.8, 0.1))], edges)
     assert np.abs(integral[:, 0] - np.bincount(number[inside], y[inside] * step, 36)).max() < 2e-4 * integral.max()
     late = (time[inside] - edges[number[inside]]) * y[inside] * step
     assert np.abs(moment[:, 0] - np.bincount(number[inside], late, 36)).max() < 4e-4 * moment.max()

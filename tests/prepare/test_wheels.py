@@ -30,7 +30,7 @@ def test_both_columns_tell_the_same_momentum() -> None:
 def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_opposite() -> None:
     flown = simulate.fly(scenario.load("wheels", SHORT), [1])
     aligned = align(flown.log(0), flown.vehicle, 2.0, 0.0)
-    stored, speed = aligned.stored, flown.wheel_rad_s[0]
+    stored, speed = aligned.stored, np.stack([speed[0] for speed in flown.turning.values()], 1)
     assert stored is not None
     assert not aligned.usable[:2].any()  # before the first speed nothing is known, nor before the first command executes
     assert np.abs(aligned.channels.whole[1:] - 2e-3 * np.diff(speed, axis=0)).max() < 1e-12

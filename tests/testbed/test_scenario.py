@@ -158,6 +158,7 @@ def test_refusals_leave_no_folder_and_unknown_scenarios_name_the_nearest(tmp_pat
 def test_listing_names_every_packaged_scenario_with_a_description() -> None:
     lines = CliRunner().invoke(app, ["simulate", "--list"]).output.splitlines()
     assert [line.split()[0] for line in lines] == [
+        "control-moment-gyros",
         "docked-hold",
         "docking",
         "free-flyer",

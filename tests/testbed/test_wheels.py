@@ -29,9 +29,9 @@ def momentum(flight: Flight) -> Array:
     """(K, 3) of body and wheels in world axes at the end of each cycle, wheels counted once."""
     body = np.array([[0.6, 0.05, -0.06], [0.05, 2.7, 0.1], [-0.06, 0.1, 2.4]])
     rate, held = flight.rate_rad_s[0, 1:], np.zeros_like(flight.rate_rad_s[0, 1:])
-    for i, wheel in enumerate(flight.vehicle.wheels):
+    for wheel in flight.vehicle.wheels:
         axis = np.array(wheel.axis) / np.linalg.norm(wheel.axis)
-        speed = flight.wheel_rad_s[0, :, i] + (0.0 if wheel.locked_in_inertia else rate @ axis)
+        speed = flight.turning[f"wheel_{wheel.name}_rad_s"][0] + (0.0 if wheel.locked_in_inertia else rate @ axis)
         held = held + wheel.spin_inertia_kg_m2 * speed[:, None] * axis
     return in_world(flight.attitude_wxyz[0, 1:], rate @ body.T + held)
 
@@ -49,14 +49,18 @@ def test_a_wheel_runs_down_by_its_friction() -> None:
     coasting = ("duration_s=20", "plan=[]", "vehicle.wheels.1.viscous_friction_n_m_s=2e-4", *heavy)
     flown = simulate.fly(scenario.load("wheels", coasting), [1])
     expected = -150 * np.exp(-2e-4 / 2e-3 * np.maximum(flown.time_s - 0.1, 0))  # nothing acts before the first command
-    assert np.abs(flown.wheel_rad_s[0, :, 1] / expected - 1).max() < 2e-3  # friction is held over 2.5 ms at a time
+    assert np.abs(flown.turning["wheel_y_rad_s"][0] / expected - 1).max() < 2e-3  # friction is held over 2.5 ms at a time
 
 
 def test_a_turn_by_wheels_needs_wheels_that_span_it() -> None:
     flat = "vehicle.wheels.2.axis=[0.3, 0.2, 0.0]"
     with pytest.raises(InputError, match=r"can't drive yaw .* add jets or wheels"):
         simulate.fly(scenario.load("wheels", (flat,)), [1])
+    by_wheels = "plan=[{motion='random', axes=['roll'], start_s=0, end_s=5, by_wheels=true}]"
+    with pytest.raises(InputError, match="the vehicle has nothing that stores momentum"):
+        scenario.load("free-flyer", (by_wheels,))
+    one = "vehicle.wheels=[{name='x', axis=[1, 0, 0], spin_inertia_kg_m2=1e-3, locked_in_inertia=true}]"
     with pytest.raises(InputError, match="max_wheel_torque_n_m"):
-        scenario.load("free-flyer", ("plan=[{motion='random', axes=['roll'], start_s=0, end_s=5, by_wheels=true}]",))
+        scenario.load("free-flyer", (by_wheels, one))
     with pytest.raises(InputError, match="less inertia than the wheels"):
         scenario.load("wheels", ("vehicle.wheels.0.spin_inertia_kg_m2=0.7",))

@@ -100,23 +100,6 @@ def _environment(found: Traits) -> list[str]:
     return [f'# kind = "free"   # or "air_bearing": {why}; left out, it is free']
 
 
-def _rotor(name: str, has: str, commands: Mapping[str, Array]) -> list[str]:
-    """One rotor, what has to be measured of it as comments."""
-    column = columns.rotor_command(name) if has == "command" else columns.rotor_speed(name)
-    span = f": {_span(commands[column])}" if column in commands else ""
-    return [
-        "[[rotors]]",
-        f"name = {json.dumps(name, ensure_ascii=False)}   # column {column}{span}",
-        *['column = "speed"   # as measured; its command is not logged'] * (has == "speed"),
-        "# position_m = [x, y, z]    # of its hub from O, body axes, m: drawing or ruler",
-        "# axis = [x, y, z]          # of its thrust on the vehicle, body axes",
-        "# spin = 1                  # if it turns right-handed about that axis; else -1: look at it turn",
-        "# thrust_n = [c0, c1, c2]   # c0 + c1 x + c2 x^2 of the number x in its column, N: press on a scale at several x, or data sheet",
-        "# torque_ratio_m = ...      # drag torque over thrust, m: a test stand; left out, none",
-        "",
-    ]
-
-
 def _span(values: Array) -> str:
     """Of the commands of all cycles."""
     known = values[np.isfinite(values)]
@@ -127,7 +110,7 @@ def _span(values: Array) -> str:
 def _commands(found: Traits) -> list[str]:
     lines = []
     for column, values in found.commands.items():
-        if columns.rotor_of(column) is not None:
+        if any(kind.named(column) for kind in found.actuators):
             continue
         known = values[np.isfinite(values)]
         if column in columns.WRENCH:
@@ -143,24 +126,16 @@ def _commands(found: Traits) -> list[str]:
             "# rise_s = ...             # and fall_s: a force or pressure sensor; left out, at once",
             "",
         ]
-    for name, has in found.rotors.items():
-        lines += _rotor(name, has, found.commands)
-    for name, has in found.wheels.items():
-        lines += [
-            "# [[wheels]]            # each of these is needed; data sheet or drawing",
-            f"# name = {json.dumps(name, ensure_ascii=False)}",
-            f'# column = "{has}"',
-            "# axis = [x, y, z]            # of positive speed, body axes",
-            "# spin_inertia_kg_m2 = ...    # about that axis",
-            "# locked_in_inertia = false   # or true, if the body's inertia is to have the wheel in it as if it were locked",
-            "",
-        ]
+    for kind, own in found.actuators.items():
+        for name, has in own.items():
+            told = found.commands.get(has.of(name))
+            lines += kind.draft(name, has, "" if told is None else _span(told))
     thrust = [
         "[thrust]",
         "# scale_sigma = 0.05   # how well the forces above are known, all together: mass and inertia are proportional to them",
         '# lag_s = "auto"       # if thrust follows commands through a first-order lag, as a rotor does',
     ]
-    if not found.commands and not found.rotors:
+    if not found.commands and not any(own for kind, own in found.actuators.items() if kind.THRUSTS):
         return lines or ["# no column of commands: jet_NAME_s, rotor_NAME_command, cmd_torque_x_n_m or wheel_NAME_rad_s"]
     return [*lines, *([""] * (lines[-1:] != [""])), *thrust]
 

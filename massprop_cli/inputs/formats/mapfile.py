@@ -13,6 +13,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats.recording import maps_beside
 from massprop_cli.inputs.section import Positive, Real, Section
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 Path_ = Annotated[str, StringConstraints(min_length=1)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -115,6 +116,14 @@ class Wheel(Mapped):
     holds: Literal["until_next", "since_last"] = "until_next"
 
 
+class ControlMomentGyro(Mapped):
+    """The gimbal angle of one control moment gyro."""
+
+    path: Path_
+    unit: Path_ | None = Field(None, description="rad, deg: its gimbal angle")
+    holds: Literal["until_next", "since_last"] = "until_next"
+
+
 class Supply(Mapped):
     """The supply voltage."""
 
@@ -165,6 +174,7 @@ class MapFile(Section):
     jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")
     rotors: dict[str, Rotor] = Field({}, description="by their names in the vehicle file")
     wheels: dict[str, Wheel] = Field({}, description="by their names in the vehicle file")
+    control_moment_gyros: dict[str, ControlMomentGyro] = Field({}, description="by their names in the vehicle file")
     supply: Supply | None = Field(None, description="for rotors that state nominal_v")
     attitude: Attitude | None = None
     records: Records | None = None
@@ -175,9 +185,10 @@ class MapFile(Section):
         if wrench == 1:
             missing = "force" if self.force is None else "torque"
             raise ValueError(f"[{missing}] is missing beside the other; map it, or state paths = [0, 0, 0] under it")
-        if (wrench > 0) + bool(self.jets) + bool(self.rotors) > 1:
+        actuators = {kind: getattr(self, table) for table, kind in ACTUATORS.items()}
+        if (wrench > 0) + bool(self.jets) + any(own for kind, own in actuators.items() if kind.THRUSTS) > 1:
             raise ValueError("maps more than one of jets, rotors and a commanded wrench; keep the one kind that was executed")
-        if not (wrench or self.jets or self.rotors or self.wheels):
+        if not (wrench or self.jets or any(actuators.values())):
             raise ValueError("maps no command; add [torque] and [force], [jets.NAME], [rotors.NAME] or [wheels.NAME]")
         if self.attitude is None and any(one is not None and one.frame == "world" for one in (self.torque, self.force)):
             raise ValueError('frame = "world" needs [attitude], to turn commands into body axes')

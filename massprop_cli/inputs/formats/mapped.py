@@ -19,6 +19,7 @@ from massprop_cli.inputs.formats.mapfile import MapSource
 from massprop_cli.inputs.formats.recording import Recording
 from massprop_cli.inputs.formats.signals import Signals
 from massprop_cli.inputs.tablefile import Cells, Made, Places, Table
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,11 @@ def _by_contract(read: Recording) -> dict[str, Array]:
     found: dict[str, str] = {}
     for path in read.streams:
         name = path.replace(".", "/").rpartition("/")[2]
-        spun = columns.rotor_of(name) is not None or columns.wheel_of(name) is not None
-        known = spun or name in columns.FIXED or (name.startswith("jet_") and name.endswith("_s"))
+        known = (
+            any(kind.named(name) for kind in ACTUATORS.values())
+            or name in columns.FIXED
+            or (name.startswith("jet_") and name.endswith("_s"))
+        )
         if known and name in found:
             raise InputError(
                 f"{read.path}: both {found[name]!r} and {path!r} are called {name}; say which is meant in a map file: "

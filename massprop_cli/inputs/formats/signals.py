@@ -18,6 +18,7 @@ from massprop_cli.inputs.formats.clocks import Times
 from massprop_cli.inputs.formats.mapfile import Attitude, Clock, Jet, Mapped, MappedVector, MapSource, Sensor, Wrench
 from massprop_cli.inputs.formats.pathpattern import fitting
 from massprop_cli.inputs.formats.recording import Numbers, Recording, Stream
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 _SHOWN = 5
 _SENSORS = ("gyro", "accelerometer")
@@ -104,15 +105,13 @@ class Signals:
         return np.where(np.isnan(values), values, np.nan_to_num(values).astype(np.int64) >> bit & 1)
 
     def spinners(self) -> Iterator[tuple[Signal, str, Literal["mean", "instant"], resample.Holds]]:
-        """Of rotors and wheels: a signal, its column, whether it is held or read off at records' ends, and over what time it holds."""
-        for name, rotor in self.map.rotors.items():
-            signal, unit = self._number(f"rotors.{name}", rotor, rotor.path, units.PLAIN | units.SPIN)
-            fast = unit in units.SPIN
-            yield signal, (columns.rotor_speed if fast else columns.rotor_command)(name), "instant" if fast else "mean", rotor.holds
-        for name, wheel in self.map.wheels.items():
-            signal, unit = self._number(f"wheels.{name}", wheel, wheel.path, units.TORQUE | units.SPIN)
-            fast = unit in units.SPIN
-            yield signal, (columns.wheel_speed if fast else columns.wheel_torque)(name), "instant" if fast else "mean", wheel.holds
+        """Of actuators: a signal, its column, whether it is held or read off at records' ends, and over what time it holds."""
+        for table, kind in ACTUATORS.items():
+            known = {unit: factor for column in kind.COLUMNS for unit, factor in column.units.items()}
+            for name, said in getattr(self.map, table).items():
+                signal, unit = self._number(f"{table}.{name}", said, said.path, known)
+                column = next(column for column in kind.COLUMNS if unit in column.units)
+                yield signal, column.of(name), "instant" if column.instant else "mean", said.holds
         if self.map.supply is not None:
             signal, _ = self._number("supply", self.map.supply, self.map.supply.path, units.SUPPLY)
             yield signal, columns.SUPPLY, "instant", "until_next"

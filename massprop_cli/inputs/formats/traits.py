@@ -11,7 +11,9 @@ from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn
 from massprop_cli.inputs.tablefile import Table
+from massprop_cli.inputs.vehicle import ACTUATORS
 
 SETTLE = 4
 """Cycles without a command before one counts as quiet: commands come late, and jets fall."""
@@ -36,10 +38,8 @@ class Traits:
     """How many records a control cycle may be, the fewest first: on-times that change together say no more than what it is a divisor of."""
     commands: Mapping[str, Array]
     """By column: the command of each cycle, or of each record where cycles aren't known."""
-    wheels: Mapping[str, str]
-    """Of each reaction wheel what its column has: "speed" or "torque"."""
-    rotors: Mapping[str, str]
-    """Of each rotor what its column has: "command" or "speed"; of one that has both, "command"."""
+    actuators: Mapping[type[Actuator], Mapping[str, LogColumn]]
+    """Of each kind and name the column that it is read by."""
     quiet: int
     """Cycles without command, and settled."""
     gyro_noise: Array | None
@@ -76,8 +76,8 @@ def traits(table: Table) -> Traits:
     interval = np.concatenate([[median(steps)], steps])[:, None]
     rate = _rates(table, columns.DELTA_THETA, columns.GYRO, interval)
     force = _rates(table, columns.DELTA_V, columns.ACCEL, interval)
-    rotors = _rotors(table)
-    told = {columns.rotor_command(name) for name, has in rotors.items() if has == "command"}
+    actuators = {kind: _named(table, kind) for kind in ACTUATORS.values()}
+    told = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
     jets = {name for name in table.columns if name.startswith("jet_") and name.endswith("_s")}
     names = [name for name in table.columns if name in columns.WRENCH or name in told | jets]
     raw = {name: table.columns[name].numbers() for name in names}
@@ -92,8 +92,7 @@ def traits(table: Table) -> Traits:
         interval_s=steps,
         choices=choices,
         commands=commands,
-        wheels=_wheels(table),
-        rotors=rotors,
+        actuators=actuators,
         quiet=int(quiet.sum()),
         gyro_noise=_noise(mean_rate, quiet),
         accel_noise=_noise(mean_force, quiet),
@@ -105,20 +104,10 @@ def traits(table: Table) -> Traits:
     )
 
 
-def _wheels(table: Table) -> dict[str, str]:
-    """A wheel of both columns is logged by its speed."""
-    found: dict[str, str] = {}
-    for column in table.columns:
-        name = columns.wheel_of(column)
-        if name is not None and found.get(name) != "speed":
-            found[name] = "speed" if column == columns.wheel_speed(name) else "torque"
-    return found
-
-
-def _rotors(table: Table) -> dict[str, str]:
-    """In the file's order."""
-    names = [name for column in table.columns if (name := columns.rotor_of(column)) is not None]
-    return {name: "command" if columns.rotor_command(name) in table.columns else "speed" for name in names}
+def _named(table: Table, kind: type[Actuator]) -> dict[str, LogColumn]:
+    """Actuators of a kind, in the file's order, each by the first of its columns that is there."""
+    names = [name for column in table.columns if (name := kind.named(column)) is not None]
+    return {name: next(one for one in kind.COLUMNS if one.of(name) in table.columns) for name in names}
 
 
 def tick_s(on_s: Array) -> float | None:

@@ -1,0 +1,213 @@
+"""Control moment gyros: rotors that gimbals turn, so that the direction of their momentum changes.
+
+A rotor carries the momentum h along its spin axis s, which the gimbal turns about its own axis g:
+
+    s(δ) = s₀ cos δ + (g × s₀) sin δ
+
+with δ the logged gimbal angle. h is relative to the body: a motor holds it, or it is J W with the logged spin speed W. All moments on body
+and gyros together, I the body's inertia about its CG with the rotors in it as if they were locked at gimbal angle 0:
+
+    I ω̇ + d(h s)/dt + ω × (I ω + h s) = τ − c × F
+
+The gimbals' own momentum is not in it, nor how the inertia of a rotor that is not round turns with its gimbal.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.actuators.actuator import (
+    SPEEDS,
+    Grown,
+    LogColumn,
+    LogTimes,
+    MomentumDevice,
+    MomentumLog,
+    Unknown,
+    pointing,
+    refuse_other_units,
+    unit,
+)
+from massprop_cli.inputs.formats.units import ANGLE, SPIN
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.section import NonNegative, Positive, Real, Vector
+
+GIMBAL = LogColumn("cmg_", "_gimbal_rad", "gimbal", ANGLE, True, False, "gimbal angle of a control moment gyro at time_s, rad")
+SPEED = LogColumn(
+    "cmg_", "_rad_s", "speed", SPIN, True, False, "a control moment gyro's spin speed, relative to its gimbal, at time_s, rad/s"
+)
+ANGLES = {180 / np.pi: "it is in degrees", np.pi / 180: "{} is in degrees", -1.0: "it has the other sign"}
+"""How many times what is stated of it a first angle is, and why."""
+SQUARE = 1e-6
+"""Cosine of the angle between two axes that are orthogonal."""
+FASTEST_RAD = 1.0
+"""Turn of a gimbal between two records beyond which nobody can tell what it did meanwhile."""
+FINE_RAD = 0.02
+"""Turn between two times at which the momentum is given: the chord is shorter than the arc by 2e-5 then."""
+
+
+class ControlMomentGyro(MomentumDevice):
+    """One single-gimbal control moment gyro: its axes and the momentum of its rotor."""
+
+    TABLE: ClassVar = "control_moment_gyros"
+    NOUN: ClassVar = "control moment gyro"
+    COLUMNS: ClassVar = (GIMBAL, SPEED)
+
+    gimbal_axis: Vector = Field(description="about which positive gimbal angles turn, body axes; of any length")
+    spin_axis: Vector = Field(description="of the spin momentum at gimbal angle 0, body axes; of any length, orthogonal to gimbal_axis")
+    h_n_m_s: Positive | None = Field(
+        None, description="constant spin momentum relative to the body; absent: spin_inertia_kg_m2 times the speed in column cmg_NAME_rad_s"
+    )
+    h_sigma_n_m_s: NonNegative = Field(0.0, description="one sigma of h_n_m_s; goes into every sigma")
+    spin_inertia_kg_m2: Positive | None = Field(None, description="about the spin axis; beside h_n_m_s for locked_in_inertia = false alone")
+    spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it where the speed is logged; goes into every sigma")
+    gimbal_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of a constant error of the angle; goes into every sigma")
+    locked_in_inertia: bool = Field(
+        description="whether the body's inertia, as given and reported, has this rotor in it as if it were locked at gimbal angle 0; "
+        "false: without its spin inertia about spin_axis. Its mass, its inertia across that axis, and the gimbal, are always in it"
+    )
+    start_gimbal_rad: Real | None = Field(
+        None, description="gimbal angle as the log begins: angles that begin at this in degrees, or with the other sign, are refused"
+    )
+    start_rad_s: Real | None = Field(
+        None, description="spin speed as the log begins: speeds that begin at this in another unit, or with the other sign, are refused"
+    )
+
+    @field_validator("gimbal_axis", "spin_axis")
+    @classmethod
+    def _points(cls, axis: Vector) -> Vector:
+        return pointing(axis, "this axis")
+
+    @model_validator(mode="after")
+    def _is_coherent(self) -> Self:
+        apart = float(unit(self.gimbal_axis) @ unit(self.spin_axis))
+        if abs(apart) > SQUARE:
+            raise ValueError(
+                f"spin_axis is {np.degrees(np.arccos(np.clip(apart, -1, 1))):.6g} degrees from gimbal_axis, not 90: give the spin axis at "
+                "gimbal angle 0, orthogonal to the gimbal's"
+            )
+        if self.h_n_m_s is None and self.spin_inertia_kg_m2 is None:
+            raise ValueError("nothing says how much momentum it holds: state h_n_m_s, or spin_inertia_kg_m2 and log its speed")
+        if self.spin_inertia_kg_m2 is None and not self.locked_in_inertia:
+            raise ValueError("locked_in_inertia = false needs spin_inertia_kg_m2, by which the body's inertia is less")
+        return self
+
+    @classmethod
+    def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:  # noqa: ARG003
+        """All of it as comments: each needs what no log tells."""
+        return [
+            "# [[control_moment_gyros]]   # each of these is needed; data sheet or drawing",
+            f"# name = {json.dumps(name, ensure_ascii=False)}",
+            "# gimbal_axis = [x, y, z]     # body axes",
+            "# spin_axis = [x, y, z]       # of the spin momentum at gimbal angle 0, body axes",
+            f"# h_n_m_s = ...              # spin momentum; or spin_inertia_kg_m2 and column {SPEED.of(name)}",
+            "# locked_in_inertia = true    # or false, with spin_inertia_kg_m2, if the body's inertia is to be without it",
+            "",
+        ]
+
+    @property
+    def axes(self) -> Array:
+        """(2, 3) the spin axis at gimbal angles of 0 and of 90 degrees."""
+        spin = unit(self.spin_axis)
+        return np.stack([spin, np.cross(unit(self.gimbal_axis), spin)])
+
+    @property
+    def beyond_reported(self) -> Array:
+        """(3, 3) the inertia in the equations has the rotor locked."""
+        found: Array = (not self.locked_in_inertia) * (self.spin_inertia_kg_m2 or 0.0) * np.outer(self.axes[0], self.axes[0])
+        return found
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Its spin momentum, relative; and the gimbal angle, which turns the momentum by g × h."""
+        stated, sigma = (self.h_n_m_s, self.h_sigma_n_m_s) if self.h_n_m_s else (self.spin_inertia_kg_m2, self.spin_inertia_sigma_kg_m2)
+        by = (sigma / (stated or 1.0), np.eye(2)), (self.gimbal_sigma_rad, np.array([[0.0, -1.0], [1.0, 0.0]]))
+        return tuple(Unknown(size, matrix, np.zeros(2), False) for size, matrix in by if size > 0)
+
+    def scaled(self, factor: float) -> Self:
+        """The same with so many times its spin momentum."""
+        keys = ("h_n_m_s", "spin_inertia_kg_m2")
+        return self.model_copy(update={key: factor * stated for key in keys if (stated := getattr(self, key)) is not None})
+
+    def read(self, source: LogTable, records: int, n: int) -> "GyroLog":  # noqa: ARG002
+        """Gimbal angles, and speeds where the momentum is not stated."""
+        angle = source.required(GIMBAL.of(self.name))[:n]
+        turn = np.abs(np.diff(np.unwrap(angle)))
+        fast = np.flatnonzero(np.maximum(turn, np.abs(np.diff(angle)) - 2 * np.pi) > FASTEST_RAD)
+        if fast.size:
+            row = int(fast[0]) + 1
+            raise source.error(
+                row,
+                GIMBAL.of(self.name),
+                f"{angle[row]:g} rad, after {angle[row - 1]:g} rad in the record before: no gimbal turns by more than {FASTEST_RAD:g} rad "
+                "within a record; is it in radians ([columns] can scale it), are records missing?",
+            )
+        speed = source.required(SPEED.of(self.name))[:n] if self.h_n_m_s is None else None
+        return GyroLog(frozen(np.unwrap(angle)), None if speed is None else frozen(speed), None)
+
+    @classmethod
+    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
+        """:class:`InputError` where all begin at what is stated in another unit, which nothing in the motion tells."""
+        pairs = [(gyro, one) for gyro, one in zip(own, said, strict=True) if isinstance(one, GyroLog)]
+        angles = [(gyro.start_gimbal_rad, one.angle_rad) for gyro, one in pairs]
+        refuse_other_units(source, "gimbal angle of each control moment gyro", "start_gimbal_rad", ANGLES, angles)
+        speeds = [(gyro.start_rad_s, one.speed_rad_s) for gyro, one in pairs]
+        refuse_other_units(source, "speed of each control moment gyro", "start_rad_s", SPEEDS, speeds)
+
+    def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
+        """By the gimbal's angle at the records' ends, between which it turns evenly."""
+        assert isinstance(said, GyroLog)
+        begun = said.before is not None
+        time_s, angle = log.edge_s[1 - begun :], said.angle_rad
+        speed = np.zeros_like(angle) if said.speed_rad_s is None else said.speed_rad_s
+        if said.before is not None:
+            angle, speed = np.append(said.before[0], angle), np.append(said.before[1], speed)
+        parts = max(int(np.ceil(np.abs(np.diff(angle)).max(initial=0.0) / FINE_RAD)), 1)
+        fine = np.arange((len(angle) - 1) * parts + 1) / parts
+        time_s, angle, speed = (np.interp(fine, np.arange(len(values)), values) for values in (time_s, angle, speed))
+        held = (self.spin_inertia_kg_m2 or 0.0) * speed if self.h_n_m_s is None else self.h_n_m_s
+        return Grown(time_s, np.stack([held * np.cos(angle), held * np.sin(angle)]))
+
+
+@dataclass(frozen=True)
+class GyroLog:
+    """What a log says of one control moment gyro."""
+
+    angle_rad: Array
+    """(n,) of the gimbal at each record's ``time_s``, without leaps of a whole turn."""
+    speed_rad_s: Array | None
+    """(n,) of the rotor; None where its momentum is stated."""
+    before: tuple[float, float] | None
+    """Angle and speed as the first record begins; None: unknown."""
+
+    @property
+    def integrated(self) -> bool:
+        """Each record tells its momentum."""
+        return False
+
+    @property
+    def known_before(self) -> bool:
+        """Of a part of a log."""
+        return self.before is not None
+
+    @property
+    def moved(self) -> bool:
+        """Whether the gimbal turned, or the rotor's speed changed."""
+        return bool(np.ptp(self.angle_rad) > 0) or (self.speed_rad_s is not None and bool(np.ptp(self.speed_rad_s) > 0))
+
+    def part(self, rows: slice) -> Self:
+        """Of some records."""
+        speed, last = self.speed_rad_s, rows.start - 1
+        before = (float(self.angle_rad[last]), 0.0 if speed is None else float(speed[last])) if rows.start else self.before
+        return replace(self, angle_rad=self.angle_rad[rows], speed_rad_s=None if speed is None else speed[rows], before=before)
+
+    def backwards(self) -> Self:
+        """Of a gimbal that turns the other way."""
+        before = None if self.before is None else (-self.before[0], self.before[1])
+        return replace(self, angle_rad=-self.angle_rad, before=before)

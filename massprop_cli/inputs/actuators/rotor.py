@@ -1,0 +1,184 @@
+"""Rotors (propellers) as a vehicle file states them, and their thrust in time.
+
+Thrust is a polynomial of what is asked for, which a rotor follows with a lag, up and down of its own. A motor turns up and down towards
+the speed that it is told, so the lag is the speed's, and thrust is what that makes.
+"""
+
+import json
+from collections.abc import Sequence
+from math import factorial
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn, own_column, pointing, unit
+from massprop_cli.inputs.actuators.wheel import Wheel, WheelLog
+from massprop_cli.inputs.columns import SUPPLY
+from massprop_cli.inputs.formats.units import PLAIN, SPIN
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.section import NonNegative, Place, Positive, Real, Vector
+
+COMMAND = LogColumn(
+    "rotor_", "_command", "command", PLAIN, False, True, "what a rotor is told in this control cycle, as its thrust_n takes it"
+)
+SPEED = LogColumn("rotor_", "_rad_s", "speed", SPIN, True, False, "a rotor's speed at time_s, rad/s")
+
+
+class Rotor(Actuator):
+    """One rotor: where it is, which way it pushes and turns, its thrust by command or speed, how fast that follows."""
+
+    TABLE: ClassVar = "rotors"
+    NOUN: ClassVar = "rotor"
+    COLUMNS: ClassVar = (COMMAND, SPEED)
+    THRUSTS: ClassVar = True
+
+    position_m: Place
+    axis: Vector = Field(description="direction of its thrust on the vehicle, body axes; of any length")
+    spin: Literal[1, -1] = Field(
+        description="1: it turns right-handed about the axis, and its drag turns the vehicle left-handed; -1: the other way"
+    )
+    thrust_n: Annotated[tuple[Real, ...], Field(min_length=1, max_length=8)] = Field(
+        description="coefficients c0, c1, c2, … of its thrust in N: c0 + c1 x + c2 x² + …, x the number in its column"
+    )
+    column: Literal["command", "speed"] = Field(
+        "command", description="x: rotor_NAME_command, as commanded for the cycle, or rotor_NAME_rad_s, as measured at time_s"
+    )
+    torque_ratio_m: NonNegative = Field(0.0, description="drag torque about its axis over thrust")
+    lag_up_s: NonNegative | None = Field(None, description="first-order lag of x behind a command that is higher; absent: thrust.lag_s")
+    lag_down_s: NonNegative | None = Field(None, description="the same behind one that is lower; absent: lag_up_s")
+    nominal_v: Positive | None = Field(
+        None, description="supply voltage that thrust_n holds for; commands count in proportion to column supply_v then"
+    )
+    spin_inertia_kg_m2: Positive | None = Field(None, description="about its axis, of blades and motor; needs its speed")
+    spin_inertia_sigma_kg_m2: NonNegative = 0.0
+    locked_in_inertia: bool = Field(True, description="whether the body's inertia has it in it as if it were locked")
+
+    @field_validator("axis")
+    @classmethod
+    def _points(cls, axis: Vector) -> Vector:
+        return pointing(axis, "the rotor's thrust")
+
+    @model_validator(mode="after")
+    def _fits_its_column(self) -> Self:
+        if self.column == "speed" and (self.lag_up_s or self.lag_down_s or self.nominal_v):
+            raise ValueError("a measured speed has no lag and needs no voltage: drop lag_up_s, lag_down_s and nominal_v")
+        if self.column == "command" and self.spin_inertia_kg_m2 is not None:
+            raise ValueError('spin_inertia_kg_m2 needs the rotor\'s speed: log it and state column = "speed", or drop spin_inertia_kg_m2')
+        return self
+
+    @property
+    def wrench(self) -> Array:
+        """(6,) torque about O and force of one newton of thrust."""
+        along = unit(self.axis)
+        return np.concatenate([np.cross(self.position_m, along) - self.spin * self.torque_ratio_m * along, along])
+
+    def lags(self, otherwise_s: float) -> tuple[float, float]:
+        """Of rising and of falling thrust, s."""
+        if self.column == "speed":
+            return 0.0, 0.0
+        up = otherwise_s if self.lag_up_s is None else self.lag_up_s
+        return up, up if self.lag_down_s is None else self.lag_down_s
+
+    @property
+    def device(self) -> Wheel | None:
+        """What turns with it, where its spin inertia is stated."""
+        if self.spin_inertia_kg_m2 is None:
+            return None
+        x, y, z = self.axis
+        return Wheel(
+            name=self.name,
+            axis=(self.spin * x, self.spin * y, self.spin * z),
+            spin_inertia_kg_m2=self.spin_inertia_kg_m2,
+            spin_inertia_sigma_kg_m2=self.spin_inertia_sigma_kg_m2,
+            locked_in_inertia=self.locked_in_inertia,
+        )
+
+    def scaled(self, factor: float) -> Self:
+        """The same with so many times its spin inertia."""
+        inertia = self.spin_inertia_kg_m2
+        return self if inertia is None else self.model_copy(update={"spin_inertia_kg_m2": factor * inertia})
+
+    @classmethod
+    def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:
+        """What has to be measured of it as comments."""
+        return [
+            "[[rotors]]",
+            f"name = {json.dumps(name, ensure_ascii=False)}   # column {has.of(name)}{span and ': '}{span}",
+            *['column = "speed"   # as measured; its command is not logged'] * (has is SPEED),
+            "# position_m = [x, y, z]    # of its hub from O, body axes, m: drawing or ruler",
+            "# axis = [x, y, z]          # of its thrust on the vehicle, body axes",
+            "# spin = 1                  # if it turns right-handed about that axis; else -1: look at it turn",
+            "# thrust_n = [c0, c1, c2]   # c0 + c1 x + c2 x^2 of the number x in its column, N: press on a scale at several x, or "
+            "data sheet",
+            "# torque_ratio_m = ...      # drag torque over thrust, m: a test stand; left out, none",
+            "",
+        ]
+
+    def read(self, source: LogTable, records: int, n: int) -> WheelLog:  # noqa: ARG002
+        """The speed of what turns with it."""
+        return WheelLog(frozen(source.required(SPEED.of(self.name))[:n]), None, None)
+
+    def held(self, asked: Array, begin_s: Array, at_once_s: Array, lag_s: float) -> "Held":
+        """Of what is asked for in cycles (K,) that act from ``begin_s`` on as commanded, from ``at_once_s`` on as measured."""
+        return Held(begin_s if self.column == "command" else at_once_s, asked, *self.lags(lag_s), self.thrust_n)
+
+    def asked(self, source: LogTable, records: int, n: int) -> Array:
+        """(K,) what it is told in each cycle, as its thrust_n takes it; or its measured speed."""
+        column = own_column(source, self, self.column, ", and thrust_n by that")
+        x = source.mean(column, records, n) if self.column == "speed" else source.per_cycle(column, records, n)
+        return x if self.nominal_v is None else x * source.mean(SUPPLY, records, n) / self.nominal_v
+
+
+class Held(NamedTuple):
+    """What is asked for from each time to the next, the lags behind it, and the thrust that it makes."""
+
+    begin_s: Array
+    asked: Array
+    up_s: float
+    down_s: float
+    thrust_n: Sequence[float]
+    """Coefficients of the polynomial, the constant first."""
+
+
+def thrust_integrals(rotors: Sequence[Held], edges_s: Array) -> tuple[Array, Array]:
+    """∫ T dt and ∫ (t − bin start) T dt over each bin of ``edges_s``, (bins, rotors) each; before its first command a rotor stood there."""
+    found = [_bin_integrals(rotor, edges_s) for rotor in rotors]
+    integral, moment = (np.stack(part, 1) for part in zip(*found, strict=True))
+    return integral, moment
+
+
+def _bin_integrals(rotor: Held, edges_s: Array) -> tuple[Array, Array]:
+    """Between bins' edges and commands it is at ``x + d exp(−t / lag)``, so thrust is a sum of ``exp(−n t / lag)``."""
+    at, lag = _departures(rotor)
+    inner = rotor.begin_s[(rotor.begin_s > edges_s[0]) & (rotor.begin_s < edges_s[-1])]
+    points = np.sort(np.concatenate([edges_s, inner]))
+    first, length = points[:-1], np.diff(points)
+    k = np.maximum(np.searchsorted(rotor.begin_s, first, "right") - 1, 0)
+    left = at[k] * np.exp(-np.maximum(first - rotor.begin_s[k], 0.0) / lag[k])
+    polynomial = np.polynomial.Polynomial(rotor.thrust_n)
+    settled = polynomial(rotor.asked[k])
+    integral, moment = settled * length, settled * length**2 / 2
+    for n in range(1, len(rotor.thrust_n)):
+        size, tau = polynomial.deriv(n)(rotor.asked[k]) / factorial(n) * left**n, lag[k] / n
+        gone = -np.expm1(-length / tau)
+        integral += size * tau * gone
+        moment += size * tau * (tau * gone - length * (1 - gone))
+    bins = np.minimum(np.searchsorted(edges_s, first, "right") - 1, len(edges_s) - 2)
+    moment += (first - edges_s[bins]) * integral
+    count = len(edges_s) - 1
+    return np.bincount(bins, integral, count).astype(np.float64), np.bincount(bins, moment, count).astype(np.float64)
+
+
+def _departures(rotor: Held) -> tuple[Array, Array]:
+    """(K,) by how much it is over what is asked for as each command begins, and the lag (s) with which that goes; nothing without a lag."""
+    length = np.diff(rotor.begin_s, append=rotor.begin_s[-1]).tolist()
+    now = float(rotor.asked[0])
+    left, lags = [], []
+    for asked, lasting in zip(rotor.asked.tolist(), length, strict=True):
+        lag = rotor.up_s if asked > now else rotor.down_s
+        left.append(now - asked if lag > 0 else 0.0)
+        lags.append(lag or 1.0)
+        now = asked + left[-1] * float(np.exp(-lasting / lags[-1]))
+    return np.array(left), np.array(lags)

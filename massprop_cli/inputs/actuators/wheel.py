@@ -1,0 +1,248 @@
+"""Reaction wheels as a vehicle file states them, and what a log says of them.
+
+A wheel turns about an axis a that is fixed in the body and carries the momentum ``h = J W`` along it, J its spin inertia, W its speed
+relative to the body. With the wheel locked the body's inertia about its CG is I; what the motor does to the wheel, the body feels the
+opposite of. All moments on body and wheels together:
+
+    I ω̇ + a J Ẇ + ω × (I ω + a J W) = τ − c × F          by speed
+    (I − J a aᵀ) ω̇ + a T + ω × ((I − J a aᵀ) ω + a h) = τ − c × F,   ḣ = T,  h = J (W + a · ω)          by torque T on the wheel
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs.actuators.actuator import (
+    SPEEDS,
+    Grown,
+    LogColumn,
+    LogTimes,
+    MomentumDevice,
+    MomentumLog,
+    Unknown,
+    own_column,
+    pointing,
+    refuse_other_units,
+    unit,
+)
+from massprop_cli.inputs.formats.units import SPIN, TORQUE
+from massprop_cli.inputs.logtable import LogTable
+from massprop_cli.inputs.section import NonNegative, Positive, Real, Vector
+
+SPEED = LogColumn("wheel_", "_rad_s", "speed", SPIN, True, True, "a wheel's speed relative to the body at time_s, rad/s")
+ON_WHEEL = LogColumn(
+    "wheel_", "_n_m", "torque", TORQUE, False, True, "torque on a wheel over this control cycle, N m; the body feels the opposite"
+)
+FOR_A_PARABOLA = 8
+"""Records, of which fewer make one too noisy at its end."""
+
+
+class Wheel(MomentumDevice):
+    """One reaction wheel: its axis, what it weighs about it, and which of its columns the log has."""
+
+    TABLE: ClassVar = "wheels"
+    NOUN: ClassVar = "wheel"
+    COLUMNS: ClassVar = (SPEED, ON_WHEEL)
+
+    axis: Vector = Field(description="direction of positive speed, body axes; of any length")
+    spin_inertia_kg_m2: Positive = Field(description="about its axis")
+    spin_inertia_sigma_kg_m2: NonNegative = Field(0.0, description="one sigma of it; goes into every sigma")
+    locked_in_inertia: bool = Field(
+        description="whether the body's inertia, as given and reported, has this wheel in it as if it were locked; false: without its spin "
+        "inertia about its axis. The wheel's mass, and its inertia across the axis, are always in it"
+    )
+    column: Literal["speed", "torque"] = Field(
+        "speed",
+        description="what the log has: wheel_NAME_rad_s, relative to the body at time_s, or wheel_NAME_n_m on the wheel over the cycle",
+    )
+    torque_is: Literal["commanded", "measured"] = Field(
+        "commanded", description="of a torque column: commanded torque acts after cycle.command_delay_cycles, measured torque at once"
+    )
+    torque_scale_sigma: NonNegative = Field(0.0, description="relative uncertainty of a torque column; goes into every sigma")
+    start_rad_s: Real | None = Field(
+        None,
+        description="speed relative to the body when the first torque of the log acts, which a commanded one does after the delay; absent: "
+        "the first cell of wheel_NAME_rad_s. For a torque column; "
+        "speeds that begin at this in another unit, or with the other sign, are refused",
+    )
+    start_sigma_rad_s: NonNegative = Field(0.0, description="one sigma of that speed; goes into every sigma")
+    coulomb_friction_n_m: NonNegative = Field(0.0, description="against the speed, whatever that is. For a torque column")
+    viscous_friction_n_m_s: NonNegative = Field(0.0, description="against the speed, over it. For a torque column")
+
+    @field_validator("axis")
+    @classmethod
+    def _points(cls, axis: Vector) -> Vector:
+        return pointing(axis, "the wheel's axis")
+
+    @classmethod
+    def draft(cls, name: str, has: LogColumn, span: str) -> list[str]:  # noqa: ARG003
+        """All of it as comments: each needs what no log tells."""
+        return [
+            "# [[wheels]]            # each of these is needed; data sheet or drawing",
+            f"# name = {json.dumps(name, ensure_ascii=False)}",
+            f'# column = "{has.key}"',
+            "# axis = [x, y, z]            # of positive speed, body axes",
+            "# spin_inertia_kg_m2 = ...    # about that axis",
+            "# locked_in_inertia = false   # or true, if the body's inertia is to have the wheel in it as if it were locked",
+            "",
+        ]
+
+    @property
+    def direction(self) -> Array:
+        """(3,) the axis, of length one."""
+        return unit(self.axis)
+
+    @property
+    def axes(self) -> Array:
+        """(1, 3) its axis."""
+        return self.direction[None]
+
+    @property
+    def locked(self) -> Array:
+        """(3, 3) J a aᵀ, what the wheel adds about its axis to a body that it is locked to, kg m²."""
+        found: Array = self.spin_inertia_kg_m2 * np.outer(self.direction, self.direction)
+        return found
+
+    @property
+    def beyond_reported(self) -> Array:
+        """(3, 3) the inertia by a column of speed has the wheel locked, and by a column of torque without it."""
+        found: Array = (int(self.column == "speed") - int(self.locked_in_inertia)) * self.locked
+        return found
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """By speed its inertia, relative; by torque the speed that it began with, rad/s, and the torque, relative."""
+        relative = self.spin_inertia_sigma_kg_m2 / self.spin_inertia_kg_m2
+        if self.column == "speed":
+            found = [Unknown(relative, np.eye(1), np.zeros(1), False)]
+        else:
+            start = float(np.hypot(self.start_sigma_rad_s, relative * (self.start_rad_s or 0.0)))
+            begun = Unknown(start, np.zeros((1, 1)), np.array([self.spin_inertia_kg_m2]), False)
+            found = [begun, Unknown(self.torque_scale_sigma, np.eye(1), np.zeros(1), True)]
+        return tuple(one for one in found if one.sigma > 0)
+
+    def scaled(self, factor: float) -> Self:
+        """The same with so many times its spin inertia."""
+        return self.model_copy(update={"spin_inertia_kg_m2": factor * self.spin_inertia_kg_m2})
+
+    def read(self, source: LogTable, records: int, n: int) -> "WheelLog":
+        """By the column that the vehicle file names."""
+        column, speed = own_column(source, self, self.column), SPEED.of(self.name)
+        if self.column == "speed":
+            return WheelLog(frozen(source.required(column)[:n]), None, None)
+        start = self.start_rad_s
+        if start is None and source.has(speed):
+            first = float(source.optional(speed)[0])
+            start = first if np.isfinite(first) else None
+        if start is None:
+            raise InputError(
+                f"{source.table.path}: nothing says how fast wheel {self.name!r} turns when its first torque acts; state start_rad_s under "
+                f"its [[wheels]], or write its speed into the first cell of column {speed!r}"
+            )
+        return WheelLog(None, frozen(source.per_cycle(column, records, n)), start)
+
+    @classmethod
+    def check_together(cls, source: LogTable, own: Sequence[Self], said: Sequence[MomentumLog]) -> None:
+        """:class:`InputError` where all speeds begin at what the vehicle file states of them in another unit, or the other way round.
+
+        Nothing in the motion tells the unit: inertia grows with the speeds.
+        """
+        pairs = [(wheel.start_rad_s, one.speed_rad_s) for wheel, one in zip(own, said, strict=True) if isinstance(one, WheelLog)]
+        refuse_other_units(source, "speed of each wheel", "start_rad_s", SPEEDS, pairs)
+
+    def momentum(self, said: MomentumLog, log: LogTimes) -> Grown:
+        """By its speed at the records' ends, relative to the body; or all of it, by the torque on it over each cycle, less friction."""
+        assert isinstance(said, WheelLog)
+        if said.speed_rad_s is not None:
+            speed, begun = said.speed_rad_s, said.start_rad_s is not None
+            return Grown(log.edge_s[1 - begun :], self.spin_inertia_kg_m2 * np.append([said.start_rad_s] * begun, speed)[None])
+        at = log.delayed_s if self.torque_is == "commanded" else log.at_once_s
+        time_s = np.append(at, at[-1] + log.length_s[-1])
+        turned = log.turn_rad(slice(None)).reshape(len(log.length_s), -1, 3).sum(1)
+        about = turned @ self.direction / log.length_s
+        turning = np.append(self._turning_at(log, float(at[0])), np.interp(at[1:], log.start_s, about))
+        return Grown(time_s, self._driven(said, np.diff(time_s), turning)[None])
+
+    def _turning_at(self, log: LogTimes, moment_s: float) -> float:
+        """The body's own rate about the axis when the first torque acts, by the records before: those after it have answered already.
+
+        What a parabola (of few records a line) through those of two cycles comes to then; where there is none, that of the first.
+        """
+        end_s, per_cycle = log.edge_s[1:], len(log.interval_s) // len(log.length_s)
+        last = int(np.searchsorted(end_s, moment_s + 1e-6 * log.interval_s[0], "right"))
+        used = slice(max(last - 2 * per_cycle, 0), max(last, 1))
+        interval = log.interval_s[used]
+        rate = log.turn_rad(used) @ self.direction / interval
+        since = end_s[used] - interval / 2 - moment_s
+        degree = 2 if len(rate) >= FOR_A_PARABOLA else min(len(rate) - 1, 1)
+        return float(np.linalg.lstsq(np.vander(since, degree + 1), rate, rcond=None)[0][-1])
+
+    def _driven(self, said: "WheelLog", length_s: Array, turning: Array) -> Array:
+        """(K + 1,) momentum by the torque, friction taken in the middle of each cycle."""
+        assert said.torque_n_m is not None
+        assert said.start_rad_s is not None
+        inertia = self.spin_inertia_kg_m2
+        begun = inertia * (said.start_rad_s + turning[0])
+        if self.coulomb_friction_n_m == 0 and self.viscous_friction_n_m_s == 0:
+            return np.asarray(begun + np.append(0.0, np.cumsum(said.torque_n_m * length_s)))
+        found = [float(begun)]
+        for torque, length, about in zip(said.torque_n_m.tolist(), length_s.tolist(), turning.tolist(), strict=True):
+            speed = found[-1] / inertia - about
+            middle = speed + (torque - self.friction(speed)) * length / 2 / inertia
+            found.append(found[-1] + (torque - self.friction(middle)) * length)
+        return np.array(found)
+
+    def friction(self, speed: float) -> float:
+        """Torque against the speed [rad/s], N m."""
+        return float(self.viscous_friction_n_m_s * speed + self.coulomb_friction_n_m * np.sign(speed))
+
+
+@dataclass(frozen=True)
+class WheelLog:
+    """What a log says of one wheel."""
+
+    speed_rad_s: Array | None
+    """(n,) relative to the body, at each record's ``time_s``."""
+    torque_n_m: Array | None
+    """(K,) on the wheel, of each control cycle; None where the speed is known."""
+    start_rad_s: float | None
+    """Speed at the beginning of the log, or of a torque's log when its first torque acts; None: unknown."""
+
+    @property
+    def integrated(self) -> bool:
+        """By its torque."""
+        return self.speed_rad_s is None
+
+    @property
+    def known_before(self) -> bool:
+        """Where the speed at the beginning is known."""
+        return self.integrated or self.start_rad_s is not None
+
+    @property
+    def moved(self) -> bool:
+        """Whether anything was asked of it: a torque, or another speed."""
+        return bool(self.torque_n_m.any()) if self.torque_n_m is not None else bool(np.ptp(np.asarray(self.speed_rad_s)) > 0)
+
+    def part(self, rows: slice) -> Self:
+        """Of some records; ValueError of a torque's log, whose speed follows from all that went before."""
+        if self.speed_rad_s is None:
+            raise ValueError("the speed of a wheel whose torque was logged follows from its whole log")
+        before = float(self.speed_rad_s[rows.start - 1]) if rows.start else self.start_rad_s
+        return replace(self, speed_rad_s=self.speed_rad_s[rows], start_rad_s=before)
+
+    def backwards(self) -> Self:
+        """Of a wheel that turns the other way."""
+        speed, torque, start = self.speed_rad_s, self.torque_n_m, self.start_rad_s
+        return replace(
+            self,
+            speed_rad_s=None if speed is None else -speed,
+            torque_n_m=None if torque is None else -torque,
+            start_rad_s=None if start is None else -start,
+        )

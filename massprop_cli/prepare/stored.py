@@ -1,0 +1,106 @@
+"""What momentum devices hold in each part of a cycle, and the torque on them (:mod:`massprop_cli.inputs.actuators.actuator`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.inputs.actuators.actuator import LogTimes
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
+from massprop_cli.prepare.signal import Signal, window_integrals
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Momentum along A axes of devices within K cycles of B bins each."""
+
+    axis: Array
+    """(A, 3) unit vectors, body axes, as far as they turn the vehicle."""
+    mean: Array
+    """(K, B, A) along the axes, mean of each bin, N m s."""
+    skew: Array
+    """(K, B, A) its first moment about the bin's middle, over the bin's length, N m s²."""
+    begun: Array
+    """(A,) what it was when the log began, N m s."""
+
+    def part(self, cycles: slice) -> Stored:
+        """Of some cycles."""
+        return replace(self, mean=self.mean[cycles], skew=self.skew[cycles])
+
+    def precession(self, rate_rad_s: Array) -> Array:
+        """(K, 3) torque −ω × h of mean rates (K, 3) and mean momenta, N m."""
+        return -cross(rate_rad_s, self.mean.mean(1) @ self.axis)
+
+
+class _Along(NamedTuple):
+    """Momentum [N m s] along one axis at times [s] by the commands' clock, between which it grows evenly."""
+
+    time_s: Array
+    momentum: Array
+
+
+def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int) -> tuple[Array, Array, Stored]:
+    """What momentum devices do in bins of edges ``edges_s``, ``bins`` of them in a cycle.
+
+    Integral and first moment per bin, (bins, A), of the torque along each axis, N m; and the momentum that they hold.
+    """
+    by = _times(log, vehicle, delay_s)
+    whole = [device.momentum(said, by) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]
+    grown = [_near(_Along(time_s, along), edges_s) for time_s, momentum in whole for along in momentum]
+    begun = np.concatenate([momentum[:, 0] for _, momentum in whole])
+    torque, torque_moment = window_integrals([_torque(one) for one in grown], edges_s)
+    held, held_moment = window_integrals([_momentum(one, edges_s[0]) for one in grown], edges_s)
+    length = np.diff(edges_s)[:, None]
+    shape = (-1, bins, len(grown))
+    skew = held_moment / length - held / 2
+    # on a table, what they do about Z alone
+    axis = np.concatenate([device.axes for device in vehicle.spinning]) * vehicle.environment.moving[:3]
+    return torque, torque_moment, Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
+
+
+def first_known_s(log: Log, vehicle: Vehicle) -> float:
+    """From when on the torque of every device is known: a reading at records' ends tells it from the first one on."""
+    if all(said.known_before for said in log.spinning):
+        return -np.inf
+    return float(by_commands_clock(log, vehicle, log.time_s[:1])[0])
+
+
+def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:
+    edge_s = by_commands_clock(log, vehicle, np.append(log.time_s[0] - log.interval_s[0], log.time_s))
+    start, length = cycle_edges(log, slice(0, log.cycles))
+    mounting = np.array(vehicle.imu.body_from_imu)
+
+    def turn(rows: slice) -> Array:
+        return times(mounting, log.delta_theta_imu_rad[rows])
+
+    return LogTimes(edge_s, log.interval_s, start, length, by_commands_clock(log, vehicle, start), start + delay_s, turn)
+
+
+def _near(grown: _Along, edges_s: Array) -> _Along:
+    """What of it concerns these bins."""
+    first = max(int(np.searchsorted(grown.time_s, edges_s[0], "right")) - 1, 0)
+    last = int(np.searchsorted(grown.time_s, edges_s[-1])) + 1
+    return _Along(grown.time_s[first:last], grown.momentum[first:last])
+
+
+def _slopes(grown: _Along) -> Array:
+    """(P,) growth from each time on; none after the last."""
+    return np.append(np.diff(grown.momentum) / np.diff(grown.time_s), 0.0)
+
+
+def _torque(grown: _Along) -> Signal:
+    return Signal(grown.time_s, np.diff(_slopes(grown), prepend=0.0), np.zeros_like(grown.time_s))
+
+
+def _momentum(grown: _Along, begin_s: float) -> Signal:
+    """What it is before its first time, it was all along."""
+    step, slope = np.zeros(len(grown.time_s) + 1), np.diff(_slopes(grown), prepend=0.0)
+    step[0] = grown.momentum[0]
+    return Signal(np.append(min(begin_s, grown.time_s[0]), grown.time_s), step, np.append(0.0, slope))
