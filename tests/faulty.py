@@ -23,10 +23,10 @@ from massprop_cli.testbed.simulate import Flight
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 PLAN = (
-    "duration_s=20.0",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+    "duration_s=15.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=15.0}]',
 )
-"""Keys of a scenario that tells every quantity in 400 cycles."""
+"""Keys of a scenario that tells every quantity in 300 cycles."""
 
 
 @cache
