@@ -54,10 +54,10 @@ def _changed(node: ast.AST) -> bool:
         node.ops[0] = COMPARE[type(node.ops[0])]()
     elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
         node.op = ARITHMETIC[type(node.op)]()
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        node.value = node.value * 2 + 1
-    elif isinstance(node, ast.Constant) and type(node.value) is bool:
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
         node.value = not node.value
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        node.value = node.value * 2 + 1
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         node.op = ast.UAdd()
     elif isinstance(node, ast.If | ast.IfExp):

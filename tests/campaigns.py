@@ -17,7 +17,7 @@ from massprop_cli.campaign.work import Produced
 from massprop_cli.report.figures import canvas
 from massprop_cli.report.figures.panel import Panel
 from massprop_cli.testbed import output, scenario
-from tests.commandline import massprop
+from tests.commandline import ended
 
 PLAN = 'plan=[{motion="random",axes=["roll","pitch","yaw","x","y","z"],start_s=0.0,end_s=5.0},{motion="hold",start_s=5.0,end_s=6.0}]'
 TRUTH = dict(zip(("ixx", "mass"), (0.62, 22.0), strict=True))
@@ -54,13 +54,13 @@ def worked_here() -> None:
 
 
 def batch(
-    folder: Path, *arguments: str | Path, first: Callable[[], None] | None = worked_here, **more: str
+    folder: Path, *arguments: str | Path, first: Callable[[], None] | None = worked_here, settings: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """``massprop batch`` in a process of its own, run in ``folder``; ``more`` are environment variables.
+    """``massprop batch`` in a process of its own, run in ``folder``; ``settings`` are environment variables.
 
     It works the logs itself and draws nothing; with None done ``first`` it starts worker processes and draws, as users' do.
     """
-    done = massprop(folder, "batch", *arguments, first=first, **more)
+    done = ended(folder, ("batch", *arguments), settings, first)
     assert "Traceback" not in done.stderr, done.stderr
     return done
 

@@ -43,14 +43,18 @@ class Done(subprocess.CompletedProcess[str]):
         """Most memory that it held."""
 
 
-def massprop(folder: Path, *arguments: str | Path, first: Callable[[], None] | None = None, **settings: str) -> Done:
-    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these.
+def massprop(folder: Path, *arguments: str | Path, **settings: str) -> Done:
+    """What ``massprop`` prints and returns, run in ``folder`` without settings of whoever runs the tests but with these."""
+    return ended(folder, arguments, settings)
 
-    ``first`` is done in its process before all else.
-    """
+
+def ended(
+    folder: Path, arguments: Sequence[str | Path], settings: dict[str, str] | None = None, first: Callable[[], None] | None = None
+) -> Done:
+    """The same; ``first`` is done in its process before all else."""
     with tempfile.TemporaryDirectory() as kept:
         said = [Path(kept) / name for name in ("stdout", "stderr", "peak")]
-        process = begun(folder, arguments, said, settings, first)
+        process = begun(folder, arguments, said, settings or {}, first)
         process.join(50)
         if process.exitcode is None:
             process.kill()

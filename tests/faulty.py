@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -23,10 +24,10 @@ from massprop_cli.testbed.simulate import Flight
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 PLAN = (
-    "duration_s=20.0",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
+    "duration_s=15.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=15.0}]',
 )
-"""Keys of a scenario that tells every quantity in 400 cycles."""
+"""Keys of a scenario that tells every quantity in 300 cycles."""
 
 
 @cache
@@ -74,15 +75,15 @@ def pushing(used: Vehicle, factors: Mapping[str, float]) -> Vehicle:
     return stated(used, *(f"jets.{index[name]}.force_n={[f * x for x in used.jets[index[name]].force_n]}" for name, f in factors.items()))
 
 
-def low_passed(log: Log, hertz: float, column: str = "delta_v_imu_m_s") -> Log:
-    """A sensor, the accelerometer or another one, behind a first-order low-pass."""
-    increments: Array = getattr(log, column)
+def low_passed(log: Log, hertz: float, sensor: Literal["gyro", "accel"] = "accel") -> Log:
+    """A sensor behind a first-order low-pass."""
+    increments = log.delta_v_imu_m_s if sensor == "accel" else log.delta_theta_imu_rad
     part = 1 - np.exp(-2 * np.pi * hertz * log.interval_s)
     passed, now = np.empty_like(increments), increments[0]
     for k, (share, increment) in enumerate(zip(part, increments, strict=True)):
         now = now + share * (increment - now)
         passed[k] = now
-    return replace(log, **{column: passed})
+    return replace(log, delta_v_imu_m_s=passed) if sensor == "accel" else replace(log, delta_theta_imu_rad=passed)
 
 
 def examined(log: Log, used: Vehicle, assignments: Sequence[str] = ()) -> Analysis:

@@ -76,17 +76,19 @@ def pulses(cycles: int, seed: int = 1, quiet: int = 0, last: int | None = None) 
     return on
 
 
-def thrust_fraction(on: Array, delay: float, rise_s: float, time: float) -> Array:
-    """(jets,) thrust over full thrust at one moment, from each cycle's own pulse; contiguous pulses overlap their ramps to one."""
-    value = np.zeros(on.shape[1])
-    now = int(np.floor(time / CYCLE - delay + 1e-9))
-    for k in range(max(now - 1, 0), min(now + 1, len(on))):
-        since = time - (k + delay) * CYCLE
+def thrust_fraction(on: Array, delay: float, rise_s: float, time: float | Array) -> Array:
+    """(..., jets) thrust over full at moments (...), from each cycle's own pulse; contiguous pulses overlap their ramps to one."""
+    moment = np.asarray(time)[..., None]
+    now = np.floor(moment / CYCLE - delay + 1e-9).astype(int)
+    value = np.zeros((*moment.shape[:-1], on.shape[1]))
+    for k in (now - 1, now):
+        length = np.where((k >= 0) & (k < len(on)), on[np.clip(k[..., 0], 0, len(on) - 1)], 0.0)
+        since = moment - (k + delay) * CYCLE
         if rise_s == 0:
-            value += (since >= -1e-12) & (since < on[k] - 1e-12)
+            value += (since >= -1e-12) & (since < length - 1e-12)
         else:
             up = np.clip(since / rise_s, 0, 1)
-            value += np.where(on[k] > 0, np.minimum(up, np.clip(1 - (since - on[k]) / rise_s, 0, 1)), 0)
+            value += np.where(length > 0, np.minimum(up, np.clip(1 - (since - length) / rise_s, 0, 1)), 0)
     return np.minimum(value, 1.0)
 
 
@@ -134,48 +136,40 @@ def fly(
     delay = float(used.cycle.command_delay_cycles)
 
     def skew(v: Array) -> Array:
-        return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
-    def accelerations(w: Array, world: Array, pushed: Array) -> tuple[Array, Array]:
-        """ω̇ and the specific force at the IMU."""
-        moment, force = pushed[:3], pushed[3:]
-        if not used.on_air_bearing:
-            w_dot = np.linalg.solve(inertia, moment - skew(cg) @ force - skew(w) @ inertia @ w)
-            arm = position - cg
-            return w_dot, force / mass + skew(w_dot) @ arm + skew(w) @ skew(w) @ arm
-        s = cg - bearing
-        a = np.zeros((9, 9))
-        b = np.zeros(9)
-        # rotation about the CG: I ω̇ + ω × I ω = τ − c × F − s × N (N acts at the bearing, −s from the CG)
-        a[:3, :3], a[:3, 6:] = inertia, skew(s)
-        b[:3] = moment - skew(cg) @ force - skew(w) @ inertia @ w
-        # translation of the rotating mass: m (a_b + ω̇ × s + ω × (ω × s)) = F + N + m g
-        a[3:6, :3], a[3:6, 3:6], a[3:6, 6:] = -rotating * skew(s), rotating * np.eye(3), -np.eye(3)
-        b[3:6] = force + rotating * (world.T @ gravity) - rotating * skew(w) @ skew(w) @ s
-        # the base: moves level (one equation), and its own horizontal momentum balance −N = m_b a_b (two)
-        up = world.T @ np.array([0, 0, 1.0])
-        level = world.T[:, :2].T
-        a[6, 3:6] = up
-        a[7:9, 3:6], a[7:9, 6:] = bearing_mass * level, level
-        x = np.linalg.solve(a, b)
-        arm = position - bearing
-        felt = x[3:6] - world.T @ gravity + skew(x[:3]) @ arm + skew(w) @ skew(w) @ arm
-        return x[:3], felt
+    # on the bearing, what does not change of its nine equations: rotation about the CG, I ω̇ + s × N = …; translation of the rotating mass,
+    # m (a_b + ω̇ × s) − N = …; the base moves level, one equation, and its own horizontal momentum balance is −N = m_b a_b, two
+    inverse, offset, s = np.linalg.inv(inertia), skew(cg), cg - bearing
+    arm = position - (bearing if used.on_air_bearing else cg)
+    fixed = np.zeros((9, 9))
+    fixed[:3, :3], fixed[:3, 6:] = inertia, skew(s)
+    fixed[3:6, :3], fixed[3:6, 3:6], fixed[3:6, 6:] = -rotating * skew(s), rotating * np.eye(3), -np.eye(3)
 
     def derivative(w: Array, world: Array, pushed: Array) -> tuple[Array, Array, Array]:
-        w_dot, felt = accelerations(w, world, pushed)
-        return w_dot, world @ skew(w), felt
+        """ω̇, the growth of the attitude, and the specific force at the IMU."""
+        turning, force = skew(w), pushed[3:]
+        moment = pushed[:3] - offset @ force - turning @ (inertia @ w)  # τ − c × F − ω × I ω
+        if not used.on_air_bearing:
+            w_dot = inverse @ moment
+            return w_dot, world @ turning, force / mass + skew(w_dot) @ arm + turning @ (turning @ arm)
+        a, down = fixed.copy(), world.T @ gravity
+        a[6, 3:6] = world[2]
+        a[7:9, 3:6], a[7:9, 6:] = bearing_mass * world[:2], world[:2]
+        pull = force + rotating * (down - turning @ (turning @ s))  # F + m (g − ω × (ω × s))
+        x = np.linalg.solve(a, np.concatenate([moment, pull, np.zeros(3)]))
+        return x[:3], world @ turning, x[3:6] - down + skew(x[:3]) @ arm + turning @ (turning @ arm)
 
     w = np.zeros(3) if rate is None else rate.astype(float)
     world = np.eye(3)
     per_cycle = round(CYCLE / step_s)
     theta, velocity = np.zeros((len(on), 3)), np.zeros((len(on), 3))
-    for step in range(len(on) * per_cycle):
-        t = step * step_s
-        moments = (t, t + step_s / 2, t + step_s - 1e-9)
-        pushed = [thrust_fraction(on, delay, rise, moment + 1e-10) @ wrench for moment in moments]
+    begins = step_s * np.arange(len(on) * per_cycle)
+    wrenches = thrust_fraction(on, delay, rise, begins[:, None] + np.array([0.0, step_s / 2, step_s - 1e-9]) + 1e-10) @ wrench
+    for step, (t, pushed) in enumerate(zip(begins, wrenches, strict=True)):
         if torque is not None:
-            pushed = [p + np.concatenate([torque(t), np.zeros(3)]) for p in pushed]
+            pushed[:, :3] += torque(t)
         k1 = derivative(w, world, pushed[0])
         k2 = derivative(w + step_s / 2 * k1[0], world + step_s / 2 * k1[1], pushed[1])
         k3 = derivative(w + step_s / 2 * k2[0], world + step_s / 2 * k2[1], pushed[1])

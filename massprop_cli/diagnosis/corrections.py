@@ -19,9 +19,8 @@ from massprop_cli.diagnosis.design import Designs
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, TABLE
 from massprop_cli.errorparameters.thrust import NEAR
-from massprop_cli.inputs.columns import WRENCH
+from massprop_cli.inputs.columns import WRENCH, Column
 from massprop_cli.inputs.telemetry import Log
-from massprop_cli.inputs.vehicle import Column
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 

@@ -19,7 +19,7 @@ from junitparser import JUnitXml
 
 from massprop_cli import QUANTITIES, schemas
 from tests.campaigns import batch, contents, corrupt, simulate, worked_here
-from tests.commandline import massprop
+from tests.commandline import ended, massprop
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def test_a_report_of_each_log_is_rendered_if_asked(here: Path) -> None:
     done = batch(here, "logs/seed-0001", "--report", "-q", first=worked_here)
     assert done.returncode == 0, done.stderr
     page = (here / "massprop-out" / "results" / "seed-0001" / "report.html").read_text()
-    massprop(here, "report", "massprop-out/results/seed-0001", "--out", "alone", first=worked_here)
+    ended(here, ("report", "massprop-out/results/seed-0001", "--out", "alone"), first=worked_here)
     assert page == (here / "alone" / "report.html").read_text()
     assert 'href="results/seed-0001/report.html"' in (here / "massprop-out" / "campaign.html").read_text()
 
@@ -246,7 +246,7 @@ def test_hostile_names_of_logs_harm_nothing(here: Path) -> None:
     for name in names:
         (here / "logs" / name).write_bytes(log if name.endswith(".parquet") else b"")
     (here / os.fsdecode(b"logs/not-\xff-utf8.parquet")).write_bytes(log)
-    done = batch(here, "logs", "--junit", "j.xml", GITHUB_ACTIONS="true")
+    done = batch(here, "logs", "--junit", "j.xml", settings={"GITHUB_ACTIONS": "true"})
     assert done.returncode == 3
     assert "\x1b" not in done.stdout + done.stderr
     assert not [line for line in done.stderr.splitlines() if line.startswith("::error::c")]

@@ -152,6 +152,6 @@ def test_outside_of_github_nothing_is_told(tmp_path: Path) -> None:
     done = batch(tmp_path, "logs")
     assert done.returncode == 3
     assert "::error" not in done.stderr
-    done = batch(tmp_path, "logs", "--json", GITHUB_ACTIONS="true")
+    done = batch(tmp_path, "logs", "--json", settings={"GITHUB_ACTIONS": "true"})
     assert json.loads(done.stdout)["exit_code"] == 3
     assert "::error title=bad::bad.csv: the file is empty" in done.stderr

@@ -88,7 +88,7 @@ def local(logs: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture
-def batch(logs: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+def batch(logs: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """``massprop batch`` in the logs' folder, in this process, which has the store's library already."""
     monkeypatch.chdir(logs.parent)
     monkeypatch.setattr(runner, "LocalExecutor", Here)
@@ -126,7 +126,7 @@ def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[.
 
 @pytest.mark.thorough
 def test_workers_read_a_store_by_themselves(logs: Path, local: dict[str, bytes], s3: Any, endpoint: dict[str, str]) -> None:
-    done = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/workers", first=None, **endpoint)
+    done = campaigns.batch(logs.parent, "s3://flights/campaign.toml", "--out", "s3://flights/workers", first=None, settings=endpoint)
     assert done.returncode == 3, done.stderr
     made = stored(s3, "flights/workers")
     assert {path: made[path] for path in made if path != "campaign.html"} == {
@@ -245,7 +245,7 @@ def test_a_log_that_vanishes_is_a_row() -> None:
 
 def test_a_store_that_does_not_answer_or_refuses_is_one_line(logs: Path, endpoint: dict[str, str]) -> None:
     nowhere = endpoint | {"AWS_ENDPOINT_URL": "http://127.0.0.1:9", "AWS_MAX_ATTEMPTS": "1"}
-    down = campaigns.batch(logs.parent, "s3://flights/logs", **nowhere)
+    down = campaigns.batch(logs.parent, "s3://flights/logs", settings=nowhere)
     assert (down.returncode, len(down.stderr.splitlines())) == (3, 1), down.stderr
     assert "s3://flights/logs: " in down.stderr
     assert "check the network and the store's address" in down.stderr

@@ -15,8 +15,8 @@ from tests.diagnosis.test_look import look_at, otherwise, thrust
 from tests.faulty import PLAN
 
 DOCKING = (
-    "duration_cycles=700",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=700}]',
+    "duration_cycles=500",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=500}]',
     'events=[{kind="dock", cycle=250, motion="rates_kept", phase="combined"}]',
 )
 

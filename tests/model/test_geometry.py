@@ -19,18 +19,23 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.sensitivity import Consider, Side, Variant, fed, with_geometry
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
-from massprop_cli.testbed import scenario, simulate
+from tests import faulty
 
 pytestmark = pytest.mark.numerical
 
 CYCLES = slice(50, 350)
 STEP = 1e-4
+SHORTER = {"planar": ("duration_s=18.0", 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=18.0}]')}
 
 
 def flown(name: str) -> tuple[Log, Vehicle, Reference]:
-    found = simulate.fly(scenario.load(name), [1])
-    truth = found.truth[0][0]
-    return found.log(0), found.vehicle, Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9])
+    """A sample, or what is flown of a scenario of which there is none."""
+    if name == "free-flyer":
+        (log, vehicle), true = faulty.sample(name), faulty.truth(name)
+    else:
+        found = faulty.flown(name, *SHORTER.get(name, ()), seeds=(1,))
+        log, vehicle, true = found.log(0), found.vehicle, found.truth[0, 0]
+    return log, vehicle, Reference(tensor(true[:6]), true[6:9], 1 / true[9])
 
 
 def changed(vehicle: Vehicle, number: int, jet: Jet) -> Vehicle:

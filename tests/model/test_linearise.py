@@ -31,10 +31,10 @@ def reference(values: Array) -> Reference:
 def flown(kind: str, rise_s: float = 0.0) -> flight.Flight:
     rate = np.array([0.2, -0.1, 0.15]) if kind == "free" else None
     used = flight.vehicle(kind, jets=flight.jets(rise_s=rise_s))
-    return flight.fly(used, flight.pulses(80), truth(kind), rate=rate, step_s=0.0005 if rise_s else flight.STEP)
+    return flight.fly(used, flight.pulses(80), truth(kind), rate=rate, step_s=0.0025 if rise_s else flight.STEP)
 
 
-@pytest.mark.parametrize("rise_s", [0.0, 0.003])
+@pytest.mark.parametrize("rise_s", [0.0, 0.0025])
 @pytest.mark.parametrize("kind", KINDS)
 def test_about_the_truth_the_model_reproduces_an_exact_flight(kind: str, rise_s: float) -> None:
     """Noise-free cycle means from RK4 against the model: 0.05 % of the IMU's noise in rate, 0.5 % in force."""
@@ -146,8 +146,8 @@ def test_four_bins_of_a_cycle_give_what_forty_give() -> None:
     """To a fiftieth of what the gyro's noise leaves of one step; the second order that was left out made half of it at six bins."""
     found = []
     for bins in (4, 40):
-        used = flown("free", 0.003).used
+        used = flown("free", 0.0025).used
         used = used.model_copy(update={"estimator": used.estimator.model_copy(update={"bins_per_cycle": bins})})
-        samples = replace(flown("free", 0.003), used=used).samples()
+        samples = replace(flown("free", 0.0025), used=used).samples()
         found.append(linearise(samples, slice(2, 80), reference(truth("free")), used).steps)
     np.testing.assert_allclose(found[0], found[1], atol=5e-8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import weakref
 
 import numpy as np
@@ -33,9 +32,7 @@ def test_what_a_call_is_handed_stays_for_as_long_as_the_call() -> None:
     numbers = np.arange(3.0)
     there, place = weakref.ref(numbers), pointer(numbers)
     del numbers
-    gc.collect()
     assert there() is not None
     assert place.value == there().ctypes.data  # type: ignore[union-attr]
     del place
-    gc.collect()
     assert there() is None

@@ -11,15 +11,17 @@ from massprop_cli import flow
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare import lowpass
-from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
+from tests import faulty
 
 LAG_S = 0.07
 SHORT = ["duration_s=10.0", 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=10.0}]']
 
+LAGGING = ["vehicle.imu.gyro_lag_s=0.04", f"vehicle.imu.accel_lag_s={LAG_S}"]
+
 
 def flown(*keys: str) -> Flight:
-    return simulate.fly(scenario.load("free-flyer", (*SHORT, *keys)), [5])
+    return faulty.flown("free-flyer", *SHORT, *keys)
 
 
 def by_definition(increments: Array, kept: float) -> Array:
@@ -29,7 +31,7 @@ def by_definition(increments: Array, kept: float) -> Array:
 
 
 def test_what_a_low_pass_does_is_undone_record_by_record() -> None:
-    flight = flown("sensors.records_per_cycle=2")
+    flight = faulty.flown("free-flyer", "duration_s=2.0", SHORT[1].replace("10.0", "2.0"), "sensors.records_per_cycle=2")
     log, used = flight.log(0), flight.vehicle
     kept = np.exp(-log.interval_s[0] / LAG_S)
     seen = replace(log, delta_theta_imu_rad=by_definition(log.delta_theta_imu_rad, kept))
@@ -41,15 +43,15 @@ def test_what_a_low_pass_does_is_undone_record_by_record() -> None:
 
 
 def test_the_simulated_low_pass_is_the_definition() -> None:
-    without, lagging = flown().log(0), flown(f"vehicle.imu.gyro_lag_s={LAG_S}").log(0)
-    kept = np.exp(-without.interval_s[0] / LAG_S)
-    np.testing.assert_allclose(lagging.delta_theta_imu_rad, by_definition(without.delta_theta_imu_rad, kept), atol=1e-12)
-    np.testing.assert_array_equal(lagging.delta_v_imu_m_s, without.delta_v_imu_m_s)
+    without, lagging = flown().log(0), flown(*LAGGING).log(0)
+    gyro, accelerometer = (np.exp(-without.interval_s[0] / lag_s) for lag_s in (0.04, LAG_S))
+    np.testing.assert_allclose(lagging.delta_theta_imu_rad, by_definition(without.delta_theta_imu_rad, gyro), atol=1e-12)
+    np.testing.assert_allclose(lagging.delta_v_imu_m_s, by_definition(without.delta_v_imu_m_s, accelerometer), atol=1e-12)
 
 
 def test_a_stated_low_pass_costs_nothing() -> None:
     """Undone, the log is the one without: values and sigmas are the same."""
-    clean, lagging = flown(), flown(f"vehicle.imu.gyro_lag_s={LAG_S}", "vehicle.imu.accel_lag_s=0.04")
+    clean, lagging = flown(), flown(*LAGGING)
     with_it, without = (flow.examine(one.log(0), VehicleSource(one.vehicle, "", "")).conclusions[0].estimates for one in (lagging, clean))
     for name, estimate in without.items():
         assert estimate.value is not None
@@ -59,7 +61,7 @@ def test_a_stated_low_pass_costs_nothing() -> None:
 
 
 def test_an_uncertain_low_pass_widens_the_sigmas_by_what_it_does() -> None:
-    flight = flown(f"vehicle.imu.accel_lag_s={LAG_S}")
+    flight = flown(*LAGGING)
     log, used, sigma = flight.log(0), flight.vehicle, 0.004
 
     def masses(**keys: float) -> tuple[float, float]:
