@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import py_compile
 import resource
 import shlex
 import shutil
@@ -44,16 +45,21 @@ def log(tmp_path: Path) -> Path:
     [
         (f"{TOOL} estimate log.parquet --out out | head -1", 141),
         (f"{TOOL} schema log | true", 141),
-        (f"{TOOL} --help | true", 141),
-        (f"{TOOL} estimate none.parquet 2>&1 >/dev/null | true", 141),
-        (f"{TOOL} estimate log.parquet --out out >&-", 0),
-        (f"{TOOL} estimate log.parquet --out out --json >&-", 0),
-        (f"{TOOL} estimate log.parquet --out out 2>&-", 0),
-        (f"{TOOL} estimate none.parquet 2>&-", 3),
         (f"{TOOL} estimate log.parquet --out out <&- >&- 2>&-", 0),
         (f"{TOOL} estimate log.parquet --out out >/dev/full", 3),
-        (f"{TOOL} estimate log.parquet --out out --json >/dev/full", 3),
         (f"{TOOL} estimate none.parquet 2>/dev/full", 3),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in (
+                (f"{TOOL} estimate log.parquet --out out --json >&-", 0),
+                (f"{TOOL} estimate none.parquet 2>&-", 3),
+                (f"{TOOL} --help | true", 141),
+                (f"{TOOL} estimate none.parquet 2>&1 >/dev/null | true", 141),
+                (f"{TOOL} estimate log.parquet --out out >&-", 0),
+                (f"{TOOL} estimate log.parquet --out out 2>&-", 0),
+                (f"{TOOL} estimate log.parquet --out out --json >/dev/full", 3),
+            )
+        ),
     ],
 )
 def test_a_stream_that_fails_is_no_bug(line: str, code: int, log: Path) -> None:
@@ -66,7 +72,9 @@ def test_a_stream_that_fails_is_no_bug(line: str, code: int, log: Path) -> None:
         assert sorted(path.name for path in (log.parent / "out").iterdir()) == ["history.parquet", "result.json", "run.json"]
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437", "utf-16"])
+@pytest.mark.parametrize(
+    "encoding", ["ascii", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("latin-1", "cp437", "utf-16"))]
+)
 def test_a_terminal_of_any_encoding_gets_its_table(encoding: str, log: Path) -> None:
     done = shell(log.parent, f"{TOOL} estimate log.parquet --out out", PYTHONIOENCODING=encoding, PYTHONUTF8="0", LC_ALL="C")
     assert done.returncode == 0, done.stderr
@@ -157,12 +165,10 @@ def test_a_folder_that_vanishes_while_files_are_written_is_told(command: str, st
 
 
 def test_compiled_files_that_a_full_disk_cut_are_told(tmp_path: Path) -> None:
-    line, cache = f"{TOOL} schema vehicle", str(tmp_path / "cache")
-    settings = {"PYTHONPYCACHEPREFIX": cache, "PYTHONDONTWRITEBYTECODE": ""}
-    assert shell(tmp_path, line, **settings).returncode == 0
-    (compiled,) = (tmp_path / "cache").rglob("massprop_cli/schemas.*.pyc")
+    shutil.copytree(Path(__file__).parents[2] / "massprop_cli", tmp_path / "massprop_cli")
+    compiled = Path(py_compile.compile(str(tmp_path / "massprop_cli" / "schemas.py"), doraise=True) or "")
     compiled.write_bytes(compiled.read_bytes()[:300])
-    done = shell(tmp_path, line, **settings)
+    done = shell(tmp_path, f"{TOOL} schema vehicle", PYTHONPATH=str(tmp_path), PYTHONPYCACHEPREFIX="")
     assert done.returncode == 3, done.stderr
     assert b"compiled files are cut short, as by a full disk; remove __pycache__ below" in done.stderr
 
@@ -197,15 +203,24 @@ def test_a_disk_that_is_full_or_can_only_be_read_is_told(command: str, small_dis
     _refused(tmp_path, _on(small_disk, arguments), "Read-only file system")
 
 
-@pytest.mark.parametrize("command", WRITING)
+def _vanish_here(folder: Path) -> None:
+    """This process works in a folder that is gone."""
+    (folder / "here").mkdir()
+    os.chdir(folder / "here")
+    (folder / "here").rmdir()
+
+
+@pytest.mark.parametrize("command", [pytest.param(name, marks=[pytest.mark.thorough] * (n % 3 > 0)) for n, name in enumerate(WRITING)])
 def test_a_folder_that_vanished_under_the_command_is_told(command: str, tmp_path: Path) -> None:
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
-    above = " ".join(shlex.quote(f"../{one}" if (tmp_path / one).exists() else one) for one in arguments)
-    given = f"../{STDIN}" if (tmp_path / STDIN).exists() else "/dev/null"
-    done = shell(tmp_path, f"mkdir here && cd here && rmdir ../here && {TOOL} {above} < {given}; code=$?; cd ..; exit $code")
-    assert done.returncode == 3, done.stderr
-    assert done.stderr.count(b"\n") == 1
+    above = [f"../{one}" if (tmp_path / one).exists() else one for one in arguments]
+    said = [tmp_path / name for name in ("stdout", "stderr", "peak")]
+    process = commandline.begun(tmp_path, above, said, {}, partial(_vanish_here, tmp_path))
+    process.join(60)
+    told = said[1].read_text(encoding="utf-8")
+    assert process.exitcode == 3, told
+    assert told.count("\n") == 1
 
 
 SAYING = {
@@ -238,11 +253,16 @@ SILENT = ("export-flight", "simulate")
 """They write files and say so on stderr."""
 
 
+FULL, GONE = (">/dev/full", (3,)), (("| true", (141, 0)), (">&-", (0,)), ("2>&-", (0,)))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SAYING)
-@pytest.mark.parametrize(("end", "codes"), [("| true", (141, 0)), (">&-", (0,)), ("2>&-", (0,)), (">/dev/full", (3,))])
+@pytest.mark.parametrize(
+    ("command", "end", "codes"),
+    [*((command, *FULL) for command in SAYING), *((command, *GONE[n % 3]) for n, command in enumerate(SAYING))],
+)
 def test_a_stream_that_fails_under_any_command_is_no_bug(
-    end: str, codes: tuple[int, ...], command: str, asked: Path, tmp_path: Path
+    command: str, end: str, codes: tuple[int, ...], asked: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "here"
     shutil.copytree(asked, folder)
@@ -268,8 +288,14 @@ NAMES = ["two words", "new\nline", "-rf", 127 * "é" + "x", "\x1b[31m", "%s$(id)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("command", ["check", "export-flight", "live", "plan", "combine", "report"])
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (command, NAMES[(n + more) % len(NAMES)])
+        for n, command in enumerate(("check", "export-flight", "live", "plan", "combine", "report"))
+        for more in (0, 3)
+    ],
+)
 def test_any_command_takes_files_and_folders_of_any_name(command: str, name: str, asked: Path, tmp_path: Path) -> None:
     folder, out = tmp_path / "here", tmp_path / "here" / name
     shutil.copytree(asked, folder)
@@ -309,15 +335,15 @@ def test_what_a_killed_process_left_is_cleared_and_its_folder_is_free(log: Path)
     folder.mkdir(parents=True)
     (folder / ".massprop.lock").touch()
     (folder / ".massprop-abc.partial").write_text("half", encoding="utf-8")
-    done = shell(log.parent, f"{TOOL} estimate log.parquet -q")
+    done = massprop(log.parent, "estimate", "log.parquet", "-q")
     assert done.returncode == 0, done.stderr
     assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
 
 
 def test_what_a_process_left_that_was_killed_as_it_named_a_folder_is_cleared(log: Path) -> None:
-    assert shell(log.parent, f"{TOOL} estimate log.parquet -q").returncode == 0
+    assert massprop(log.parent, "estimate", "log.parquet", "-q").returncode == 0
     (log.parent / "massprop-out" / ".massprop.lock").touch()
-    assert shell(log.parent, f"{TOOL} estimate log.parquet -q").returncode == 0
+    assert massprop(log.parent, "estimate", "log.parquet", "-q").returncode == 0
     assert sorted(contents(log.parent / "massprop-out")) == ["log/history.parquet", "log/result.json", "log/run.json"]
 
 

@@ -17,15 +17,11 @@ from pyarrow import csv
 from massprop_cli import QUANTITIES, schemas
 from massprop_cli.flow import Analysis, analyse
 from massprop_cli.result import build, schema
+from massprop_cli.result.schema import Result
+from tests.commandline import massprop
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_logs"
-
-
-def massprop(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "massprop_cli", *arguments], capture_output=True, text=True, check=False, env={**os.environ, **environment}
-    )
 
 
 @cache
@@ -52,7 +48,7 @@ def load(folder: Path) -> dict[str, Any]:
 
 def test_estimate_writes_what_it_prints(tmp_path: Path) -> None:
     log, out = short(tmp_path), tmp_path / "out"
-    run = massprop("estimate", str(log), "--out", str(out))
+    run = massprop(tmp_path, "estimate", log, "--out", out)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
     assert sorted(p.name for p in out.iterdir()) == ["history.parquet", "result.json", "run.json"]
@@ -70,18 +66,16 @@ def test_estimate_writes_what_it_prints(tmp_path: Path) -> None:
     assert "body axes" in run.stdout
 
 
-def test_json_prints_the_result_and_nothing_else(tmp_path: Path) -> None:
-    run = massprop("estimate", str(short(tmp_path)), "--json", "--out", str(tmp_path / "out"))
-    assert run.stdout == (tmp_path / "out" / "result.json").read_text()
-    assert massprop("estimate", str(tmp_path / "log.parquet"), "-q", "--out", str(tmp_path / "out")).stdout == ""
-
-
-def test_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_same_input_gives_the_same_bytes_and_json_prints_them_and_nothing_else(tmp_path: Path) -> None:
+    """In a process that was forked, and in an interpreter with another seed of its hashes."""
     log = short(tmp_path)
-    for out in ("a", "b"):
-        assert massprop("estimate", str(log), "-q", "--out", str(tmp_path / out)).returncode == 0
+    shown = massprop(tmp_path, "estimate", log, "--json", "--out", "a")
+    command = [sys.executable, "-m", "massprop_cli", "estimate", log, "-q", "--out", tmp_path / "b"]
+    quiet = subprocess.run(command, env=os.environ | {"PYTHONHASHSEED": "7"}, capture_output=True, text=True, check=True)
+    assert (quiet.stdout, quiet.stderr) == ("", "")
     for name in ("result.json", "history.parquet"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert (shown.stdout, shown.stderr) == ((tmp_path / "a" / "result.json").read_text(), "")
 
 
 @pytest.mark.parametrize("name", ["free-flyer", "high-rate"])
@@ -108,8 +102,7 @@ def test_a_log_cut_short_has_the_same_history_before_the_cut(tmp_path: Path) -> 
 def test_settings_given_back_reproduce_the_result(name: str) -> None:
     """Also where a first pass found disturbances: what it found stands in the settings."""
     first = build.result(crazyflie(name))
-    given = [f"{key}={json.dumps(value)}" for key, value in first.provenance.settings.items()]
-    again = build.result(analyse(SAMPLES / "crazyflie" / f"{name}.parquet", assignments=given))
+    again = result(SAMPLES / "crazyflie" / f"{name}.parquet", *given_back(first))
     assert again.phases == first.phases
     assert again.provenance.settings == first.provenance.settings
 
@@ -153,15 +146,18 @@ def test_rates_columns_and_scales_stand_in_for_the_contract_names(tmp_path: Path
 
 
 def test_set_overrides_the_vehicle_file_and_flags_override_the_environment(tmp_path: Path) -> None:
-    log = str(short(tmp_path))
-    run = massprop("estimate", log, "--json", "--set", "convergence.count=30", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
-    found = json.loads(run.stdout)
-    assert found["provenance"]["settings"]["convergence.count"] == 30
-    assert found["provenance"]["settings"]["estimator.method"] == "thesis"
-    run = massprop("estimate", log, "--json", "--set", "estimator.method=default", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
-    assert json.loads(run.stdout)["provenance"]["settings"]["estimator.method"] == "default"
-    run = massprop("estimate", log, "--json", "--method", "default", "--delay", "2", "--out", str(tmp_path / "o"), MASSPROP_METHOD="thesis")
-    found = json.loads(run.stdout)
+    log = short(tmp_path)
+
+    def estimated(*options: str) -> dict[str, Any]:
+        run = massprop(tmp_path, "estimate", log, "--json", *options, "--out", "o", MASSPROP_METHOD="thesis")
+        found: dict[str, Any] = json.loads(run.stdout)
+        return found
+
+    settings = estimated("--set", "convergence.count=30")["provenance"]["settings"]
+    assert settings["convergence.count"] == 30
+    assert settings["estimator.method"] == "thesis"
+    assert estimated("--set", "estimator.method=default")["provenance"]["settings"]["estimator.method"] == "default"
+    found = estimated("--method", "default", "--delay", "2")
     assert found["provenance"]["settings"]["estimator.method"] == "default"
     assert (found["delay"]["cycles"], found["delay"]["source"]) == (2.0, "option")
     assert abs(found["delay"]["detected_cycles"] - 2.0) < 5 * found["delay"]["sigma_cycles"] < 0.01
@@ -191,11 +187,11 @@ def test_a_weighed_mass_calibrates_the_thrust_scale_and_narrows_the_inertia() ->
         assert (after[name].value or 0) / (before[name].value or 1) == pytest.approx(0.0319 / (before["mass"].value or 1), rel=0.01)
 
 
-def test_help_stays_light() -> None:
+def test_help_stays_light(tmp_path: Path) -> None:
     heavy = "('numpy', 'pandas', 'pyarrow', 'pydantic', 'matplotlib')"
     code = f"import sys\nfrom massprop_cli import cli\nprint([m for m in {heavy} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
-    assert "estimate" in massprop("--help").stdout
+    assert "estimate" in massprop(tmp_path, "--help").stdout
 
 
 @pytest.mark.parametrize("arguments", [("estimate", "--out", "o"), ("check",)])
@@ -215,7 +211,7 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
     """On a pseudo-terminal the bar names the stage, whatever a phase is called; on a pipe stderr stays empty."""
     import pty
 
-    log = short(tmp_path, 1200)
+    log = short(tmp_path, 800)
     leader, follower = pty.openpty()
     named = 'phases=[{name="a[/b]", start_s=0, end_s=60}]'
     command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "--out", str(tmp_path / "o"), "--set", named]
@@ -234,7 +230,7 @@ def test_progress_goes_to_a_terminal_only(tmp_path: Path) -> None:
     os.close(leader)
     assert run.wait() == 0
     assert b"estimating, phase a[/b]" in shown
-    assert massprop("estimate", str(log), "--out", str(tmp_path / "o")).stderr == ""
+    assert massprop(tmp_path, "estimate", log, "--out", "o").stderr == ""
 
 
 @pytest.mark.slow
@@ -246,7 +242,7 @@ def test_nominal_values_stand_beside_the_estimates_and_do_not_pull_them(tmp_path
     np.testing.assert_array_equal(shown.histories[0].values, plain.histories[0].values)
     estimates = build.result(shown).phases[0].estimates
     assert (estimates["ixx"].nominal, estimates["ixy"].nominal, estimates["izz"].nominal) == (5.0, 3.0, None)
-    run = massprop("estimate", str(log), "--set", cad, "--out", str(tmp_path / "o"))
+    run = massprop(tmp_path, "estimate", log, "--set", cad, "--out", "o")
     assert "nominal" in run.stdout
 
 
@@ -312,45 +308,47 @@ def test_a_logged_attitude_that_scatters_beyond_the_accelerometers_noise_is_refu
                 analyse(log)
 
 
+def result(log: Path, *assignments: str, vehicle: Path | None = None) -> Result:
+    return build.result(analyse(log, vehicle, assignments))
+
+
+def given_back(found: Result) -> list[str]:
+    """A result's settings, to be set."""
+    return [f"{key}={json.dumps(value)}" for key, value in found.provenance.settings.items()]
+
+
 def test_an_automatic_delay_is_written_into_the_settings_and_reproduces_the_result(tmp_path: Path) -> None:
-    log = str(short(tmp_path))
-    found = json.loads(massprop("estimate", log, "--json", "--delay", "auto", "--out", str(tmp_path / "a")).stdout)
-    assert found["delay"]["source"] == "detected"
-    assert abs(found["delay"]["cycles"] - 2.0) < 0.01
-    settings = found["provenance"]["settings"]
-    assert settings["cycle.command_delay_cycles"] == found["delay"]["cycles"]
-    assigned = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
-    again = json.loads(massprop("estimate", log, "--json", *assigned, "--out", str(tmp_path / "b")).stdout)
-    assert again["phases"] == found["phases"]
+    log = short(tmp_path)
+    found = Result.model_validate_json(massprop(tmp_path, "estimate", log, "--json", "--delay", "auto", "--out", "a").stdout)
+    assert found.delay.source == "detected"
+    assert abs(found.delay.cycles - 2.0) < 0.01
+    assert found.provenance.settings["cycle.command_delay_cycles"] == found.delay.cycles
+    assigned = [part for setting in given_back(found) for part in ("--set", setting)]
+    again = Result.model_validate_json(massprop(tmp_path, "estimate", log, "--json", *assigned, "--out", "b").stdout)
+    assert again.phases == found.phases
 
 
 @pytest.mark.parametrize(("stated", "sigma", "heard"), [(1.9, 0.1, True), (2.3, 0.05, False)])
 def test_a_delay_that_is_stated_with_a_sigma_is_narrowed_by_the_log(tmp_path: Path, stated: float, sigma: float, heard: bool) -> None:
     """2.0 cycles: a sigma off it is found within 0.003 and nothing is warned of, six sigmas off it is a fault; settings give it back."""
-    log, first = (
-        str(short(tmp_path)),
-        ["--set", f"cycle.command_delay_cycles={stated}", "--set", f"cycle.command_delay_sigma_cycles={sigma}"],
-    )
-    found = json.loads(massprop("estimate", log, "--json", *first, "--out", str(tmp_path / "a")).stdout)
-    codes = {notice["code"] for notice in found["warnings"]}
+    log = short(tmp_path)
+    found = result(log, f"cycle.command_delay_cycles={stated}", f"cycle.command_delay_sigma_cycles={sigma}")
+    codes = {notice.code for notice in found.warnings}
     assert codes.isdisjoint({"cause-unknown", "contradicted"})
     assert ("delay-mismatch" in codes) is not heard
-    settings = found["provenance"]["settings"]
+    narrowed = found.provenance.settings["cycle.command_delay_sigma_cycles"]
     if not heard:
-        assert (found["delay"]["cycles"], settings["cycle.command_delay_sigma_cycles"]) == (stated, sigma)
+        assert (found.delay.cycles, narrowed) == (stated, sigma)
         return
-    assert abs(found["delay"]["cycles"] - 2.0) < 0.003
-    assert abs(found["delay"]["cycles"] - 2.0) < 4 * settings["cycle.command_delay_sigma_cycles"] < 0.01
-    assigned = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
-    again = json.loads(massprop("estimate", log, "--json", *assigned, "--out", str(tmp_path / "b")).stdout)
-    assert again["phases"] == found["phases"]
+    assert isinstance(narrowed, float)
+    assert abs(found.delay.cycles - 2.0) < 0.003
+    assert abs(found.delay.cycles - 2.0) < 4 * narrowed < 0.01
+    assert result(log, *given_back(found)).phases == found.phases
 
 
 def test_the_refined_fit_agrees_with_the_causal_one_and_says_so_in_its_settings(tmp_path: Path) -> None:
-    log = str(short(tmp_path))
-    causal, refined = (
-        json.loads(massprop("estimate", log, "--json", *more, "--out", str(tmp_path / "o")).stdout) for more in ([], ["--refine"])
-    )
+    log = short(tmp_path)
+    causal, refined = (json.loads(massprop(tmp_path, "estimate", log, "--json", *more, "--out", "o").stdout) for more in ([], ["--refine"]))
     assert (causal["provenance"]["settings"]["estimator.refine"], refined["provenance"]["settings"]["estimator.refine"]) == (False, True)
     for name, estimate in causal["phases"][0]["estimates"].items():
         other = refined["phases"][0]["estimates"][name]
@@ -371,8 +369,8 @@ def test_a_delay_that_nobody_stated_is_called_a_default(tmp_path: Path) -> None:
     assert "command_delay_cycles" in stated
     vehicle.write_text("".join(line for line in stated.splitlines(True) if "command_delay_cycles" not in line))
     for file, source in ((SAMPLES / "free-flyer" / "vehicle.toml", "vehicle"), (vehicle, "default")):
-        found = json.loads(massprop("estimate", str(log), "--vehicle", str(file), "--json", "--out", str(tmp_path / source)).stdout)
-        assert found["delay"]["source"] == source
-        assert found["lag"]["source"] == "default"
-        (delay,) = [one for one in found["assumptions"] if one["code"] == "command-delay"]
-        assert delay["stated"] == (source == "vehicle")
+        found = result(log, vehicle=file)
+        assert found.delay.source == source
+        assert found.lag.source == "default"
+        (delay,) = [one for one in found.assumptions if one.code == "command-delay"]
+        assert delay.stated == (source == "vehicle")

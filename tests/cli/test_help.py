@@ -7,12 +7,9 @@ import shlex
 from pathlib import Path
 
 import pytest
-import typer
 
 from massprop_cli.cli import app, application
 from massprop_cli.cli.help import told
-from massprop_cli.cli.report import report
-from massprop_cli.result.read import Recorded
 from tests.commandline import massprop
 
 COMMANDS = {str(command.name): command.callback for command in app.registered_commands if command.callback is not None}
@@ -20,8 +17,7 @@ COMMANDS = {str(command.name): command.callback for command in app.registered_co
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_each_command_shows_examples_of_itself_with_options_that_it_has(name: str, tmp_path: Path) -> None:
-    text = massprop(tmp_path, name, "-h").stdout
-    assert massprop(tmp_path, name, "--help").stdout == text
+    text = massprop(tmp_path, name, "--help").stdout
     assert "<bool>" not in text
     examples = told(COMMANDS[name]).examples
     assert examples
@@ -55,6 +51,7 @@ def test_all_commands_are_built_where_none_of_them_is_asked_for() -> None:
 
 def test_options_stand_in_groups(tmp_path: Path) -> None:
     text = massprop(tmp_path, "estimate", "-h").stdout
+    assert massprop(tmp_path, "estimate", "--help").stdout == text
     groups = [line.split("─ ")[1].split(" ─")[0] for line in text.splitlines() if line.startswith("╭─ ")]
     assert groups == ["Arguments", "Options", "What goes in", "What comes out", "Settings", "What must hold"]
     only = text.split("╭─ Options ")[1].split("╭─")[0]
@@ -66,14 +63,6 @@ def test_shells_can_be_told_the_commands(tmp_path: Path) -> None:
     assert "--install-completion" in massprop(tmp_path, "--help").stdout
     settings = {"_MASSPROP_COMPLETE": "complete_bash", "COMP_WORDS": "massprop est", "COMP_CWORD": "1"}
     assert massprop(tmp_path, **settings).stdout.split() == ["estimate"]
-
-
-def test_open_shows_the_page_that_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flyer: Recorded) -> None:
-    shown: list[str] = []
-    monkeypatch.setattr(typer, "launch", shown.append)
-    report([flyer.path], None, None, tmp_path / "page", open_=True, quiet=True)
-    assert shown == [str(tmp_path / "page" / "report.html")]
-    assert Path(shown[0]).read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
 def test_open_without_a_page_is_refused(tmp_path: Path) -> None:

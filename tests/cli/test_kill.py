@@ -7,18 +7,21 @@ that time. It says how many came before anything was written, among the writing,
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import random
 import shutil
 import signal
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -29,10 +32,27 @@ from tests.refusal import save
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 SETTINGS = ("--set", "duration_s=3.0", "--set", 'plan=[{motion="random",axes=["roll","yaw","x"],start_s=0.0,end_s=3.0}]')
-PLAN = ("--want", "izz 50 %", "--max-time", "0.6")
+OFF = [f"{axis}_{end}" for axis in ("roll", "pitch") for end in ("p1", "p2", "n1", "n2")] + [
+    f"divert_{axis}{sign}" for axis in "xyz" for sign in "pn"
+]
+PLAN = ("--want", "izz 50 %", "--max-time", "0.5", *(part for jet in OFF for part in ("--without", jet)))
+"""By the yaw jets alone: few motions are tried."""
 THERE = ("drafted.toml: is there already", "record.csv: is there already", "record.csv: cannot be written (File exists)")
 """What ``init`` and ``live`` say, which write over no file."""
 Prepare = Callable[[Path], None]
+
+
+@cache
+def _once(make: Prepare) -> Path:
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    make(folder)
+    return folder
+
+
+def shared(make: Prepare) -> Prepare:
+    """Files that commands took time to make are made once and copied."""
+    return lambda folder: cast(None, shutil.copytree(_once(make), folder, dirs_exist_ok=True))
 
 
 def _log(folder: Path) -> None:
@@ -40,11 +60,13 @@ def _log(folder: Path) -> None:
     save(flight(100), folder / "log.parquet")
 
 
+@shared
 def _result(folder: Path) -> None:
     _log(folder)
     assert massprop(folder, "estimate", "log.parquet", "-q", "--out", "result").returncode == 0
 
 
+@shared
 def _logs(folder: Path) -> None:
     assert massprop(folder, "simulate", "free-flyer", *SETTINGS, "--seeds", "3", "-q", "--out", "logs").returncode == 0
 
@@ -54,6 +76,7 @@ def _vehicle(folder: Path) -> None:
     (folder / "guess.toml").write_text("[body]\nixx = 0.6\niyy = 2.7\nizz = 2.4\nmass = 22.0\n", encoding="utf-8")
 
 
+@shared
 def _results(folder: Path) -> None:
     _log(folder)
     save(flight(90), folder / "other.parquet")

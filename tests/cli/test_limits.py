@@ -22,7 +22,11 @@ def test_every_row_is_an_input_and_every_input_a_row() -> None:
     assert list(ROWS) == list(INPUTS)
 
 
-@pytest.mark.parametrize("name", INPUTS)
+LARGE = ("Parquet: 60 texts of 10 MB, one page", "Parquet: lists of 700,000")
+"""Take seconds to be written; others of the same limit are less."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.thorough] * (name in LARGE)) for name in INPUTS])
 def test_an_input_that_would_hurt_is_refused(name: str, tmp_path: Path) -> None:
     message, code = ROWS[name]
     arguments = INPUTS[name](tmp_path)

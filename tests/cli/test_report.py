@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import typer
 from junitparser import JUnitXml
 from typer.testing import CliRunner
 
@@ -177,6 +178,15 @@ def test_html_is_the_default(tmp_path: Path) -> None:
     folder = save(tmp_path / "run")
     assert run(folder) == (0, [str(folder / "report.html")])
     assert (folder / "report.html").read_text() == "<p>run"
+
+
+@pytest.mark.usefixtures("drawn")
+def test_open_shows_the_page_that_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+    monkeypatch.setattr(typer, "launch", shown.append)
+    folder = save(tmp_path / "run")
+    assert run(folder, "--open", "--out", tmp_path / "page") == (0, [str(tmp_path / "page" / "report.html")])
+    assert shown == [str(tmp_path / "page" / "report.html")]
 
 
 @pytest.mark.usefixtures("drawn")

@@ -11,12 +11,24 @@ import pytest
 from massprop_cli import QUANTITIES
 from tests.commandline import massprop
 
+PULSES = '{{motion="random", axes=[{}], every_cycles=5, max_cycles=4, start_s={}, end_s={}}}'
+TURNS, PUSHES = '"roll", "pitch", "yaw"', '"x", "y", "z"'
+SHORT = {"wheels": [(TURNS, 0, 12)], "wheels-and-jets": [(TURNS, 0, 6), (PUSHES, 6, 12)], "control-moment-gyros": [(TURNS, 0, 12)]}
 
-@pytest.mark.parametrize(("name", "jets"), [("wheels", 0), ("wheels-and-jets", 18), ("control-moment-gyros", 0)])
-def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, tmp_path: Path) -> None:
+
+@pytest.mark.parametrize(
+    ("name", "jets", "whole"),
+    [
+        *(("wheels", 0, False), ("wheels-and-jets", 18, False), ("control-moment-gyros", 0, False)),
+        *(pytest.param(*one, True, marks=pytest.mark.thorough) for one in (("wheels", 0), ("wheels-and-jets", 18))),
+    ],
+)
+def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, whole: bool, tmp_path: Path) -> None:
     flight, found = tmp_path / "flight", tmp_path / "found"
-    assert massprop(tmp_path, "simulate", name, "--out", str(flight)).returncode == 0
-    run = massprop(tmp_path, "estimate", str(flight / "log.parquet"), "--out", str(found))
+    plan = f"plan=[{', '.join(PULSES.format(*pulses) for pulses in SHORT[name])}]"
+    settings = () if whole else ("--set", "duration_s=12.0", "--set", plan)
+    assert massprop(tmp_path, "simulate", name, *settings, "--out", flight).returncode == 0
+    run = massprop(tmp_path, "estimate", flight / "log.parquet", "--out", found)
     assert run.returncode == 0, run.stderr
     result = json.loads((found / "result.json").read_text())
     (truth,) = json.loads((flight / "truth.json").read_text())["phases"]
@@ -28,5 +40,6 @@ def test_a_flight_with_wheels_is_estimated_and_reported(name: str, jets: int, tm
     assert sum(column.startswith("executed_") for column in history.column_names) == jets
     for key in set(QUANTITIES) & set(told):
         assert history[key][-1].as_py() == pytest.approx(told[key]["value"], abs=told[key]["sigma"])
-    assert massprop(tmp_path, "report", str(found)).returncode == 0
-    assert "by the momentum stored in" in (found / "report.html").read_text()
+    kind = "html" if whole else "md"
+    assert massprop(tmp_path, "report", found, "--format", kind).returncode == 0
+    assert "by the momentum stored in" in (found / f"report.{kind}").read_text()
