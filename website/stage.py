@@ -106,6 +106,6 @@ def navigation(pages: Path) -> Nav:
         {"How fast": FAST},
         {"What it withstands": ["limits.md", "licences.md", {"Security": "security.md"}]},
         {"Reference": ["reference/commands.md", *(f"reference/{name}.md" for name in schemas.NAMES), "reference/python.md"]},
-        {"Contributing": "contributing.md"},
+        {"Contributing": ["contributing.md", "checks.md"]},
         {"Changes": "changelog.md"},
     ]

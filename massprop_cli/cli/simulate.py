@@ -68,7 +68,7 @@ def simulate(
 
     if list_:
         for name in scenarios.packaged():
-            put(f"{name:16s}{scenarios.load(name).scenario.description}")
+            put(f"{name:22s}{scenarios.load(name).scenario.description}")
         return
     if scenario is None:
         raise UsageError("name a scenario file or a packaged scenario; massprop simulate --list names those")

@@ -104,7 +104,7 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
     flown = faulty.flown("docking", *plan, failing("yaw_p1", 0.0, 6.0, 12.5), seeds=(4,))
     found = faulty.examined(flown.log(0), flown.vehicle)
     (mended,) = found.mended
-    (stated,) = mended.settings
+    stated, *_ = mended.settings
     assert float(stated.split("end_s = ")[1].split("}")[0]) == pytest.approx(12.5, abs=0.3)
     for number, conclusion in enumerate(mended.conclusions):
         for one, true in zip(conclusion.estimates.values(), flown.truth[0, number], strict=True):
@@ -158,7 +158,7 @@ def test_a_jet_that_fails_for_a_time_is_named_and_mended(keys: tuple[str, ...], 
     (said,) = [notice.message for notice in found.notices if notice.code == code]
     assert words in said
     (mended,) = found.mended
-    (stated,) = mended.settings
+    stated, *_ = mended.settings
     assert stated.startswith("thrust.failures=[")
     assert setting in stated
     for (name, one), value in zip(mended.conclusions[0].estimates.items(), flown.truth[0, 0], strict=True):
