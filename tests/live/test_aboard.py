@@ -15,6 +15,7 @@ import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import vehiclefile
 from massprop_cli.kernel import Kernel, kernel
 from massprop_cli.live import legs, run
@@ -29,17 +30,22 @@ from tests.commandline import massprop
 
 compiled = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 SEEDS = (1, 2, 3)
-CUT_S = 40.0
-"""Where the packaged plan has an edge, after the values have come into use."""
+END_S = {"estimate": 60.0, "nominal": 50.0, "truth": 50.0}
+"""The first when all has converged, the others when the plan has pushed for ten seconds."""
+CUT_S = 21.0
+"""Values have come into use, and nothing is drawn yet."""
+
+
+def beginning(model: str, until_s: float) -> ScenarioSource:
+    """Of the packaged scenario."""
+    whole = scenario.load("docked-hold", [f"control.model={model}"]).scenario
+    plan = [segment for segment in whole.plan if (segment.start_s or 0.0) < until_s]
+    return ScenarioSource(whole.model_copy(update={"duration_s": until_s, "plan": tuple(plan)}), "docked-hold")
 
 
 @cache
-def flown(model: str, until_s: float = 100.0) -> tuple[ScenarioSource, Flight]:
-    """The packaged scenario, or its beginning."""
-    whole = scenario.load("docked-hold", [f"control.model={model}"]).scenario
-    plan = [segment for segment in whole.plan if (segment.end_s or 0.0) <= until_s]
-    beginning = whole.model_copy(update={"duration_s": until_s, "plan": tuple(plan)}) if until_s < 100.0 else whole
-    source = ScenarioSource(beginning, "docked-hold")
+def flown(model: str) -> tuple[ScenarioSource, Flight]:
+    source = beginning(model, END_S[model])
     return source, simulate.fly(source, SEEDS, running=Aboard)
 
 
@@ -90,26 +96,34 @@ def test_before_a_value_has_converged_the_flight_is_the_frozen_one_to_the_last_b
         assert np.array_equal(frozen.issued[member, :first], running.issued[member, :first])
         assert np.array_equal(frozen.delta_theta_rad[member, :first], running.delta_theta_rad[member, :first])
         assert np.array_equal(frozen.delta_v_m_s[member, :first], running.delta_v_m_s[member, :first])
-        assert not np.array_equal(frozen.issued[member], running.issued[member])
+        assert not np.array_equal(frozen.issued[member], running.issued[member, : frozen.issued.shape[1]])
+
+
+def same_so_far(cut: Flight, member: int) -> bool:
+    """What is commanded and sensed in a member's flight alone that ends sooner, where values have come into use."""
+    _, whole = flown("estimate")
+    count = cut.issued.shape[1]
+    assert (cut.modelled[0, -1] != cut.modelled[0, 0]).any()
+    names = ("issued", "delta_theta_rad", "delta_v_m_s")
+    return all(np.array_equal(getattr(whole, name)[member, :count], getattr(cut, name)[0]) for name in names)
 
 
 @compiled
+@pytest.mark.thorough
 def test_a_flight_that_ends_sooner_begins_the_same() -> None:
-    (_, whole), (_, cut) = flown("estimate"), flown("estimate", CUT_S)
-    count = round(CUT_S / 0.05)
-    assert cut.issued.shape[1] == count
-    for name in ("issued", "delta_theta_rad", "delta_v_m_s", "modelled"):
-        assert np.array_equal(getattr(whole, name)[:, :count], getattr(cut, name)), name
-    assert (cut.modelled[:, -1] != cut.modelled[:, 0]).any(1).all()
+    cut = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=Aboard)
+    assert cut.issued.shape[1] == round(CUT_S / 0.05)
+    assert same_so_far(cut, 2)
+    assert np.array_equal(cut.modelled[0], flown("estimate")[1].modelled[2, : cut.modelled.shape[1]])
 
 
 @compiled
 def test_following_the_estimate_points_better_than_the_frozen_gains() -> None:
-    """In each of the seeds, from where the plan pushes."""
+    """In each of the seeds, from two seconds after the plan begins to push."""
 
     def rms(model: str) -> Array:
         _, flight = flown(model)
-        angle = 2 * np.degrees(np.linalg.norm(flight.attitude_wxyz[:, 801:, 1:], axis=-1))
+        angle = 2 * np.degrees(np.linalg.norm(flight.attitude_wxyz[:, 841:1001, 1:], axis=-1))
         found: Array = np.sqrt((angle**2).mean(1))
         return found
 
@@ -144,29 +158,30 @@ class Beside:
         return one
 
 
-def both(name: str, monkeypatch: pytest.MonkeyPatch, cycles: int, *assignments: str) -> list[Any]:
+def said_of(name: str, cycles: int, *assignments: str, engine: type = Beside) -> list[Any]:
     """What is said of the first cycles of a sample log."""
     text = io.BytesIO()
     pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet").slice(0, cycles), text)
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
-    monkeypatch.setattr(legs, "Compiled", Beside)
     lines = text.getvalue().decode().splitlines(keepends=True)
-    return [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, print)]
+    with pytest.MonkeyPatch.context() as other:
+        other.setattr(legs, "Compiled", engine)
+        return [json.loads(line) for line in run.follow(lines, source, io.StringIO().write, print)]
 
 
 @compiled
-@pytest.mark.parametrize("name", ["free-flyer", "docking", "air-bearing"])
-def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Delays of two cycles and of none, a gap between phases."""
-    said = both(name, monkeypatch, 260, 'phases=[{name="a", start_s=0.0, end_s=6.0}, {name="b", start_s=7.0, end_s=100.0}]')
+@pytest.mark.parametrize("name", ["free-flyer", "air-bearing", pytest.param("docking", marks=pytest.mark.thorough)])
+def test_numpy_says_cycle_by_cycle_what_the_kernel_says(name: str) -> None:
+    """Delays of two cycles, a gap between phases."""
+    said = said_of(name, 200, 'phases=[{name="a", start_s=0.0, end_s=2.0}, {name="b", start_s=2.5, end_s=100.0}]')
     assert {one["phase"] for one in said} == {"a", "b"}
     assert sum(e["verdict"] == "converged" for e in said[-1]["estimates"].values()) > 0
 
 
 @compiled
-def test_both_say_that_what_is_flown_is_another_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_say_that_what_is_flown_is_another_vehicle() -> None:
     """Delay of a twentieth of a cycle less than flown: every value that is told is contradicted, none ever called converged."""
-    said = both("free-flyer", monkeypatch, 120, "cycle.command_delay_cycles=1.95")
+    said = said_of("free-flyer", 120, "cycle.command_delay_cycles=1.95")
     verdicts = [[e["verdict"] for e in one["estimates"].values()] for one in said]
     assert set(verdicts[-1]) - {"untold"} == {"contradicted"}
     assert not any("converged" in each for each in verdicts)
@@ -176,21 +191,20 @@ def test_both_say_that_what_is_flown_is_another_vehicle(monkeypatch: pytest.Monk
 @pytest.mark.parametrize("key", ["gyro_noise_rad_s", "accel_noise_m_s2"])
 @pytest.mark.parametrize(("too_small", "contradicted"), [(1.1, False), (1.4, True)])
 def test_either_sensors_noise_contradicts_where_it_is_stated_a_fifth_too_small_or_more(
-    key: str, too_small: float, contradicted: bool, monkeypatch: pytest.MonkeyPatch
+    key: str, too_small: float, contradicted: bool
 ) -> None:
     """1.5 in variance; over some hundred cycles 1.1 and 1.4 in sigma are three sigma of chance from that, and more."""
     noise = getattr(vehiclefile.load(SAMPLES / "free-flyer" / "vehicle.toml").vehicle.imu, key)
-    said = both("free-flyer", monkeypatch, 160, f"imu.{key}={noise / too_small}")
+    said = said_of("free-flyer", 160, f"imu.{key}={noise / too_small}", engine=Compiled)
     assert any(e["verdict"] == "contradicted" for e in said[-1]["estimates"].values()) == contradicted
 
 
 @compiled
-def test_without_a_compiler_numpy_flies_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    source, flight = flown("estimate", CUT_S)
+def test_without_a_compiler_numpy_flies_the_same_and_does_not_look_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(legs, "kernel", lambda: Kernel(None, "NumPy"))
-    again = simulate.fly(source, SEEDS[:1], running=Aboard)
-    assert np.array_equal(again.issued[0], flight.issued[0])
-    assert again.modelled[0] == pytest.approx(flight.modelled[0], rel=1e-8)
+    again = simulate.fly(beginning("estimate", CUT_S), SEEDS[2:], running=Aboard)
+    assert same_so_far(again, 2)
+    assert again.modelled[0] == pytest.approx(flown("estimate")[1].modelled[2, : again.modelled.shape[1]], rel=1e-8)
 
 
 REFUSED = {
@@ -205,12 +219,19 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("setting", REFUSED)
-def test_a_vehicle_that_no_running_estimate_can_hold_is_refused(setting: str, tmp_path: Path) -> None:
-    command = ["simulate", "docked-hold", "--out", "flown", "--set", setting]
-    found = massprop(tmp_path, *command, *(["--set", "actuators.delay_cycles=2.0"] if "auto" in setting else []))
+def test_a_vehicle_that_no_running_estimate_can_hold_is_refused(setting: str) -> None:
+    source = scenario.load("docked-hold", [setting, *(["actuators.delay_cycles=2.0"] if "auto" in setting else [])])
+    with pytest.raises(InputError) as refused:
+        simulate.fly(source, SEEDS, running=Aboard)
+    assert REFUSED[setting] in str(refused.value)
+    assert 'control.model = "estimate"' in str(refused.value)
+
+
+def test_its_refusal_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    setting = next(iter(REFUSED))
+    found = massprop(tmp_path, *("simulate", "docked-hold", "--out", "flown", "--set", setting, "--set", "actuators.delay_cycles=2.0"))
     assert found.returncode == 3
     assert REFUSED[setting] in found.stderr
-    assert 'control.model = "estimate"' in found.stderr
     assert len(found.stderr.strip().splitlines()) <= 1 + found.stderr.count("warning")
     assert not (tmp_path / "flown").exists()
 

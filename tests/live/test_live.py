@@ -9,6 +9,8 @@ import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,25 +25,26 @@ from massprop_cli.kernel import kernel
 from massprop_cli.live import records, run
 from massprop_cli.live.recording import recording
 from tests.analysed import SAMPLES, analysed
-from tests.commandline import massprop
+from tests.commandline import STDIN, Done, massprop
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"the causal pass runs on {kernel().name}")
 
 
-def recorded(name: str) -> list[str]:
+@cache
+def recorded(name: str) -> tuple[str, ...]:
     """A sample log as lines of CSV."""
     text = io.BytesIO()
     pyarrow.csv.write_csv(pyarrow.parquet.read_table(SAMPLES / name / "log.parquet"), text)
-    return text.getvalue().decode().splitlines(keepends=True)
+    return tuple(text.getvalue().decode().splitlines(keepends=True))
 
 
-def as_objects(lines: list[str]) -> list[str]:
+def as_objects(lines: Sequence[str]) -> list[str]:
     names = [name.strip('"\n') for name in lines[0].split(",")]
     rows = (line.strip().split(",") for line in lines[1:])
     return [json.dumps({name: float(cell) if cell else None for name, cell in zip(names, row, strict=True)}) + "\n" for row in rows]
 
 
-def followed(name: str, lines: list[str], *assignments: str) -> tuple[list[dict[str, object]], str, list[str]]:
+def followed(name: str, lines: Sequence[str], *assignments: str) -> tuple[list[dict[str, object]], str, list[str]]:
     """What is said, what is kept and what is warned of."""
     record, warned = io.StringIO(), list[str]()
     source = vehiclefile.load(SAMPLES / name / "vehicle.toml", assignments)
@@ -260,7 +263,7 @@ def test_what_cannot_begin_is_refused(lines: list[str] | None, assignments: tupl
         followed("free-flyer", recorded("free-flyer")[:10] if lines is None else lines, *assignments)
 
 
-def with_columns(lines: list[str], **cells: str) -> list[str]:
+def with_columns(lines: Sequence[str], **cells: str) -> list[str]:
     """Lines with more columns, of one content each."""
     return [f"{line.rstrip()},{','.join(cells.values() if number else cells)}\n" for number, line in enumerate(lines)]
 
@@ -322,6 +325,12 @@ def test_a_line_of_a_gigabyte_is_never_held() -> None:
     assert stream.left == 0
 
 
+def live(folder: Path, given: str, *arguments: str | Path) -> Done:
+    """``massprop live`` of the free flyer, with this as its standard input."""
+    (folder / STDIN).write_text(given, encoding="utf-8")
+    return massprop(folder, "live", "--vehicle", SAMPLES / "free-flyer" / "vehicle.toml", *arguments)
+
+
 def test_a_disk_that_is_full_keeps_whole_records_alone(tmp_path: Path) -> None:
     """No file may grow beyond 20 kB, as on a disk that is full then."""
     text = "".join(recorded("free-flyer")[:301])
@@ -349,10 +358,8 @@ def test_a_disk_that_is_full_keeps_whole_records_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("given", ["", "time_s\n"])
 def test_what_never_began_leaves_no_folder(given: str, tmp_path: Path) -> None:
-    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
-    line = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "a/live"]
-    assert subprocess.run(line, cwd=tmp_path, input=given, capture_output=True, text=True, check=False).returncode == 3
-    assert not list(tmp_path.iterdir())
+    assert live(tmp_path, given, "--out", "a/live").returncode == 3
+    assert [path.name for path in tmp_path.iterdir()] == [STDIN]
 
 
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
@@ -363,11 +370,8 @@ def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
 
 
 def test_a_refusal_is_one_line_and_exit_3(tmp_path: Path) -> None:
-    vehicle = str(SAMPLES / "free-flyer" / "vehicle.toml")
-    command = [sys.executable, "-m", "massprop_cli", "live", "--vehicle", vehicle, "--out", "live"]
     lines = recorded("free-flyer")[:301]
-    text = "".join([*lines[:100], *lines[110:]])
-    ended = subprocess.run(command, cwd=tmp_path, input=text, capture_output=True, text=True, check=False)
+    ended = live(tmp_path, "".join([*lines[:100], *lines[110:]]), "--out", "live")
     assert ended.returncode == 3
     assert len(ended.stderr.splitlines()) == 1
     assert (tmp_path / "live" / "record.csv").read_text().count("\n") == 100
