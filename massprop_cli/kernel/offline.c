@@ -9,17 +9,6 @@
 #include "host.h"
 #include "small.h"
 
-SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
-                         const double *rows, double *mean, double *root, double *triangle, double *white, double *roots);
-
-SHARED int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process,
-                            const double *observation, const double *measured, const double *noise, mp_real *room, double *mean,
-                            double *root, double *white, double *roots);
-
-SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
-                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
-                         double *spread);
-
 /* The filter's mean (n, width) and root (n, n), and the packed triangle: of a run, or from there (`given`). */
 static void exchanged(const mp_layout *layout, mp_run *run, int given, double *mean, double *root, double *triangle) {
     int n = layout->states, width = layout->width, i, j;
@@ -41,8 +30,8 @@ static void exchanged(const mp_layout *layout, mp_run *run, int given, double *m
 
 /* Cycles by rows, as mp_host_run has them, into a filter and a triangle, as they are before and after them. In a phase's first cycle the
  * filter begins; where it has `begun` the first row is the cycle before. Of each cycle taken in: white (K, 6, width) and roots (K, 6, 6). */
-int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
-                  const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
+SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
+                         const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
     mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
@@ -143,9 +132,9 @@ static void updated(filter *own, const double *measured, const double *observati
 /* sizes: cycles, the first that is measured, states n, columns that are driven and measured, others, process noises q. Of cycles: white
  * (K, 6, columns) and roots (K, 6, 6) of those that are measured; mean (n, columns) and root (n, n) as they begin and as they end.
  * room: (2 n + 6) columns + (6 + 2 n) (6 + n + q). */
-int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process, const double *observation,
-                     const double *measured, const double *noise, mp_real *room, double *mean, double *root, double *white,
-                     double *roots) {
+SHARED int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process,
+                            const double *observation, const double *measured, const double *noise, mp_real *room, double *mean,
+                            double *root, double *white, double *roots) {
     long count = sizes[0], first = sizes[1], n = sizes[2], given = sizes[3], columns = given + sizes[4], q = sizes[5], k, i, j;
     filter own;
     own.n = (int)n;
@@ -187,8 +176,9 @@ static void spread_on(double kept[3][3], long states, const double *step, const 
 
 /* White innovations (filters, count, columns) and their variances (filters, count) of filters on rate and torque, for all columns at once
  * (massprop_cli/estimate/whitening.py). now: (filters, 3, columns) as they begin; of three states the last forgets from cycle to cycle. */
-int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
-                  const unsigned char *used, const double *driven, const double *measured, double *now, double *rows, double *spread) {
+SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
+                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
+                         double *spread) {
     long f, k, c, i, j;
     double half = states > 2 ? step[2] : 0.0;
     for (f = 0; f < filters; f++) {

@@ -16,9 +16,6 @@ typedef struct {
     double *measured;    /* (K, 6, 1 + c) */
 } lifted;
 
-SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
-                          int combined, const lifted *out);
-
 static void reference_of(const double *from, int channels, mp_reference *out) {
     int i;
     memset(out, 0, sizeof *out);
@@ -42,13 +39,6 @@ int mp_about_of(const double *table, const double *reference, mp_vehicle *vehicl
 /* (3, combined) what phi makes of channels, in combinations (3 x channels + 4, combined) of its coefficients; NULL: each by itself. */
 static void combine(const mp_real *channels, int count, const double *onto, int combined, double *made) {
     int a, c, m;
-    if (onto != NULL && combined == 1) { /* what a whole reference does, of which there are many */
-        for (a = 0; a < 3; a++) {
-            made[a] = 0.0;
-            for (c = 0; c < count; c++) made[a] += (double)channels[c] * onto[a * count + c];
-        }
-        return;
-    }
     memset(made, 0, (size_t)(3 * combined) * sizeof made[0]);
     for (a = 0; a < 3; a++)
         for (c = 0; c < count; c++) {
@@ -109,8 +99,8 @@ static void cycle_written(const mp_layout *layout, const mp_motion *here, const 
 }
 
 /* Of `count` cycles by rows, as mp_host_run has them; `onto` NULL: a column for each coefficient. */
-int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
-                   int combined, const lifted *out) {
+SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
+                          int combined, const lifted *out) {
     mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;

@@ -3,13 +3,6 @@
 
 #include "host.h"
 
-SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
-                        const double *lag, double *integral, double *moment);
-
-SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
-                          double weight, long bins, const double *edges, const double *lag, double *room, double *integral,
-                          double *moment);
-
 /* What a first-order lag has come to after a `length` of what began at `value` and rose. */
 static double lagged(double y, double value, double rise, double length, double lag) {
     double rest;
@@ -20,8 +13,8 @@ static double lagged(double y, double value, double rise, double length, double 
 
 /* Integral and first moment over each bin of what goes on linearly but for events in the order of time, zero before the first, or of what
  * a lag makes of it (massprop_cli/prepare/signal.py). */
-int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
-                 const double *lag, double *integral, double *moment) {
+SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
+                        const double *lag, double *integral, double *moment) {
     double value = 0, rise = 0, now = events > 0 ? time[0] : edges[0], y = 0;
     long b, next = 0;
     while (next < events && time[next] < edges[0]) {
@@ -108,8 +101,9 @@ static void add_pulse(long events, long most, const double *room, double weight,
 
 /* The same of jets' pulses (massprop_cli/prepare/actuators.py), `weight` times, added to what is there: on-times (jets, count) from `begin`
  * (count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
-int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, double weight,
-                   long bins, const double *edges, const double *lag, double *room, double *integral, double *moment) {
+SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
+                          double weight, long bins, const double *edges, const double *lag, double *room, double *integral,
+                          double *moment) {
     long j, k, b, most = 4 * count;
     double *lagging = room + 3 * most;
     for (j = 0; j < jets; j++, on += count, ramps += 2, integral += bins, moment += bins) {
