@@ -70,7 +70,7 @@ def test_same_input_gives_the_same_bytes_and_json_prints_them_and_nothing_else(t
     """In a process that was forked, and in an interpreter with another seed of its hashes."""
     log = short(tmp_path)
     shown = massprop(tmp_path, "estimate", log, "--json", "--out", "a")
-    command = [sys.executable, "-m", "massprop_cli", "estimate", log, "-q", "--out", tmp_path / "b"]
+    command = [sys.executable, "-m", "massprop_cli", "estimate", str(log), "-q", "--out", str(tmp_path / "b")]
     quiet = subprocess.run(command, env=os.environ | {"PYTHONHASHSEED": "7"}, capture_output=True, text=True, check=True)
     assert (quiet.stdout, quiet.stderr) == ("", "")
     for name in ("result.json", "history.parquet"):
