@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,8 @@ def low_passed(log: Log, hertz: float, column: str = "delta_v_imu_m_s") -> Log:
     for k, (share, increment) in enumerate(zip(part, increments, strict=True)):
         now = now + share * (increment - now)
         passed[k] = now
-    return replace(log, **{column: passed})
+    changed: dict[str, Any] = {column: passed}
+    return replace(log, **changed)
 
 
 def examined(log: Log, used: Vehicle, assignments: Sequence[str] = ()) -> Analysis:

@@ -118,7 +118,7 @@ def low_passed(sensor: str, lag_s: float) -> Mistake:
 
 @cache
 def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Analysis:
-    """What is found in a log of twenty seconds with something wrong."""
+    """What is found in a log of fifteen seconds with something wrong."""
     flown = faulty.flown("free-flyer", *PLAN, *keys, seeds=(seed,) if seed == 3 else (4, 5, 6))
     return faulty.examined(*mistake(flown.log(flown.seeds.index(seed)), flown.vehicle))
 
@@ -237,9 +237,7 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     ("mistakes", "key", "codes", "words"),
     [
         ((degrees, giving(-1.0, "pitch_p1")), "", {"gyro-units", "jet-sign"}, ("pitch_p1", "degrees")),
-        pytest.param(
-            (quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough
-        ),
+        pytest.param((quarter,), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees"), marks=pytest.mark.thorough),
         ((askew, quarter), dead("roll_p1"), {"imu-mounting", "jet-dead"}, ("roll_p1", "90 degrees")),
         ((tilted, giving(0.8, "yaw_n2")), "", {"imu-mounting", "thrust-scale"}, ("yaw_n2 (+0.8", "3 degrees")),
     ],
@@ -378,9 +376,7 @@ def pulses(cycles: int) -> tuple[str, str]:
     ("key", "part", "words"),
     [
         ("droop", 0.004, "% of its thrust for each further one while that is open"),
-        pytest.param(
-            "cycle_droop", 0.02, "% of its thrust for each further one that fires in its cycle", marks=pytest.mark.thorough
-        ),
+        pytest.param("cycle_droop", 0.02, "% of its thrust for each further one that fires in its cycle", marks=pytest.mark.thorough),
     ],
 )
 def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, part: float, words: str) -> None:
