@@ -118,7 +118,7 @@ def low_passed(sensor: Literal["gyro", "accel"], lag_s: float) -> Mistake:
 
 @cache
 def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Analysis:
-    """What is found in a log of twenty seconds with something wrong."""
+    """What is found in a log of fifteen seconds with something wrong."""
     flown = faulty.flown("free-flyer", *PLAN, *keys, seeds=(seed,) if seed == 3 else (4, 5, 6))
     return faulty.examined(*mistake(flown.log(flown.seeds.index(seed)), flown.vehicle))
 
