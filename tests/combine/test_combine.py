@@ -13,15 +13,16 @@ import pytest
 from pyarrow import csv
 from scipy.spatial.transform import Rotation
 
-from massprop_cli import QUANTITIES, flow
+from massprop_cli import QUANTITIES, flow, job
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.combine import flow as combine
 from massprop_cli.combine.joint import Piece, joint
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.plant import BearingBody, plant_of
 from massprop_cli.report.figures import NAMES, WITHOUT_TIME, picture
-from massprop_cli.result import schema
+from massprop_cli.result import schema, store
 from massprop_cli.result.read import read
 from massprop_cli.testbed import bound, output, scenario, simulate
 from tests.campaigns import simulate as fly
@@ -36,15 +37,22 @@ DOCKING = (
     f"plan=[{PULSES.format(0, 180)},{{motion='hold',start_cycle=180,end_cycle=240}},{PULSES.format(240, 640)}]",
     'events=[{kind="dock",cycle=180,motion="rates_kept"},{kind="reset",cycle=240,phase="combined"}]',
 )
-HALVES = ((0, 200), (200, 400))
+
+
+def in_halves(start: int, end: int) -> tuple[tuple[int, int], ...]:
+    return ((start, (start + end) // 2), ((start + end) // 2, end))
+
+
 BODY = scenario.load("free-flyer").scenario.truth.values
 
 
 def at_once(
-    source: scenario.ScenarioSource, flight: simulate.Flight, body: Array, pieces: Sequence[tuple[int, int]]
+    source: scenario.ScenarioSource, flight: simulate.Flight, quiet: simulate.Flight, body: Array, pieces: Sequence[tuple[int, int]]
 ) -> tuple[Array, Array]:
-    """Values and covariance of the linear fit, about the truth, of all pieces: ten quantities, and the rate at each piece's start."""
-    quiet = simulate.fly(bound.noise_free(source), [flight.seeds[0]], issued=flight.issued[0])
+    """Values and covariance of the linear fit, about the truth, of all pieces: ten quantities, and the rate at each piece's start.
+
+    ``quiet`` is the flight without noise.
+    """
     noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
     vehicle = flight.vehicle
     noise /= np.repeat([vehicle.imu.gyro_noise_rad_s or 0.0, vehicle.imu.accel_noise_m_s2 or 0.0], 3) * vehicle.cycle.period_s
@@ -81,10 +89,15 @@ def levelled(flight: simulate.Flight, cycle: int) -> Vehicle:
 @pytest.mark.parametrize(
     ("name", "keys", "phases", "seed"),
     [
-        ("free-flyer", ("duration_s=20.0", PLAN), (HALVES,), 1),
-        ("free-flyer", ("duration_s=20.0", PLAN), (HALVES,), 2),
-        ("testbed", ("duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]"), (HALVES,), 1),
-        ("docking", DOCKING, (((0, 90), (90, 180)), ((240, 440), (440, 640))), 1),
+        ("free-flyer", ("duration_s=10.0", PLAN), (in_halves(0, 200),), 1),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in (
+                ("free-flyer", ("duration_s=20.0", PLAN), (in_halves(0, 400),), 2),
+                ("testbed", ("duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]"), (in_halves(0, 400),), 1),
+                ("docking", DOCKING, (in_halves(0, 180), in_halves(240, 640)), 1),
+            )
+        ),
     ],
 )
 def test_pieces_of_a_log_give_what_all_their_data_give_at_once(
@@ -92,6 +105,7 @@ def test_pieces_of_a_log_give_what_all_their_data_give_at_once(
 ) -> None:
     source = scenario.load(name, keys)
     flight = simulate.fly(source, [seed])
+    quiet = simulate.fly(bound.noise_free(source), [seed], issued=flight.issued[0])
     log = flight.log(0)
     for body, pieces in zip(flight.truth[0], phases, strict=True):
         found = []
@@ -102,7 +116,7 @@ def test_pieces_of_a_log_give_what_all_their_data_give_at_once(
             bearing = plant if isinstance(plant, BearingBody) else None
             found.append(Piece(str(begin), alone.values, alone.covariance, {}, bearing=bearing))
         together = joint(found)
-        values, covariance = at_once(source, flight, body, pieces)
+        values, covariance = at_once(source, flight, quiet, body, pieces)
         sigma = np.sqrt(np.diag(covariance))
         assert np.abs((together.values - values) / sigma).max() < 0.1
         np.testing.assert_allclose(np.sqrt(np.diag(together.covariance)), sigma, rtol=0.03)
@@ -153,22 +167,26 @@ def test_what_is_shared_counts_once() -> None:
     assert np.sqrt(found.covariance[9, 9]) < sigma
 
 
+def estimated(log: Path, out: Path, *assignments: str) -> None:
+    """What ``massprop estimate`` writes, without a process for it."""
+    found = job.of_file(log, assignments=assignments)
+    store.write(out, found.analysis, schema.to_json(found.result))
+
+
 def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) -> None:
     """Oracle: what the joint values do if every jet pushes half a per cent more or less, beside their sigmas at exact thrust."""
-    for seed in (1, 2):
-        output.simulate(scenario.load("testbed"), tmp_path / f"log-{seed}", seed, None)
+    output.simulate(scenario.load("testbed", ("duration_s=10.0", f"plan=[{PULSES.format(0, 200)}]")), tmp_path / "logs", 1, 2)
 
     def combined(name: str, *settings: str) -> tuple[Array, Array]:
-        folders = [f"{name}-{seed}" for seed in (1, 2)]
+        folders = [tmp_path / f"{name}-{seed}" for seed in (1, 2)]
         for seed, folder in zip((1, 2), folders, strict=True):
-            chosen = [part for setting in settings for part in ("--set", setting)]
-            assert massprop(tmp_path, "estimate", f"log-{seed}/log.parquet", *chosen, "--out", folder, "-q").returncode == 0
-        assert massprop(tmp_path, "combine", *folders, "--out", name, "-q").returncode == 0
-        phase = json.loads((tmp_path / name / "result.json").read_text())["phases"][0]
-        assert {item["verdict"] for item in phase["estimates"].values()} == {"converged"}
-        return np.array([item["value"] for item in phase["estimates"].values()]), np.array(phase["covariance"])
+            estimated(tmp_path / "logs" / f"seed-000{seed}" / "log.parquet", folder, *settings)
+        (phase,) = combine.combine(folders).phases
+        assert {item.verdict for item in phase.estimates.values()} == {"converged"}
+        assert phase.covariance is not None
+        return np.array([item.value for item in phase.estimates.values()]), np.array(phase.covariance)
 
-    vehicle = tomllib.loads((tmp_path / "log-1" / "vehicle.toml").read_text())
+    vehicle = tomllib.loads((tmp_path / "logs" / "seed-0001" / "vehicle.toml").read_text())
     plain, covariance = combined("exact")
     by = 0.005
     pushed = []
@@ -205,8 +223,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     fly(found / "flights", 2)
     fly(found / "other", 1, "truth.mass=24.0", "truth.ixx=0.7", first=3)
     for name, log in (("a", "flights/seed-0001"), ("b", "flights/seed-0002"), ("c", "other/seed-0003")):
-        done = massprop(found, "estimate", f"{log}/log.parquet", "--out", name, "-q")
-        assert done.returncode == 0, done.stderr
+        estimated(found / log / "log.parquet", found / name)
     flight = found / "flights" / "seed-0001"
     csv.write_csv(pq.read_table(flight / "log.parquet"), found / "log.csv")
     done = massprop(found, "estimate", "log.csv", "--vehicle", flight / "vehicle.toml", "--out", "as-csv", "-q")
@@ -261,11 +278,10 @@ def bearings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One vehicle on a bearing of 5 kg and on one of 9 kg, whose result is there once more with 5 kg stated."""
     found = tmp_path_factory.mktemp("bearings")
     for name, mass in (("light", 5.0), ("heavy", 9.0)):
-        keys = ["duration_s=20.0", f"plan=[{PULSES.format(0, 400)}]", f"vehicle.environment.bearing_mass_kg={mass}"]
+        keys = ["duration_s=10.0", f"plan=[{PULSES.format(0, 200)}]", f"vehicle.environment.bearing_mass_kg={mass}"]
         output.simulate(scenario.load("testbed", keys), found / f"log-{name}", int(mass), None)
-        assert massprop(found, "estimate", f"log-{name}/log.parquet", "--out", name, "-q").returncode == 0
-    stated = ("--set", "environment.bearing_mass_kg=5")
-    assert massprop(found, "estimate", "log-heavy/log.parquet", *stated, "--out", "misstated", "-q").returncode == 0
+        estimated(found / f"log-{name}" / "log.parquet", found / name)
+    estimated(found / "log-heavy" / "log.parquet", found / "misstated", "environment.bearing_mass_kg=5")
     return found
 
 
@@ -292,8 +308,7 @@ def test_a_bearing_of_another_mass_than_stated_contradicts_all_that_it_pulls_alo
 
 
 def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_path: Path) -> None:
-    done = massprop(tmp_path, "estimate", SAMPLES / "docking" / "log.parquet", "--out", "r", "-q")
-    assert done.returncode == 0
+    estimated(SAMPLES / "docking" / "log.parquet", tmp_path / "r")
     own = json.loads((tmp_path / "r" / "result.json").read_text())["docked_object"]["estimates"]
     done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d", "-q")
     assert done.returncode == 0, done.stderr
@@ -304,9 +319,7 @@ def test_a_docked_object_from_results_before_and_after_is_that_of_the_log(tmp_pa
 
 
 def test_sides_that_are_swapped_give_no_object(tmp_path: Path) -> None:
-    swapped = ("--set", "docking.before=combined", "--set", "docking.after=single")
-    done = massprop(tmp_path, "estimate", SAMPLES / "docking" / "log.parquet", *swapped, "--out", "r", "-q")
-    assert done.returncode == 6, done.stderr
+    estimated(SAMPLES / "docking" / "log.parquet", tmp_path / "r", "docking.before=combined", "docking.after=single")
     done = massprop(tmp_path, "combine", "--before", "r", "--after", "r", "--out", "d")
     assert done.returncode == 6, done.stderr
     assert "what --before names; were the two swapped? [docked-mass]" in done.stderr
@@ -315,11 +328,13 @@ def test_sides_that_are_swapped_give_no_object(tmp_path: Path) -> None:
     assert "what --after names weighs less than what --before names" in told["contradiction"]
 
 
-def test_the_two_body_experiment_gives_the_object_on_another_bearing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seconds", [14, pytest.param(0, marks=pytest.mark.thorough)])
+def test_the_two_body_experiment_gives_the_object_on_another_bearing(seconds: int, tmp_path: Path) -> None:
     """The thesis's proposal (5.3): the vehicle alone on one bearing, then joined with the object on one at their common CG."""
+    short = (f"duration_s={seconds}", f"plan=[{PULSES.format(0, 20 * seconds)}]")
     for name in ("testbed", "testbed-joined"):
-        assert massprop(tmp_path, "simulate", name, "--seed", "5", "--out", f"log-{name}", "-q").returncode == 0
-        assert massprop(tmp_path, "estimate", f"log-{name}/log.parquet", "--out", name, "-q").returncode == 0
+        output.simulate(scenario.load(name, short if seconds else ()), tmp_path / f"log-{name}", 5, None)
+        estimated(tmp_path / f"log-{name}" / "log.parquet", tmp_path / name)
     done = massprop(tmp_path, "combine", "--before", "testbed", "--after", "testbed-joined", "--out", "object", "-q")
     assert done.returncode == 0, done.stderr
     told = json.loads((tmp_path / "object" / "result.json").read_text())["docked_object"]["estimates"]

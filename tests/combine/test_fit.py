@@ -16,21 +16,21 @@ from massprop_cli.combine import flow
 from massprop_cli.result import schema, store
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed import bound, output, scenario, simulate
-from massprop_cli.testbed.scenario import ScenarioSource
+from tests.flown import flown
 
 AXES = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "pushes": "x y z"}
 SECONDS = 6.0
 
 
-def driven(name: str, axes: str, *more: str) -> ScenarioSource:
+def driven(axes: str, *more: str) -> tuple[str, ...]:
     named = ", ".join(f'"{axis}"' for axis in axes.split())
     pulses = f'plan=[{{motion="random", axes=[{named}], start_s=0.0, end_s={SECONDS}}}]'
-    return scenario.load(name, [f"duration_s={SECONDS}", pulses, *more])
+    return (f"duration_s={SECONDS}", pulses, *more)
 
 
-def estimated(source: ScenarioSource, seed: int, folder: Path) -> None:
+def estimated(name: str, settings: tuple[str, ...], seed: int, folder: Path) -> None:
     """Log and result in a folder."""
-    output.simulate(source, folder / "log", seed, None)
+    output.write(flown(name, settings, (seed,)), 0, scenario.load(name, settings).scenario, folder / "log", "parquet")
     judged = job.of_file(folder / "log" / "log.parquet")
     store.write(folder / "result", judged.analysis, schema.to_json(judged.result))
 
@@ -40,24 +40,30 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("fit")
     for name in ("free-flyer", "testbed"):
         for seed, (part, axes) in enumerate(AXES.items(), 1):
-            estimated(driven(name, axes), seed, found / name / part)
-    estimated(driven("free-flyer", "roll", "truth.ixx=0.61"), 9, found / "other")
+            estimated(name, driven(axes), seed, found / name / part)
+    estimated("free-flyer", driven("roll", "truth.ixx=0.61"), 9, found / "other")
     return found
 
 
 def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
     """Values and covariance of the linear fit about the truth: the ten quantities, and the rate at the start of each log."""
+    source = scenario.load(name, driven("roll"))  # whose plan counts for nothing: commands are those that were issued
+    flights = [flown(name, driven(axes), (seed,)) for seed, axes in seeds]
+    numbers, issued, truth = (
+        [seed for seed, _ in seeds],
+        *(np.concatenate([getattr(one, key) for one in flights]) for key in ("issued", "truth")),
+    )
+    quiet = simulate.fly(bound.noise_free(source), numbers, issued=issued)
+    # the first cycle whose command is known is the third
+    slopes = bound._sensitivities(source, numbers, issued, truth[:, 0], 2, np.zeros((0, 4)))[:, :, 2:]
     columns, left = [], []
-    for number, (seed, axes) in enumerate(seeds):
-        source = driven(name, axes)
-        flight = simulate.fly(source, [seed])
-        quiet = simulate.fly(bound.noise_free(source), [seed], issued=flight.issued[0])
-        noise = np.concatenate([flight.delta_theta_rad - quiet.delta_theta_rad, flight.delta_v_m_s - quiet.delta_v_m_s], -1)[0]
+    for member, (flight, changes) in enumerate(zip(flights, slopes, strict=True)):
+        noise = np.concatenate(
+            [flight.delta_theta_rad[0] - quiet.delta_theta_rad[member], flight.delta_v_m_s[0] - quiet.delta_v_m_s[member]], -1
+        )
         noise /= np.repeat([1e-4, 0.02], 3) * source.scenario.vehicle.cycle.period_s
-        # the first cycle whose command is known is the third
-        slopes = bound._sensitivities(source, [seed], flight.issued, flight.truth[0], 2, np.zeros((0, 4)))[0, :, 2:]
-        own = np.zeros((10 + 3 * len(seeds), *slopes.shape[1:]))
-        own[:10], own[10 + 3 * number : 13 + 3 * number] = slopes[:10], slopes[10:]
+        own = np.zeros((10 + 3 * len(seeds), *changes.shape[1:]))
+        own[:10], own[10 + 3 * member : 13 + 3 * member] = changes[:10], changes[10:]
         columns.append(own.reshape(len(own), -1).T)
         left.append(noise[2:].ravel())
     rows = np.concatenate(columns)
@@ -65,7 +71,7 @@ def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
     basis, triangle = np.linalg.qr(rows / size)
     step = np.linalg.solve(triangle, basis.T @ np.concatenate(left))
     root = np.linalg.inv(triangle) / size[:, None]
-    return flight.truth[0, 0] + (step / size)[:10], (root @ root.T)[:10, :10]
+    return truth[0, 0] + (step / size)[:10], (root @ root.T)[:10, :10]
 
 
 def numbers(found: Result) -> tuple[Array, Array]:
