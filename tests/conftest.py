@@ -8,9 +8,14 @@ import os
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from massprop_cli.result.read import Recorded
 from tests.recording import record
+
+# how long an example takes is the machine's affair, which may be busy with other tests
+settings.register_profile("massprop", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("massprop")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,3 +30,14 @@ def flyer(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @pytest.fixture(scope="session")
 def docking(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return record(tmp_path_factory.mktemp("docking"), "docking/log.parquet")
+
+
+@pytest.fixture
+def worked_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Campaigns from Python start no processes, and their pages are without figures."""
+    from massprop_cli import api
+    from massprop_cli.report.figures import canvas
+    from tests import campaigns
+
+    monkeypatch.setattr(api, "LocalExecutor", campaigns.Here)
+    monkeypatch.setattr(canvas, "render", campaigns.without_drawing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ VEHICLE = parse("schema = 1\n[cycle]\nperiod_s = 0.05\n", "v").vehicle
 AXES = {"of a free flyer": (1.0, 1.0, 1.0), "of a table": (0.0, 0.0, 1.0)}
 
 
+@cache
 def turning(axes: tuple[float, ...]) -> tuple[Array, Rotation]:
     """(n, 3) rates that wander by 0.3 rad/s, slower than 1 Hz, and the attitude at the end of each row."""
     rate = gaussian_filter1d(np.random.default_rng(5).normal(size=(ROWS, 3)), 60, axis=0)

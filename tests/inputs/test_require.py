@@ -114,6 +114,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulate(tmp_path_factory.mktemp("require") / "flights", 1) / "seed-0001" / "log.parquet"
 
 
+@pytest.mark.usefixtures("worked_here")
 @pytest.mark.parametrize("ask", [from_command, from_expect_file, from_campaign_file])
 def test_a_precision_is_asked_alike_everywhere(ask: Callable[[Path, str, Path], tuple[int, str]], log: Path, tmp_path: Path) -> None:
     sigma = estimate_log(log).result.phases[0].estimates["ixx"].sigma
