@@ -26,12 +26,13 @@ _FORKS.set_forkserver_preload(
         *("massprop_cli.campaign.run", "massprop_cli.campaign.discover", "massprop_cli.campaign.joining", "massprop_cli.campaign.page"),
         *("massprop_cli.campaign.terminal", "massprop_cli.report.html", "massprop_cli.report.terminal", "massprop_cli.report.markdown"),
         *("massprop_cli.check.flow", "massprop_cli.combine.flow", "massprop_cli.plan.flow", "massprop_cli.testbed.output"),
-        *("pyarrow.parquet", "pyarrow.csv", "filelock", "jinja2", "importlib.metadata", "rich.console", "rich.table", "rich.progress"),
+        *("filelock", "jinja2", "importlib.metadata", "rich.console", "rich.table", "rich.progress"),
         *("scipy.optimize", "typer.rich_utils", "matplotlib.figure", "matplotlib.backends.backend_svg"),
         *("matplotlib.backends.backend_agg", "tests.commandline"),
     ]
 )
-"""What commands import when they are asked for, a few tenths of a second each time; forks have it already."""
+"""What commands import when they are asked for, a tenth of a second each time; forks have it already. Nothing of it may start a thread, as
+pyarrow does: what a fork waits for a thread to do that it has not is never done."""
 
 
 class Done(subprocess.CompletedProcess[str]):

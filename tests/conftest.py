@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Generator
 
 # before anything imports numpy: on matrices this small a second thread only waits, and takes a core from the other worker
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -11,11 +12,26 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from massprop_cli.result.read import Recorded
+from tests.extras import optional
 from tests.recording import record
 
 # how long an example takes is the machine's affair, which may be busy with other tests
 settings.register_profile("massprop", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("massprop")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, None, None]:
+    """A test whose fixtures need an absent package is skipped, or fails where all are to run."""
+    with optional():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, None, None]:
+    """The same of the test itself."""
+    with optional():
+        return (yield)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

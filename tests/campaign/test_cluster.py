@@ -24,10 +24,11 @@ from massprop_cli.campaign.place import LocalPlace
 from massprop_cli.campaign.plan import Settings
 from massprop_cli.campaign.run import Step
 from tests import campaigns
+from tests.extras import needed
 
 pytestmark = pytest.mark.thorough
 
-distributed = pytest.importorskip("distributed")
+distributed = needed("distributed")
 LOGS = 8
 
 

@@ -23,10 +23,11 @@ from massprop_cli.cli import app
 from massprop_cli.report.figures import canvas
 from tests import campaigns
 from tests.campaigns import Here, without_drawing
+from tests.extras import needed
 
-fsspec = pytest.importorskip("fsspec")
-pytest.importorskip("s3fs")
-server = pytest.importorskip("moto.server")
+fsspec = needed("fsspec")
+needed("s3fs")
+server = needed("moto.server")
 LOGS = 6
 
 

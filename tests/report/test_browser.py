@@ -16,6 +16,7 @@ from massprop_cli.report.figures import whiteness
 from massprop_cli.report.figures.command import against
 from massprop_cli.report.figures.command import means as means_of
 from massprop_cli.result.read import Recorded
+from tests.extras import needed
 from tests.recording import changed, record
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ pytestmark = [pytest.mark.thorough, pytest.mark.browser, pytest.mark.skipif(CHRO
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install -e '.[dev]')")
+    playwright = needed("playwright.sync_api")
     with playwright.sync_playwright() as started:
         opened = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         yield opened

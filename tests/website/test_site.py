@@ -11,8 +11,12 @@ import pytest
 
 from massprop_cli import QUANTITIES, schemas
 from massprop_cli.cli import app
+from tests.extras import needed
 from website.__main__ import build
 from website.stage import ROOT, stage
+
+needed("zensical")
+needed("latex2mathml")
 
 DOCS = ROOT / "docs"
 
