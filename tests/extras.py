@@ -13,7 +13,7 @@ import pytest
 PACKAGES = frozenset(
     {
         *("asammdf", "distributed", "fsspec", "h5py", "latex2mathml", "matio", "mcap", "mcap_ros2", "moto", "playwright", "pyulog"),
-        *("rosbags", "s3fs", "zensical"),
+        *("rosbags", "s3fs", "zensical", "zstandard"),
     }
 )
 """Names to import."""

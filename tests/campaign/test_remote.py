@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import Result
 from typer.testing import CliRunner
 
 from massprop_cli import api, run_campaign
@@ -102,7 +101,7 @@ def stored(s3: Any, root: str) -> dict[str, bytes]:
     return {path.removeprefix(f"{root}/"): s3.cat_file(path) for path in sorted(s3.find(root))}
 
 
-def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[..., Result], local: dict[str, bytes], s3: Any) -> None:
+def test_logs_and_results_on_s3_give_the_same_bytes_as_on_disk(batch: Callable[..., Any], local: dict[str, bytes], s3: Any) -> None:
     done = batch("s3://flights/campaign.toml", "--out", "s3://flights/out")
     assert done.exit_code == 3, done.stderr
     assert "not a readable Parquet file" in done.stderr
@@ -228,7 +227,7 @@ def test_a_url_without_a_log_is_one_line_with_a_remedy(named: str, said: str) ->
     assert "\n" not in str(caught.value)
 
 
-def test_what_else_is_missing_is_one_line_with_a_remedy(batch: Callable[..., Result]) -> None:
+def test_what_else_is_missing_is_one_line_with_a_remedy(batch: Callable[..., Any]) -> None:
     for arguments, said in {
         ("logs", "--out", "s3://nobucket/out"): "s3://nobucket/out: no bucket 'nobucket' that these credentials may use",
         ("logs", "--vehicle", "s3://flights/none.toml"): "s3://flights/none.toml: no such vehicle file; check the URL",

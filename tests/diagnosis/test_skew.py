@@ -30,6 +30,7 @@ LEANING = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.01, 0.0, 1.0]])
 """What each axis measures of the rates about the three."""
 
 
+@pytest.mark.thorough
 @pytest.mark.numerical
 @pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.thorough)])
 def test_what_a_shear_moves_is_not_called_good(seed: int) -> None:

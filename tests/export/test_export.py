@@ -90,6 +90,7 @@ def test_other_vehicles_fly_their_vectors(name: str, built: Path, tmp_path: Path
     assert flies_its_vector(linked(exported(name, tmp_path / "out"), built), "replay")
 
 
+@pytest.mark.thorough
 def test_on_a_bearing_it_flies_its_vector_under_the_sanitizers(tmp_path: Path) -> None:
     """Not optimised, which is built sooner."""
     where = exported("air-bearing", tmp_path / "out")
@@ -155,6 +156,7 @@ def test_arm_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
+@pytest.mark.thorough
 def test_the_kernel_asks_for_nothing_but_a_square_root_and_keeps_nothing(built: Path) -> None:
     objects = [f"replay-{source[:-2]}.o" for source in defined(built, "KERNEL")]
     named = subprocess.run(["nm", *objects], cwd=built, capture_output=True, text=True, check=True)

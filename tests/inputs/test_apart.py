@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ def kept(name: str, folder: Path, suffix: str) -> Path:
 def test_a_crash_of_the_library_is_no_crash_of_the_program_and_leaves_nothing_aside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    import_module("h5py")
     path = kept("matlab-that-crashes", tmp_path, ".mat")
     aside = tmp_path / "aside"
     aside.mkdir()
