@@ -51,8 +51,8 @@ INTRODUCTION = """# The compiled kernel
 
 The causal estimator stands twice: in NumPy (massprop_cli/estimate) and in C99 (massprop_cli/kernel), which takes the same decisions at
 the same cycles. Where a C compiler was there when massprop was installed, `estimate`, `batch` and Python run on C; else on NumPy, and
-run.json says which (`kernel`). So does what goes through many cycles on the ground: the response of cycles to the mass properties, the
-filters of off-line fits, and the integrals of pulses and of lagged commands. Fits of hypotheses against a log run on NumPy.
+run.json says which (`kernel`). So does what goes through many cycles or suppositions on the ground: the response of a stretch of cycles,
+the filter and the predictions of off-line fits, what a lag makes of commands, and suppositions fitted against a log.
 `MASSPROP_KERNEL=numpy` chooses NumPy. Both agree to 1e-6 of a sigma at every cycle of the sample logs, but for crazyflie/yaw: the
 beginning of that log is chaotic, so that a change of 1e-13 of what is measured moves its values by sigmas in either.
 

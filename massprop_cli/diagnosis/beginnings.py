@@ -9,6 +9,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.kernelfits import Posed
 from massprop_cli.estimate.whitening import Told
 
 LEAST, FARTHEST = 0.03, 0.3
@@ -21,10 +22,11 @@ def begun(
     model: Model,
     told: tuple[Told, Told],
     regressed: dict[tuple[object, ...], Array],
+    posed: Posed | None,
     supposed: Sequence[Hypothesis],
     trusting: bool = False,
 ) -> tuple[Array, Array]:
-    """(H, nx) x, and (H, 10) the sizes of θ, of hypotheses.
+    """(H, nx) x, and (H, 10) the sizes of θ, of hypotheses as they are ``posed`` to the kernel; None: in NumPy.
 
     Suspected channels have a response of their own but for one who is ``trusting`` them. ``regressed`` remembers what was found.
     """
@@ -35,12 +37,14 @@ def begun(
     keys = [(told[0].triangle.shape[1], one.begins, () if trusting else one.suspects) for one in supposed]
     new = {key: i for i, key in enumerate(keys) if key not in regressed}
     if new:
-        suspects = np.zeros((len(new), len(model.force)), bool)
+        suspects = np.zeros((len(new), len(model.force)), np.uint8)
         for own, (_, _, suspected) in zip(suspects, new, strict=True):
-            own[list(suspected)] = True
-        regressed.update(zip(new, _plain(model, told, x[list(new.values())], suspects), strict=True))
+            own[list(suspected)] = 1
+        which = list(new.values())
+        plain = _plain(model, told, x[which], suspects != 0) if posed is None else posed.plain(x[which], suspects)
+        regressed.update(zip(new, plain, strict=True))
     each = np.array([regressed[key] for key in keys])
-    return _bodies(model, x, supposed, each)
+    return _bodies(model, x, supposed, each) if posed is None else posed.begun(x, each)
 
 
 def _bodies(model: Model, x: Array, supposed: Sequence[Hypothesis], plain: Array) -> tuple[Array, Array]:

@@ -34,8 +34,6 @@ RAMP = 2 / 3
 _SECOND = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 _PAIRS = np.array(_SECOND).T
 _SENSORS = (slice(0, 3), slice(3, 6))
-_SQUARE = np.array([tensor(one) for one in np.eye(6)])  # ω ωᵀ by each product of rates
-_BY_ARM = np.stack([one - np.trace(one) * np.eye(3) for one in _SQUARE], -1).swapaxes(0, 1).reshape(3, 18)
 THETA = 10
 """Entries of x that are mass properties; those of the error parameters come after them, and the channels' own last."""
 
@@ -152,7 +150,7 @@ class Model:
         shape = (*x.shape[:-1], -1, 3)
         thrust = x[..., self.place("thrust"), None]
         along = self.force + x[..., self.place("direction")].reshape(shape)
-        size, stated = (np.sqrt((part**2).sum(-1, keepdims=True)) for part in (along, self.force))
+        size, stated = (np.linalg.norm(part, axis=-1, keepdims=True) for part in (along, self.force))
         force = thrust * along * (stated / np.where(stated > 0, size, 1.0))
         position = self.position + x[..., self.place("position")].reshape(shape)
         return cross(position, force) + thrust * self.couple, force
@@ -169,16 +167,16 @@ class Model:
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")
         about = torque - cross(centre[..., None, :], force)
+        by_product = -inverse @ gamma(inertia)
         arm = self.imu + get("imu") - centre
-        felt = self._felt(arm, moment, mu)
         spin: dict[str, Array] = {
             "channels": np.einsum("...ij,...cj->...ic", inverse, about),
-            "products": -inverse @ gamma(inertia),
+            "products": by_product,
             "constant": inverse @ get("torque")[..., None],
         }
         if "rates" in self.places:
             spin["rates"] = inverse * get("drag")[..., None, :]
-        push: dict[str, Array] = {name: felt @ part for name, part in spin.items()}
+        push: dict[str, Array] = {name: self._felt(part, arm, moment, mu) for name, part in spin.items()}
         push["channels"] = push["channels"] + mu[..., None, None] * np.swapaxes(force, -1, -2)
         push["products"] = push["products"] + self._centripetal(arm, moment, mu)
         push["constant"] = push["constant"] + get("accel_bias")[..., None]
@@ -187,7 +185,7 @@ class Model:
                 _less_bias(parts, get("gyro_bias"))
         if "later" in self.places:
             response = np.concatenate([inverse, -inverse @ cross_matrix(centre)], -1)
-            through = felt @ response
+            through = self._felt(response, arm, moment, mu)
             thrust = through.copy()
             thrust[..., 3:] += mu[..., None, None] * _UNIT
             self._add_times(spin, push, x, response, thrust)
@@ -199,8 +197,8 @@ class Model:
             fall = -self.gravity * inverse @ cross_matrix(moment)
             spin["channels"] = spin["channels"] - np.einsum("...ij,...cj->...ic", turning, force)
             spin |= {"up": fall, "level": -turning}
-            push["up"] = self.gravity * _UNIT + felt @ fall
-            push["level"] = mu[..., None, None] * _UNIT - felt @ turning
+            push["up"] = self.gravity * _UNIT + self._felt(fall, arm, moment, mu)
+            push["level"] = mu[..., None, None] * _UNIT + self._felt(-turning, arm, moment, mu)
             self._add_swings(spin, push, x)
         for name in ("slope 0", "slope 1"):
             if name in self.places:
@@ -247,10 +245,12 @@ class Model:
         if "east" in self.places:
             spin["up"], push["up"] = (part - part @ cross_matrix(turn) for part in (spin["up"], push["up"]))
 
-    def _felt(self, arm: Array, moment: Array, mu: Array) -> Array:
-        """(..., 3, 3) specific force at the IMU by angular acceleration."""
-        felt = -cross_matrix(arm)
-        return felt if self.bearing is None else felt + self.level @ cross_matrix(moment * mu[..., None])
+    def _felt(self, spin: Array, arm: Array, moment: Array, mu: Array) -> Array:
+        """(..., 3, n) specific force at the IMU by angular accelerations (..., 3, n)."""
+        felt: Array = -cross_matrix(arm) @ spin
+        if self.bearing is not None:
+            felt = felt + self.level @ (cross_matrix(moment * mu[..., None]) @ spin)
+        return felt
 
     def _centripetal(self, arm: Array, moment: Array, mu: Array) -> Array:
         """(..., 3, 6) specific force by products of rates."""
@@ -262,9 +262,8 @@ class Model:
     def _measured(self, spin: Mapping[str, Array], push: Mapping[str, Array], x: Array, gyro: Array, accelerometer: Array) -> Array:
         """In the axes, units and scales of the IMU that measured the rates that the columns are made of."""
         found = np.zeros((*x.shape[:-1], max(p.stop for p in self.places.values()), 6))
-        for axes, parts in zip(_SENSORS, (spin, push), strict=True):
-            for name, place in self.places.items():
-                found[..., place, axes] = parts[name].swapaxes(-1, -2)
+        for name, place in self.places.items():
+            found[..., place, :3], found[..., place, 3:] = np.swapaxes(spin[name], -1, -2), np.swapaxes(push[name], -1, -2)
         base = [np.broadcast_to(turn, (*x.shape[:-1], 3, 3)) for turn in (gyro, accelerometer)]
         other = (x[..., self.entries["gyro_turn"].start : self.entries["accel_scale"].stop] != 0).any(-1)
         other = other | ((base[0] != _UNIT) | (base[1] != _UNIT)).any((-2, -1))
@@ -303,8 +302,14 @@ def _together(free: Free) -> tuple[tuple[int, ...], ...]:
 
 
 def _by_products(arm: Array) -> Array:
-    """(..., 3, 6) matrix that takes the products of rates to ω × (ω × arm) = ω (ω · arm) − (ω · ω) arm."""
-    found: Array = (arm @ _BY_ARM).reshape(*arm.shape, 6)
+    """(..., 3, 6) matrix that takes the products of rates to ω × (ω × arm)."""
+    found = np.zeros((*arm.shape, 6))
+    for k, (i, j) in enumerate(_SECOND):
+        found[..., i, k] += arm[..., j]
+        if i != j:
+            found[..., j, k] += arm[..., i]
+        else:
+            found[..., :, k] -= arm
     return found
 
 

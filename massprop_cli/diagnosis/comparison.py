@@ -18,11 +18,13 @@ from massprop_cli.diagnosis.beginnings import begun
 from massprop_cli.diagnosis.channelwise import Free
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypothesis import Hypothesis
+from massprop_cli.diagnosis.kernelfits import Fits, Posed
 from massprop_cli.errorparameters.parameter import Finding
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import ENTRIES
 from massprop_cli.estimate.regression import HEAVIER
 from massprop_cli.estimate.whitening import Told
+from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
 TINY = 1e-300
@@ -142,14 +144,19 @@ def _beside(model: Model, free: Free, variance: Array, supposed: Sequence[Hypoth
     for i, one in enumerate(supposed):
         moves[i, :, common : common + one.free.shape[1]] = one.free
     pulled = np.concatenate([np.full(10, PULL), np.ones(common + own - 10)])
-    ended = _descended(rows, moves, pulled, x, still)
-    spread, per_channel = ended.spread()[:, common:], (ended.left**2).sum(1) + rows.rest
+    ended = rows.posed.fitted(x, moves, pulled, (still, rows.spare, STEPS)) if compiled() else _descended(rows, moves, pulled, x, still)
+    spread, per_channel = ended.spread[:, common:], (ended.left**2).sum(1) + rows.rest
     # what is uncertain anyway is no part of what is supposed
     found = np.where(uncertain.any(1), x, ended.x)
     return [Fitted(one, model, found[i], per_channel[i], spread[i, : one.free.shape[1]]) for i, one in enumerate(supposed)]
 
 
-def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float) -> _Descent:
+def compiled() -> bool:
+    """Whether the kernel's equations run instead of what stands here."""
+    return kernel().library is not None
+
+
+def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float) -> Fits:
     descent = _Descent(rows, moves, pulled, x.copy())
     active = np.arange(len(x))
     for _ in range(STEPS):
@@ -158,7 +165,7 @@ def _descended(rows: _Rows, moves: Array, pulled: Array, x: Array, still: float)
         active = active[gained > still * (1 + descent.cost[active] / rows.spare)]
         if not len(active):
             break
-    return descent
+    return Fits(descent.x, descent.left, descent.spread())
 
 
 def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None) -> tuple[Array, Array]:
@@ -181,8 +188,8 @@ def _begun(rows: _Rows, supposed: Sequence[Hypothesis], theta: Array | None) -> 
 
 def _least(rows: _Rows, x: Array, others: Array) -> Array:
     """(H, nx) of each two beginnings the one that leaves less."""
-    own, its = (rows.left(np.stack([x, others], 1)) ** 2).sum((2, 3)).T
-    found: Array = np.where((its < own)[:, None], others, x)
+    better = (rows.left(others) ** 2).sum((1, 2)) < (rows.left(x) ** 2).sum((1, 2))
+    found: Array = np.where(better[:, None], others, x)
     return found
 
 
@@ -193,11 +200,14 @@ class _Descent:
         self.rows, self.moves, self.pulled, self.x = rows, moves, pulled, x
         count, size = len(x), moves.shape[2]
         self.offset, self.damping = np.zeros((count, size)), np.full(count, 1e-6)
-        self.left, self.slopes = rows.with_slopes(x, moves)
+        self.left = rows.left(x)
         self.cost = (self.left**2).sum((-2, -1))
+        self.slopes = np.empty((count, *self.left.shape[1:], size))
+        self.due = np.ones(count, dtype=bool)
 
     def step(self, which: IntArray) -> Array:
         """One step of some; by how much the cost of each fell, infinite where it was no step."""
+        self._renew(which)
         slopes, left, offset = self.slopes[which], self.left[which], self.offset[which]
         flat = slopes.reshape(len(which), -1, slopes.shape[-1])
         normal = np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2)
@@ -211,20 +221,27 @@ class _Descent:
         wrong = ~is_body(tried[:, :10])
         tried[wrong] = self.x[which][wrong]
         with np.errstate(over="ignore", invalid="ignore"):  # a step so long that it can't be computed is none
-            # what a step leaves and the slopes there at once: most steps are taken, and calls of NumPy take most of the time
-            left, slopes = self.rows.of(which).with_slopes(tried, self.moves[which])
+            left = self.rows.of(which).left(tried)
             cost = (left**2).sum((-2, -1)) + ((self.pulled * (offset + step)) ** 2).sum(-1)
         before = self.cost[which]
         better = (cost < before) & ~wrong
         gained = np.where(better, before - cost, np.where(wrong | ~(cost <= before * (1 + 1e-9)), np.inf, 0.0))
         moved = which[better]
-        self.x[moved], self.left[moved], self.slopes[moved], self.cost[moved] = tried[better], left[better], slopes[better], cost[better]
+        self.x[moved], self.left[moved], self.cost[moved] = tried[better], left[better], cost[better]
         self.offset[moved] += step[better]
         self.damping[which] = np.where(better, self.damping[which] / 10, self.damping[which] * 10 + 1e-4)
+        self.due[moved] = True
         return gained
 
+    def _renew(self, which: IntArray) -> None:
+        """Slopes where they are due."""
+        due = which[self.due[which]]
+        if len(due):
+            self.slopes[due] = self.rows.of(due).slopes(self.x[due], self.moves[due], self.left[due])
+            self.due[due] = False
+
     def spread(self) -> Array:
-        """(H, n) one sigma of each unknown, by the slopes where the fit is."""
+        """(H, n) one sigma of each unknown, by the slopes of the last step."""
         flat = self.slopes.reshape(len(self.x), -1, self.slopes.shape[-1])
         covariance = np.linalg.inv(np.swapaxes(flat, 1, 2) @ flat + np.diag(self.pulled**2))
         found: Array = np.sqrt(np.maximum(np.einsum("hii->hi", covariance), 0.0))
@@ -281,19 +298,26 @@ class _Rows:
         freed = self.freed and (self.freed[0][:, which], self.freed[1][:, which])
         return replace(self, gyro=self.gyro[which], accelerometer=self.accelerometer[which], freed=freed)
 
+    @cached_property
+    def posed(self) -> Posed:
+        """As the kernel has them."""
+        return Posed(self.model, self.told, self.variance, self.gyro, self.accelerometer, self.freed)
+
     def begun(self, supposed: Sequence[Hypothesis], trusting: bool = False) -> tuple[Array, Array]:
         """(H, nx) x to begin with, and (H, 10) the sizes of θ; ``trusting`` the channels that are suspected."""
-        return begun(self.model, self.told, self.regressed, supposed, trusting)
+        return begun(self.model, self.told, self.regressed, self.posed if compiled() else None, supposed, trusting)
 
     def left(self, x: Array) -> Array:
-        """(H, …, p, 6) for x (H, …, nx)."""
-        gyro, accelerometer = (turn.reshape(len(turn), *[1] * (x.ndim - 2), 3, 3) for turn in (self.gyro, self.accelerometer))
-        return self._against(self.model.coefficients(x, gyro, accelerometer))
+        """(H, p, 6) for x (H, nx)."""
+        if compiled():
+            return self.posed.left(x)
+        return self._against(self.model.coefficients(x, self.gyro, self.accelerometer))
 
-    def with_slopes(self, x: Array, moves: Array) -> tuple[Array, Array]:
-        """(H, p, 6) for x (H, nx), and (H, p, 6, n) its derivative along the columns of ``moves`` (H, nx, n)."""
-        each = self.left(x[:, None] + np.concatenate([np.zeros((*x.shape, 1)), HALF_STEP * moves], 2).swapaxes(1, 2))
-        return each[:, 0], np.moveaxis((each[:, 1:] - each[:, :1]) / HALF_STEP, 1, -1)
+    def slopes(self, x: Array, free_x: Array, left: Array) -> Array:
+        """(H, p, 6, n) derivative along the columns of ``free_x`` (H, nx, n)."""
+        moved = x[:, None, :] + HALF_STEP * np.swapaxes(free_x, 1, 2)
+        there = self._against(self.model.coefficients(moved, self.gyro[:, None], self.accelerometer[:, None]))
+        return np.moveaxis((there - left[:, None]) / HALF_STEP, 1, -1)
 
     def _against(self, coefficients: Array) -> Array:
         root = np.sqrt(self.variance)

@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array, grown, root_beside_unit
-
-TOGETHER = 3
-"""Cycles of which one triangle is made: of few, many triangles; of many, large roots."""
+from massprop_cli.kernel import kernel, pointer
 
 
 def unexpected(triangle: Array, rows: Array) -> tuple[Array, Array]:
     """(K, 6) what of each cycle's rows (K, 6, n + 1) a triangle (n, n + 1) and the cycles before don't tell, and (K, 6, 6) its lower root.
 
-    Each row is on n unknowns and what was measured, with noise of unit variance. Rows of some cycles are predicted at once; in the lower
-    root of their covariance, that of what each cycle brings beside those before it stands on the diagonal.
+    Each row is on n unknowns and what was measured, with noise of unit variance. Where there is a compiled kernel it runs.
     """
-    count, size = len(rows), rows.shape[2]
-    lots = -(-count // TOGETHER)
-    each = np.zeros((lots * TOGETHER, 6, size))
-    each[:count] = rows
-    each = each.reshape(lots, 6 * TOGETHER, size)
-    left, root = beyond(grown(triangle, each)[:-1], each)
-    white = np.linalg.solve(root, left[..., None]).reshape(-1, 6, 1)[:count]
-    among = np.arange(TOGETHER)
-    own = root.reshape(lots, TOGETHER, 6, TOGETHER, 6)[:, among, :, among].swapaxes(0, 1).reshape(-1, 6, 6)[:count]
-    return (own @ white)[..., 0], own
+    count, size = rows.shape[0], rows.shape[2]
+    if (library := kernel().library) is None:
+        return beyond(grown(triangle, rows)[:-1], rows)
+    packed = np.append(triangle[np.triu_indices(size - 1, 0, size)], 0.0)
+    left, spread, room = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(6 * size)
+    arrays = (np.ascontiguousarray(rows), packed, room, left, spread)
+    library.mp_host_expected(ctypes.c_long(count), ctypes.c_long(size - 1), *map(pointer, arrays))
+    return left, spread
 
 
 def beyond(triangles: Array, rows: Array) -> tuple[Array, Array]:
-    """What of rows (K, r, n + 1) triangles (K, n, n + 1) before them don't tell, (K, r), and its lower root (K, r, r)."""
+    """The same of the triangles (K, n, n + 1) before each cycle."""
     size = triangles.shape[1]
     ahead = rows[..., :size] @ np.linalg.inv(triangles[..., :size])
     left: Array = rows[..., size] - np.einsum("kij,kj->ki", ahead, triangles[..., size])

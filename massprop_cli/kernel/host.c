@@ -9,6 +9,19 @@
 
 #define TOLD 131 /* numbers of a row: mean 10, covariance 100, relative 3, innovation 6, its sigma 6, normalised 6 */
 
+SHARED int mp_host_interface(void);
+SHARED size_t mp_host_size(void);
+SHARED int mp_host_begin(mp_pass *pass, const double *table);
+SHARED void mp_host_attitude_error(mp_pass *pass, const double *attitude_error);
+SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told);
+SHARED size_t mp_host_flight_size(void);
+SHARED mp_pass *mp_host_pass(mp_flight *flight);
+SHARED int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule);
+SHARED int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule);
+SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values,
+                          int *status);
+SHARED int mp_host_reference(const mp_pass *pass, double *out);
+
 const double *mp_copied(mp_real *to, const double *from, int count) {
     int i;
     for (i = 0; i < count; i++) to[i] = (mp_real)from[i];
@@ -21,9 +34,9 @@ static const double *read_int(int *to, const double *from) {
 }
 
 /* Of these calls and what they are handed: another number where any of it is another (massprop_cli/kernel/__init__.py). */
-SHARED int mp_host_interface(void) { return 6; }
+int mp_host_interface(void) { return 5; }
 
-SHARED size_t mp_host_size(void) { return sizeof(mp_pass); }
+size_t mp_host_size(void) { return sizeof(mp_pass); }
 
 mp_vehicle mp_vehicle_of(const double *table) {
     mp_vehicle vehicle;
@@ -50,7 +63,7 @@ mp_vehicle mp_vehicle_of(const double *table) {
     return vehicle;
 }
 
-SHARED int mp_host_begin(mp_pass *pass, const double *table) {
+int mp_host_begin(mp_pass *pass, const double *table) {
     mp_vehicle vehicle = mp_vehicle_of(table);
     return mp_begin(pass, &vehicle);
 }
@@ -88,11 +101,11 @@ static void rule_of(const double *table, mp_rule *out) {
     }
 }
 
-SHARED size_t mp_host_flight_size(void) { return sizeof(mp_flight); }
+size_t mp_host_flight_size(void) { return sizeof(mp_flight); }
 
-SHARED mp_pass *mp_host_pass(mp_flight *flight) { return &flight->pass; }
+mp_pass *mp_host_pass(mp_flight *flight) { return &flight->pass; }
 
-SHARED int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule) {
+int mp_host_fly(mp_flight *flight, const double *commands, const double *vehicle, const double *rule) {
     mp_commands table;
     mp_vehicle of = mp_vehicle_of(vehicle);
     mp_rule by;
@@ -134,9 +147,9 @@ static void written(const mp_row *row, double *out) {
 }
 
 /* Where the attitude may be before the first cycle, (15). */
-SHARED void mp_host_attitude_error(mp_pass *pass, const double *error) { (void)mp_copied(pass->attitude_error[0], error, 15); }
+void mp_host_attitude_error(mp_pass *pass, const double *attitude_error) { (void)mp_copied(pass->attitude_error[0], attitude_error, 15); }
 
-SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told) {
+int mp_host_run(mp_pass *pass, long count, long stride, const double *rows, double *told) {
     long k;
     for (k = 0; k < count; k++) {
         mp_cycle cycle;
@@ -151,7 +164,7 @@ SHARED int mp_host_run(mp_pass *pass, long count, long stride, const double *row
 }
 
 /* Another phase: commands in flight and the attitude go on. */
-SHARED int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule) {
+int mp_host_phase(mp_flight *flight, const double *vehicle, const double *rule) {
     rule_of(rule, &flight->rule);
     memset(&flight->steady, 0, sizeof flight->steady);
     return mp_host_begin(&flight->pass, vehicle);
@@ -180,8 +193,7 @@ static void reported(const mp_values *from, double *out) {
 }
 
 /* Cycles as they were flown, and with `last` no more of them; how many were estimated from. */
-SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values,
-                          int *status) {
+long mp_host_flown(mp_flight *flight, long count, long stride, const double *rows, int last, double *told, double *values, int *status) {
     long k, done = 0;
     for (k = 0; k < count + (last != 0); k++) {
         mp_flown flown;
@@ -204,7 +216,7 @@ SHARED long mp_host_flown(mp_flight *flight, long count, long stride, const doub
 }
 
 /* (19 + 3 x channels) inertia, CG, mu, gyro bias, acceleration by a slow torque, phi of the present estimate; 0 while there is none. */
-SHARED int mp_host_reference(const mp_pass *pass, double *out) {
+int mp_host_reference(const mp_pass *pass, double *out) {
     int i, j, channels = pass->layout.channels;
     for (i = 0; i < 9; i++) out[i] = (double)pass->estimate.inertia[i / 3][i % 3];
     for (i = 0; i < 3; i++) {

@@ -1,13 +1,46 @@
 /* What off-line fits need of many cycles at once, for the ground: cycles taken in as in flight (massprop_cli/estimate/triangle.py), the
- * filter on all nuisances beside assumptions (massprop_cli/estimate/nuisance.py), and one on rate and torque that makes innovations white
- * (massprop_cli/estimate/whitening.py). */
-#include <math.h>
+ * filter on all nuisances beside assumptions (massprop_cli/estimate/nuisance.py), and what rows bring that those before them did not tell
+ * (massprop_cli/estimate/ahead.py). */
 #include <stddef.h>
 #include <string.h>
 
 #include "filter.h"
 #include "host.h"
 #include "small.h"
+
+SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
+                         const double *rows, double *mean, double *root, double *triangle, double *white, double *roots);
+
+SHARED int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread);
+
+SHARED int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process,
+                            const double *observation, const double *measured, const double *noise, mp_real *room, double *mean,
+                            double *root, double *white, double *roots);
+
+/* What of rows (count, 6, n + 1) a triangle on n unknowns, packed with what stands beside them, doesn't expect, (count, 6), and the lower
+ * root of its covariance, (count, 6, 6); each cycle's rows are folded in after. room: 6 (n + 1). */
+int mp_host_expected(long count, long unknowns, const double *rows, mp_real *triangle, mp_real *room, double *left, double *spread) {
+    int n = (int)unknowns, size = n + 1, i, j;
+    long k;
+    for (k = 0; k < count; k++) {
+        const double *own = rows + k * 6 * size;
+        mp_real(*columns)[6] = (mp_real(*)[6])room, root[6][6];
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < n; j++) columns[j][i] = (mp_real)own[i * size + j];
+        mp_forward6(triangle, size, n, columns);
+        for (i = 0; i < 6; i++) {
+            mp_real sum = (mp_real)own[i * size + n];
+            for (j = 0; j < n; j++) sum -= columns[j][i] * triangle[AT(size, j) + n - j];
+            left[k * 6 + i] = (double)sum;
+        }
+        mp_root6(columns, n, root);
+        for (i = 0; i < 6; i++)
+            for (j = 0; j < 6; j++) spread[(k * 6 + i) * 6 + j] = (double)root[i][j];
+        (void)mp_copied(room, own, 6 * size);
+        mp_fold(triangle, size, room, 6);
+    }
+    return MP_OK;
+}
 
 /* The filter's mean (n, width) and root (n, n), and the packed triangle: of a run, or from there (`given`). */
 static void exchanged(const mp_layout *layout, mp_run *run, int given, double *mean, double *root, double *triangle) {
@@ -30,8 +63,8 @@ static void exchanged(const mp_layout *layout, mp_run *run, int given, double *m
 
 /* Cycles by rows, as mp_host_run has them, into a filter and a triangle, as they are before and after them. In a phase's first cycle the
  * filter begins; where it has `begun` the first row is the cycle before. Of each cycle taken in: white (K, 6, width) and roots (K, 6, 6). */
-SHARED int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
-                         const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
+int mp_host_taken(const double *table, const double *reference, const double *attitude_error, int begun, long count, long stride,
+                  const double *rows, double *mean, double *root, double *triangle, double *white, double *roots) {
     mp_vehicle vehicle;
     mp_layout layout;
     mp_reference about;
@@ -132,9 +165,9 @@ static void updated(filter *own, const double *measured, const double *observati
 /* sizes: cycles, the first that is measured, states n, columns that are driven and measured, others, process noises q. Of cycles: white
  * (K, 6, columns) and roots (K, 6, 6) of those that are measured; mean (n, columns) and root (n, n) as they begin and as they end.
  * room: (2 n + 6) columns + (6 + 2 n) (6 + n + q). */
-SHARED int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process,
-                            const double *observation, const double *measured, const double *noise, mp_real *room, double *mean,
-                            double *root, double *white, double *roots) {
+int mp_host_filtered(const long *sizes, const double *transition, const double *drive, const double *process, const double *observation,
+                     const double *measured, const double *noise, mp_real *room, double *mean, double *root, double *white,
+                     double *roots) {
     long count = sizes[0], first = sizes[1], n = sizes[2], given = sizes[3], columns = given + sizes[4], q = sizes[5], k, i, j;
     filter own;
     own.n = (int)n;
@@ -157,60 +190,5 @@ SHARED int mp_host_filtered(const long *sizes, const double *transition, const d
     for (i = 0; i < n * columns; i++) mean[i] = (double)own.mean[i];
     for (i = 0; i < n; i++)
         for (j = 0; j < n; j++) root[i * n + j] = (double)own.root[i * (n + q) + j];
-    return MP_OK;
-}
-
-/* (3, 3) covariance one cycle on: step kept stepT + added, (states, states) each. */
-static void spread_on(double kept[3][3], long states, const double *step, const double *added) {
-    double made[3][3] = {{0}};
-    long i, j, m;
-    for (i = 0; i < states; i++)
-        for (j = 0; j < states; j++)
-            for (m = 0; m < states; m++) made[i][j] += step[i * states + m] * kept[m][j];
-    for (i = 0; i < states; i++)
-        for (j = 0; j < states; j++) {
-            kept[i][j] = added[i * states + j];
-            for (m = 0; m < states; m++) kept[i][j] += made[i][m] * step[j * states + m];
-        }
-}
-
-/* White innovations (filters, count, columns) and their variances (filters, count) of filters on rate and torque, for all columns at once
- * (massprop_cli/estimate/whitening.py). now: (filters, 3, columns) as they begin; of three states the last forgets from cycle to cycle. */
-SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
-                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
-                         double *spread) {
-    long f, k, c, i, j;
-    double half = states > 2 ? step[2] : 0.0;
-    for (f = 0; f < filters; f++) {
-        double kept[3][3] = {{0}}, was[3], gain[3] = {0.0, 0.0, 0.0};
-        double *rate = now + f * 3 * columns, *torque = rate + columns, *held = torque + columns;
-        for (k = 0; k < count; k++) {
-            double *row = rows + (f * count + k) * columns, *variance = spread + f * count + k, root;
-            const double *drive = driven + k * columns, *seen = measured + k * columns;
-            for (c = 0; k > 0 && c < columns; c++) {
-                rate[c] += drive[c] + torque[c] + half * held[c];
-                held[c] = 0.0;
-            }
-            if (k > 0) spread_on(kept, states, step, added + f * states * states);
-            *variance = 1.0;
-            if (!used[k]) {
-                memset(row, 0, (size_t)columns * sizeof row[0]);
-                continue;
-            }
-            *variance += kept[0][0];
-            root = sqrt(*variance);
-            for (i = 0; i < states; i++) gain[i] = kept[i][0] / *variance;
-            for (c = 0; c < columns; c++) {
-                double innovation = seen[c] - rate[c];
-                rate[c] += gain[0] * innovation;
-                torque[c] += gain[1] * innovation;
-                held[c] += gain[2] * innovation;
-                row[c] = innovation / root;
-            }
-            for (j = 0; j < states; j++) was[j] = kept[0][j];
-            for (i = 0; i < states; i++)
-                for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
-        }
-    }
     return MP_OK;
 }

@@ -79,7 +79,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
 def lifted(numbers: Array, about: Array, cycles: Array, states: int, combined: int, onto: Array | None) -> tuple[Array, ...]:
     """The arrays of :class:`massprop_cli.model.lifted.Lifted` in their order, of ``cycles`` as :func:`packed` has them.
 
-    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/response.c).
+    ``numbers`` are the vehicle's, ``about`` those of a reference (``reference_of`` in massprop_cli/kernel/blocks.c).
     """
     count, n = len(cycles), states
     transition, observation, to_rate = np.empty((count - 1, n, n)), np.empty((count, 6, n)), np.empty((count - 1, 3, 3))
@@ -123,6 +123,32 @@ def taken(
     triangle = np.zeros((size, size))
     triangle[upper] = after[2]
     return Filtered(*after[:2], triangle), white, roots
+
+
+def beyond(numbers: Array, about: Array, phi: Array, cycles: Array, rate: Array, states: int) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,)."""
+    found = np.empty((len(cycles) - 1, states)), np.empty((len(cycles), 6))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    before, after = (numbers, about, np.ascontiguousarray(phi)), (cycles, np.ascontiguousarray(rate), *found)
+    checked(kernel().compiled.mp_host_beyond(*map(pointer, before), rows, stride, *map(pointer, after)))
+    return found
+
+
+def integrals(numbers: Array, about: Array, cycles: Array, channels: int) -> tuple[Array, Array, Array]:
+    """The arrays of :func:`massprop_cli.model.lifted.integrals_about`, handed over as :func:`lifted` hands them."""
+    count = len(cycles)
+    found = np.empty((count - 1, channels)), np.empty((count, channels)), np.empty((count - 1, 3))
+    rows, stride = (ctypes.c_long(length) for length in cycles.shape)
+    checked(kernel().compiled.mp_host_integrals(pointer(numbers), pointer(about), rows, stride, pointer(cycles), *map(pointer, found)))
+    return found
+
+
+def least(numbers: Array, theta: Array, triangles: Array, steps: int, still: float) -> Array:
+    """(M,) chi-square of :func:`massprop_cli.diagnosis.change.least` of each of ``triangles`` (M, N + 1, N + 1)."""
+    count, found = (ctypes.c_long(len(triangles)), ctypes.c_long(steps), ctypes.c_double(still)), np.empty(len(triangles))
+    before, after = (numbers, np.ascontiguousarray(theta)), (np.ascontiguousarray(triangles), found)
+    checked(kernel().compiled.mp_host_least(*map(pointer, before), *count, *map(pointer, after)))
+    return found
 
 
 class StatusError(RuntimeError):

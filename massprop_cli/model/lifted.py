@@ -66,19 +66,19 @@ class Lifted(Steps):
 
 
 def lifted(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, within: Within | Array | None = None
+    samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, onto: Array | None = None, rebuilt: Within | None = None
 ) -> Lifted:
     """The response of ``cycles`` (a slice with both ends given). Row k uses data of cycles k and before only.
 
     ``reference`` gives the motion within a cycle, and multiplies what is small: noise in the rates, products of errors. With ``onto``
-    (N, c) there is a column for each of these combinations of coefficients instead; ``within`` is what :func:`cycles_of` makes, where it
-    is at hand. Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
+    (N, c) there is a column for each of these combinations of coefficients instead; ``rebuilt`` is the motion within, where it is at hand.
+    Where there is a compiled kernel that knows the vehicle, its equations run instead of what stands here.
     """
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
-    within = cycles_of(samples, cycles, reference, vehicle) if within is None else within
-    if not isinstance(within, Within):
-        return _compiled(within, layout, lift, reference, vehicle, onto)
+    if compiled(vehicle):
+        return _compiled(here, layout, lift, reference, vehicle, onto)
+    within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
     step, whole, known = integrals(here, lift, within.theta, within)
     coupling = _coupling(here, lift, within, reference)
     damped = impulse_by_damping(within.motion, within.rates, _bin_s(here, within.motion)) if layout.has(layout.damping) else None
@@ -92,12 +92,6 @@ def lifted(
     transition, drive = _rotation(about, step, known, onto)
     observation, measured = _translation(about, whole, vehicle, onto)
     return Lifted(transition, observation, coupling.to_rate, steps, drive, measured)
-
-
-def cycles_of(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Within | Array:
-    """The motion within cycles, or those cycles as the compiled kernel has them where it runs: the same wherever the IMU is."""
-    here = samples.part(cycles)
-    return handed.packed(here, vehicle) if compiled(vehicle) else motion_within(here, reference, Lift(plant_of(vehicle)))
 
 
 class _Coupling(NamedTuple):
@@ -278,11 +272,19 @@ def compiled(vehicle: Vehicle) -> bool:
     return kernel().library is not None and not handed.unknown(vehicle)
 
 
-def _compiled(cycles: Array, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
-    """The response by the compiled kernel."""
+def _compiled(here: Samples, layout: Layout, lift: Lift, reference: Reference, vehicle: Vehicle, onto: Array | None) -> Lifted:
+    """The same by the compiled kernel."""
     numbers, size = vehicle_numbers(layout, vehicle, handed.Begun()), lift.size if onto is None else onto.shape[1]
     about, states = reference_numbers(reference, lift), layout.size - RATE.start
-    return Lifted(*handed.lifted(numbers, about, cycles, states, size, onto))
+    return Lifted(*handed.lifted(numbers, about, handed.packed(here, vehicle), states, size, onto))
+
+
+def beyond(layout: Layout, vehicle: Vehicle, about: Array, phi: Array, cycles: Array, rate: Array) -> tuple[Array, Array]:
+    """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what ``rate`` (K, 3) gives: of coefficients ``phi`` (N,).
+
+    Of a vehicle that the compiled kernel knows; with :func:`reference_numbers`, and cycles as :func:`handed.packed` has them.
+    """
+    return handed.beyond(vehicle_numbers(layout, vehicle, handed.Begun()), about, phi, cycles, rate, layout.size - RATE.start)
 
 
 def reference_numbers(reference: Reference, lift: Lift) -> Array:
@@ -345,6 +347,9 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:
     """The same about a reference, with the motion within the cycles that it has."""
     lift = Lift(plant_of(vehicle))
+    if compiled(vehicle):
+        numbers = vehicle_numbers(Layout.of(samples, vehicle), vehicle, handed.Begun())
+        return handed.integrals(numbers, reference_numbers(reference, lift), handed.packed(samples, vehicle), lift.channels)
     return integrals(samples, lift, lift.theta(reference), motion_within(samples, reference, lift))
 
 

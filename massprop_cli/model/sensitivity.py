@@ -23,10 +23,12 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
+from massprop_cli.model.handed import packed
+from massprop_cli.model.layout import Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, cycles_of, lifted
+from massprop_cli.model.lifted import Lifted, beyond, compiled, lifted, reference_numbers
 from massprop_cli.model.plant import Reference, plant_of
-from massprop_cli.model.within import Within
+from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.prepare.stream import Stream
 
@@ -173,7 +175,7 @@ def fed(
     driven, measured = list[Array](), list[Array]()
     # the log as it was read is at hand; sides that several variants have in common are looked at once, and stay: ids are theirs
     read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
-    shared, held = _Shared({}, {}), list[Vehicle]()
+    shared, held = _Shared({}, {}, {}), list[Vehicle]()
 
     def of(side: Side) -> tuple[Array, Array]:
         held.append(as_read := side.vehicle or vehicle)
@@ -245,20 +247,27 @@ def with_geometry(consider: Consider, setup: Setup, samples: Stream) -> Consider
 class _Shared(NamedTuple):
     """What sides have in common."""
 
-    bodies: dict[int, Array]
-    """By environment: the reference's coefficients."""
-    moved: dict[tuple[int, int], Within | Array]
+    bodies: dict[int, tuple[Array, Array]]
+    """By environment: the reference's coefficients, and as the kernel has it."""
+    moved: dict[tuple[int, int], Within]
     """By samples and environment: another place of the IMU alone leaves the motion."""
+    cycles: dict[int, Array]
+    """By samples: as the kernel has them."""
 
 
 def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared) -> tuple[Array, Array]:
     """(K − 1, n) the state one step on, and (K, 6) what is measured beyond what the state (K, n) gives, as a side reads the log."""
     within, samples, lift = id(vehicle.environment), side.samples, Lift(plant_of(vehicle))
     if within not in shared.bodies:
-        shared.bodies[within] = lift.coefficients(lift.theta(reference))[0]
-    phi, same = shared.bodies[within], (id(samples), within)
+        shared.bodies[within] = lift.coefficients(lift.theta(reference))[0], reference_numbers(reference, lift)
+    phi, about = shared.bodies[within]
+    if compiled(vehicle):
+        if id(samples) not in shared.cycles:
+            shared.cycles[id(samples)] = packed(samples.part(cycles), vehicle)
+        return beyond(Layout.of(samples, vehicle), vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
+    same = id(samples), within
     if same not in shared.moved:
-        shared.moved[same] = cycles_of(samples, cycles, reference, vehicle)
+        shared.moved[same] = motion_within(samples.part(cycles), reference, lift)
     return _beyond(lifted(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
 
 

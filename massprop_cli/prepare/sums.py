@@ -5,14 +5,18 @@ A cycle's sum is the same whatever other cycles there are.
 
 from __future__ import annotations
 
+import ctypes
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.kernel import kernel, pointer
 
 CANCELLED = 1e-12
 """Part of what each channel makes alone below which their sum is rounding."""
+TOGETHER = 32
+"""Cycles that ``mp_host_wrenches`` sums at once."""
 
 
 def of_records(each: Array, records: int) -> Array:
@@ -26,16 +30,36 @@ def windows(integral: Array, moment: Array, duration: Array) -> tuple[Array, Arr
 
     Of integrals [s of full thrust] and first moments about each bin's beginning [s²], (K, B, C), of cycles that last ``duration`` (K,) s.
     """
-    bins, (each, moments) = integral.shape[1], (np.moveaxis(part, -1, 0) for part in (integral, moment))
-    whole, begun = np.moveaxis(each @ np.stack([np.ones(bins), np.arange(bins) / bins], 1), -1, 0)
-    return ((moments @ np.ones(bins)) / duration + begun).T, whole.T
+    count, bins, channels = integral.shape
+    library = kernel().library
+    if library is None:
+        whole = _over_bins(integral, np.ones(bins))
+        return _over_bins(moment, np.ones(bins)) / duration[:, None] + _over_bins(integral, np.arange(bins) / bins), whole
+    flat = _alike(integral, moment)
+    length, found = np.ascontiguousarray(duration), np.empty((2, count, channels))
+    sizes = [ctypes.c_long(n) for n in (count, bins, channels, *_apart(flat[0]))]
+    library.mp_host_windows(*sizes, *map(pointer, (*flat, length, found[0], found[1])))
+    return found[0], found[1]
+
+
+def _over_bins(each: Array, weights: Array) -> Array:
+    """(K, C) weighted sums over bins of (K, B, C)."""
+    found: Array = np.einsum("ckb,b->kc", np.moveaxis(each, -1, 0), weights)
+    return found
 
 
 def net(part: Array, wrench: Array) -> Array:
     """(..., 6) what channels (..., C) make together by their ``wrench`` (C, 6) at full; nothing where they cancel but for rounding."""
-    found: Array = part @ wrench
-    found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
-    return found
+    library = kernel().library
+    if library is None:
+        found: Array = part @ wrench
+        found[np.abs(found) < CANCELLED * (np.abs(part) @ np.abs(wrench))] = 0.0
+        return found
+    made = np.empty((*part.shape[:-1], 6))
+    flat, given = part.reshape(made.size // 6, len(wrench)), np.ascontiguousarray(wrench, dtype=float)
+    sizes = [ctypes.c_long(n) for n in (*flat.shape, *_apart(flat))]
+    library.mp_host_net(*sizes, *map(pointer, (flat, given, np.array([CANCELLED]), made)))
+    return made
 
 
 class Wrenches(NamedTuple):
@@ -54,10 +78,24 @@ class Wrenches(NamedTuple):
 def wrenches(integral: Array, moment: Array, duration: Array, halves: tuple[Array, Array], wrench: Array) -> Wrenches:
     """Of integrals, moments and ``duration`` as :func:`windows` takes them, and what it gives; :func:`net` of each."""
     (count, bins, channels), (rising, whole) = integral.shape, halves
-    flat, lately = (each.reshape(count * bins, channels) for each in (integral, moment))
-    impulse, alone = flat @ wrench, CANCELLED * (np.abs(flat) @ np.abs(wrench))
-    skew = (lately @ wrench) / np.repeat(duration / bins, bins)[:, None] - impulse / 2
-    for each in (impulse, skew):  # no moment lies farther from its bin's middle than half the bin
-        each[np.abs(each) < alone] = 0.0
-    by_bin = (count, bins, 6)
-    return Wrenches(impulse.reshape(by_bin), skew.reshape(by_bin), net(rising, wrench), net(whole - rising, wrench))
+    library = kernel().library
+    if library is None:
+        late = moment / (duration / bins)[:, None, None] - integral / 2
+        return Wrenches(net(integral, wrench), net(late, wrench), net(rising, wrench), net(whole - rising, wrench))
+    flat = _alike(integral, moment)
+    given = tuple(np.ascontiguousarray(each, dtype=float) for each in (duration, rising, whole, wrench))
+    made = Wrenches(*np.empty((2, count, bins, 6)), *np.empty((2, count, 6)))
+    sizes = [ctypes.c_long(n) for n in (count, TOGETHER, bins, channels, *_apart(flat[0]))]
+    library.mp_host_wrenches(*sizes, *map(pointer, (*flat, *given, np.array([CANCELLED]), np.empty((2, TOGETHER, 6, bins + 1)), *made)))
+    return made
+
+
+def _alike(*parts: Array) -> list[Array]:
+    """(K B, C) each of (K, B, C), whose numbers stand equally far apart."""
+    flat = [each.reshape(-1, each.shape[2]) for each in parts]
+    return flat if flat[0].strides == flat[1].strides else [np.ascontiguousarray(each) for each in flat]
+
+
+def _apart(flat: Array) -> tuple[int, ...]:
+    """By how many numbers rows, and columns, of an array stand apart."""
+    return tuple(step // flat.itemsize for step in flat.strides)

@@ -44,7 +44,7 @@ def test_the_order_is_that_of_all_fitted_at_once() -> None:
     np.testing.assert_allclose([own[found.hypothesis.code, found.hypothesis.subject] for _, found in lazy], [s for s, _ in lazy], atol=0.5)
 
 
-def test_a_channel_left_free_leaves_no_more_than_any_of_its_own_hypotheses() -> None:
+def test_a_channel_left_free_leaves_no_more_than_any_of_its_own_suppositions() -> None:
     screening = weak(3)
     for channel in range(len(screening.names)):
         own = [one for one in hypotheses.listed(screening.model, screening.names, True) if screening.model.channel(one) == channel]

@@ -1,0 +1,520 @@
+/* The response of many cycles at once, for fits on the ground (massprop_cli/model/lifted.py): the same equations, cycle by cycle. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "host.h"
+#include "motion.h"
+#include "small.h"
+
+/* What is made of a stretch of cycles: n states, c combinations of coefficients. */
+typedef struct {
+    double *transition;  /* (K - 1, n, n) */
+    double *observation; /* (K, 6, n) */
+    double *to_rate;     /* (K - 1, 3, 3) */
+    double *steps;       /* (K - 1, 3) */
+    double *drive;       /* (K - 1, n, 1 + c) */
+    double *measured;    /* (K, 6, 1 + c) */
+} lifted;
+
+SHARED int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
+                          int combined, const lifted *out);
+
+SHARED int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
+                          const double *rate, double *next, double *seen);
+
+SHARED int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
+                        const double *lag, double *integral, double *moment);
+
+SHARED int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching,
+                          double weight, long bins, const double *edges, const double *lag, double *room, double *integral,
+                          double *moment);
+
+SHARED int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
+                         const unsigned char *used, const double *driven, const double *measured, double *now, double *rows,
+                         double *spread);
+
+SHARED int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
+                             double *mean, double *known);
+
+SHARED int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                           const double *duration, double *rising, double *whole);
+SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
+                       double *out);
+SHARED int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
+                            const double *moment, const double *duration, const double *rising, const double *whole,
+                            const double *wrench, const double *none, double *room, double *impulse, double *skew, double *begun,
+                            double *ended);
+SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
+
+static void reference_of(const double *from, int channels, mp_reference *out) {
+    int i;
+    memset(out, 0, sizeof *out);
+    from = mp_copied(out->theta, from, 10);
+    from = mp_copied(out->inertia[0], from, 9);
+    from = mp_copied(out->cg, from, 3);
+    from = mp_copied(&out->mu, from, 1);
+    from = mp_copied(out->bias, from, 3);
+    from = mp_copied(out->acceleration, from, 3);
+    for (i = 0; i < 3; i++) from = mp_copied(out->phi[i], from, channels);
+}
+
+int mp_about_of(const double *table, const double *reference, mp_vehicle *vehicle, mp_layout *layout, mp_reference *about) {
+    int status;
+    *vehicle = mp_vehicle_of(table);
+    status = mp_laid_out(vehicle, layout);
+    if (status == MP_OK) reference_of(reference, layout->channels, about);
+    return status;
+}
+
+/* (3, combined) what phi makes of channels, in combinations (3 x channels + 4, combined) of its coefficients; NULL: each by itself. */
+static void combine(const mp_real *channels, int count, const double *onto, int combined, double *made) {
+    int a, c, m;
+    if (onto != NULL && combined == 1) { /* what a whole reference does, of which there are many */
+        for (a = 0; a < 3; a++) {
+            made[a] = 0.0;
+            for (c = 0; c < count; c++) made[a] += (double)channels[c] * onto[a * count + c];
+        }
+        return;
+    }
+    memset(made, 0, (size_t)(3 * combined) * sizeof made[0]);
+    for (a = 0; a < 3; a++)
+        for (c = 0; c < count; c++) {
+            if (onto == NULL) {
+                made[a * combined + a * count + c] = (double)channels[c];
+                continue;
+            }
+            for (m = 0; m < combined; m++) made[a * combined + m] += (double)channels[c] * onto[(a * count + c) * combined + m];
+        }
+}
+
+static void step_written(const mp_layout *layout, const mp_reference *about, const mp_motion *from, const mp_motion *into,
+                         const mp_leap *leap, const double *onto, int combined, long k, const lifted *out) {
+    int n = layout->states, wide = 1 + combined, i, j, a, m;
+    double made[3 * (3 * MP_CHANNELS + 4)], *drive = out->drive + k * n * wide;
+    for (i = 0; i < n; i++) {
+        for (j = 0; j < n; j++) out->transition[(k * n + i) * n + j] = (double)leap->transition[i][j];
+        memset(drive + i * wide, 0, (size_t)wide * sizeof drive[0]);
+        drive[i * wide] = (double)leap->drive[i];
+    }
+    combine(leap->step, layout->channels, onto, combined, made);
+    for (i = 0; i < 3; i++) {
+        mp_real growth = from->known[0][i] + into->known[1][i];
+        for (j = 0; j < 3; j++) out->to_rate[(k * 3 + i) * 3 + j] = (double)leap->to_rate[i][j];
+        for (j = 0; j < layout->channels; j++) growth += about->phi[i][j] * leap->step[j];
+        out->steps[k * 3 + i] = (double)growth;
+        for (a = 0; a < 3; a++)
+            for (m = 0; m < combined; m++) drive[i * wide + 1 + m] += (double)leap->solve[i][a] * made[a * combined + m];
+    }
+}
+
+static void cycle_written(const mp_layout *layout, const mp_motion *here, const double *onto, int combined, long k, const lifted *out) {
+    int n = layout->states, wide = 1 + combined, last = 3 * layout->channels, i, j, a, m;
+    double made[3 * (3 * MP_CHANNELS + 4)], *measured = out->measured + k * 6 * wide, *observation = out->observation + k * 6 * n;
+    memset(measured, 0, (size_t)(6 * wide) * sizeof measured[0]);
+    memset(observation, 0, (size_t)(6 * n) * sizeof observation[0]);
+    combine(here->mean, layout->channels, onto, combined, made);
+    for (i = 0; i < 3; i++) {
+        double *felt = measured + (3 + i) * wide;
+        measured[i * wide] = (double)here->raw_rate[i];
+        felt[0] = (double)here->measured[i];
+        for (a = 0; a < 3; a++)
+            for (m = 0; m < combined; m++) felt[1 + m] -= (double)here->euler[i][a] * made[a * combined + m];
+        for (j = 0; j < 4; j++) {
+            if (onto == NULL) felt[1 + last + j] -= (double)here->own[i][j];
+            else
+                for (m = 0; m < combined; m++) felt[1 + m] -= (double)here->own[i][j] * onto[(last + j) * combined + m];
+        }
+        observation[i * n + i] = 1.0;
+        if (layout->at_bias >= 0) observation[i * n + layout->at_bias + i] = 1.0;
+        if (layout->at_accel >= 0) observation[(3 + i) * n + layout->at_accel + i] = 1.0;
+        for (j = 0; j < 3; j++) {
+            observation[(3 + i) * n + j] = (double)here->by_rate[i][j];
+            if (layout->at_torque >= 0) observation[(3 + i) * n + layout->at_torque + j] = (double)here->euler[i][j];
+            if (layout->at_tilt >= 0) observation[(3 + i) * n + layout->at_tilt + j] = (double)here->by_tilt[i][j];
+        }
+    }
+}
+
+/* Of `count` cycles by rows, as mp_host_run has them; `onto` NULL: a column for each coefficient. */
+int mp_host_lifted(const double *table, const double *reference, long count, long stride, const double *rows, const double *onto,
+                   int combined, const lifted *out) {
+    mp_vehicle vehicle;
+    mp_layout layout;
+    mp_reference about;
+    mp_motion motion[2];
+    mp_leap leap;
+    mp_cycle cycle;
+    long k;
+    int status = mp_about_of(table, reference, &vehicle, &layout, &about);
+    if (status != MP_OK) return status;
+    for (k = 0; k < count; k++) {
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
+        if (k > 0) {
+            const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
+            mp_leap_of(&vehicle, &layout, from, into, &about, &leap);
+            step_written(&layout, &about, from, into, &leap, onto, combined, k - 1, out);
+        }
+        cycle_written(&layout, &motion[k % 2], onto, combined, k, out);
+    }
+    return MP_OK;
+}
+
+/* Of coefficients phi and rates (K, 3), all other states zero: (K - 1, n) the state one step on, and (K, 6) what is measured beyond what
+ * the rates give. */
+int mp_host_beyond(const double *table, const double *reference, const double *phi, long count, long stride, const double *rows,
+                   const double *rate, double *next, double *seen) {
+    mp_vehicle vehicle;
+    mp_layout layout;
+    mp_reference about;
+    mp_motion motion[2];
+    mp_leap leap;
+    mp_cycle cycle;
+    double made[3];
+    const double *last;
+    long k;
+    int i, j, status = mp_about_of(table, reference, &vehicle, &layout, &about);
+    if (status != MP_OK) return status;
+    last = phi + 3 * layout.channels;
+    for (k = 0; k < count; k++) {
+        const mp_motion *here = &motion[k % 2];
+        const double *now = rate + 3 * k, *before = now - 3;
+        double *turning = seen + 6 * k, *pushing = turning + 3;
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
+        combine(here->mean, layout.channels, phi, 1, made);
+        for (i = 0; i < 3; i++) {
+            turning[i] = (double)here->raw_rate[i] - now[i];
+            pushing[i] = (double)here->measured[i];
+            for (j = 0; j < 3; j++) pushing[i] -= (double)here->euler[i][j] * made[j] + (double)here->by_rate[i][j] * now[j];
+            for (j = 0; j < 4; j++) pushing[i] -= (double)here->own[i][j] * last[j];
+        }
+        if (k == 0) continue;
+        mp_leap_of(&vehicle, &layout, &motion[(k + 1) % 2], here, &about, &leap);
+        combine(leap.step, layout.channels, phi, 1, made);
+        for (i = 0; i < layout.states; i++) {
+            next[i] = (double)leap.drive[i];
+            for (j = 0; j < 3; j++) next[i] += (double)leap.transition[i][j] * before[j] + (i < 3 ? (double)leap.solve[i][j] * made[j] : 0.0);
+        }
+        next += layout.states;
+    }
+    return MP_OK;
+}
+
+/* What phi multiplies, about a reference: (K - 1, C) under the triangular window, (K, C) mean over each cycle; (K - 1, 3) known growth of
+ * the rate. */
+int mp_host_integrals(const double *table, const double *reference, long count, long stride, const double *rows, double *step,
+                      double *mean, double *known) {
+    mp_vehicle vehicle;
+    mp_layout layout;
+    mp_reference about;
+    mp_motion motion[2];
+    mp_cycle cycle;
+    long k;
+    int i, status = mp_about_of(table, reference, &vehicle, &layout, &about);
+    if (status != MP_OK) return status;
+    for (k = 0; k < count; k++) {
+        const mp_motion *from = &motion[(k + 1) % 2], *into = &motion[k % 2];
+        mp_cycle_of(&vehicle, rows + k * stride, &cycle);
+        mp_motion_of(&vehicle, &layout, &cycle, &about, &motion[k % 2]);
+        for (i = 0; i < layout.channels; i++) {
+            mean[k * layout.channels + i] = (double)into->mean[i];
+            if (k > 0) step[(k - 1) * layout.channels + i] = (double)(from->rising[i] + into->falling[i]);
+        }
+        for (i = 0; k > 0 && i < 3; i++) known[(k - 1) * 3 + i] = (double)(from->known[0][i] + into->known[1][i]);
+    }
+    return MP_OK;
+}
+
+/* What a first-order lag has come to after a `length` of what began at `value` and rose. */
+static double lagged(double y, double value, double rise, double length, double lag) {
+    double rest;
+    if (!(lag > 0.0) || (y == 0.0 && value == 0.0 && rise == 0.0)) return y;
+    rest = -expm1(-length / lag);
+    return y * (1.0 - rest) + value * rest + rise * (length - lag * rest);
+}
+
+/* Integral and first moment over each bin of what goes on linearly but for events in the order of time, zero before the first, or of what
+ * a lag makes of it (massprop_cli/prepare/signal.py). */
+int mp_host_bins(long events, const double *time, const double *step, const double *slope, long bins, const double *edges,
+                 const double *lag, double *integral, double *moment) {
+    double value = 0, rise = 0, now = events > 0 ? time[0] : edges[0], y = 0;
+    long b, next = 0;
+    while (next < events && time[next] < edges[0]) {
+        y = lagged(y, value, rise, time[next] - now, *lag);
+        value += rise * (time[next] - now) + step[next];
+        rise += slope[next];
+        now = time[next++];
+    }
+    if (now < edges[0]) {
+        y = lagged(y, value, rise, edges[0] - now, *lag);
+        value += rise * (edges[0] - now);
+    }
+    now = edges[0];
+    for (b = 0; b < bins; b++) {
+        double begun = y, whole = edges[b + 1] - edges[b];
+        integral[b] = moment[b] = 0;
+        for (;;) {
+            int inside = next < events && time[next] < edges[b + 1];
+            double until = inside ? time[next] : edges[b + 1], length = until - now, mean = value + rise * length / 2;
+            integral[b] += length * mean;
+            moment[b] += length * ((now - edges[b]) * mean + length * (value / 2 + rise * length / 3));
+            y = lagged(y, value, rise, length, *lag);
+            value += rise * length;
+            now = until;
+            if (!inside) break;
+            value += step[next];
+            rise += slope[next++];
+        }
+        integral[b] -= *lag * (y - begun);
+        moment[b] -= *lag * (whole * y - integral[b]);
+    }
+    return MP_OK;
+}
+
+/* Events in the order of time, three numbers each in columns of `most`; they come in pairs that are nearly in order. */
+static long put_event(double *events, long most, long count, double time, double step, double slope) {
+    long at = count;
+    for (; at > 0 && events[at - 1] > time; at--) {
+        events[at] = events[at - 1];
+        events[most + at] = events[most + at - 1];
+        events[2 * most + at] = events[2 * most + at - 1];
+    }
+    events[at] = time;
+    events[most + at] = step;
+    events[2 * most + at] = slope;
+    return count + 1;
+}
+
+/* Adds `weight` times the integrals of one pulse, by its events in the order of time; it is nothing after the last, and `first`, from which
+ * bin on to look for it, goes on to the one in which it begins. */
+static void add_pulse(long events, long most, const double *room, double weight, long bins, const double *edges, long *first,
+                      double *integral, double *moment) {
+    const double *time = room, *step = room + most, *slope = room + 2 * most;
+    double value = 0, rise = 0, now = time[0];
+    long b, next = 0;
+    while (*first > 0 && edges[*first] > now) *first -= 1;
+    while (*first < bins && edges[*first + 1] <= now) *first += 1;
+    for (; next < events && time[next] < edges[0]; now = time[next++]) {
+        value += rise * (time[next] - now) + step[next];
+        rise += slope[next];
+    }
+    if (now < edges[0]) {
+        value += rise * (edges[0] - now);
+        now = edges[0];
+    }
+    for (b = *first; b < bins && next < events; b++) {
+        double sum = 0, late = 0;
+        for (;;) {
+            int inside = next < events && time[next] < edges[b + 1];
+            double until = inside ? time[next] : edges[b + 1], length = until - now, mean = value + rise * length / 2;
+            sum += length * mean;
+            late += length * ((now - edges[b]) * mean + length * (value / 2 + rise * length / 3));
+            value += rise * length;
+            now = until;
+            if (!inside) break;
+            value += step[next];
+            rise += slope[next++];
+            if (next == events) break;
+        }
+        integral[b] += weight * sum;
+        moment[b] += weight * late;
+    }
+}
+
+/* The same of jets' pulses (massprop_cli/prepare/actuators.py), `weight` times, added to what is there: on-times (jets, count) from `begin`
+ * (count) on, ramps (jets, 2) of rise and fall; room: 12 count + 2 bins. */
+int mp_host_pulses(long jets, long count, const double *begin, const double *on, const double *ramps, const double *touching, double weight,
+                   long bins, const double *edges, const double *lag, double *room, double *integral, double *moment) {
+    long j, k, b, most = 4 * count;
+    double *lagging = room + 3 * most;
+    for (j = 0; j < jets; j++, on += count, ramps += 2, integral += bins, moment += bins) {
+        double rise = ramps[0], fall = ramps[1], since = 0.0, end = 0.0;
+        long events = 0, first = 0;
+        int open = 0;
+        for (k = 0; k <= count; k++) {
+            int last = k == count;
+            if (!last && !(on[k] > 0)) continue;
+            if (open && (last || fabs(begin[k] - end) > *touching)) {
+                double top = since + rise < end ? since + rise : end, reached = rise > 0 ? (top - since) / rise : 1.0;
+                events = put_event(room, most, events, since, rise > 0 ? 0.0 : 1.0, rise > 0 ? 1 / rise : 0.0);
+                if (rise > 0) events = put_event(room, most, events, top, 0.0, -1 / rise);
+                events = put_event(room, most, events, end, fall > 0 ? 0.0 : -reached, fall > 0 ? -1 / fall : 0.0);
+                if (fall > 0) events = put_event(room, most, events, end + reached * fall, 0.0, 1 / fall);
+                open = 0;
+                if (!(*lag > 0)) { /* each by itself: most bins have none */
+                    add_pulse(events, most, room, weight, bins, edges, &first, integral, moment);
+                    events = 0;
+                }
+            }
+            if (last) break;
+            if (!open) since = begin[k];
+            open = 1;
+            end = begin[k] + on[k];
+        }
+        if (events == 0) continue;
+        mp_host_bins(events, room, room + most, room + 2 * most, bins, edges, lag, lagging, lagging + bins);
+        for (b = 0; b < bins; b++) {
+            integral[b] += weight * lagging[b];
+            moment[b] += weight * lagging[bins + b];
+        }
+    }
+    return MP_OK;
+}
+
+/* What each channel did over a cycle and under the rising half of its window, (count, channels), from its bins' integrals and first
+ * moments (massprop_cli/prepare/sums.py); numbers of one channel stand `across` apart, those of its bins `along`. */
+int mp_host_windows(long count, long bins, long channels, long along, long across, const double *integral, const double *moment,
+                    const double *duration, double *rising, double *whole) {
+    long k, b, c;
+    for (c = 0; c < channels; c++)
+        for (k = 0; k < count; k++) {
+            const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
+            double sum = 0, later = 0, within = 0;
+            for (b = 0; b < bins; b++) {
+                sum += each[b * along];
+                later += each[b * along] * ((double)b / (double)bins);
+                within += late[b * along];
+            }
+            whole[k * channels + c] = sum;
+            rising[k * channels + c] = within / duration[k] + later;
+        }
+    return MP_OK;
+}
+
+/* Adds what a channel makes at x of its full wrench (6), and what that is alone. */
+static void add_wrench(double x, const double *wrench, double *sum, double *alone) {
+    int i;
+    if (x == 0.0) return;
+    for (i = 0; i < 6; i++) {
+        double made = x * wrench[i];
+        sum[i] += made;
+        alone[i] += fabs(made);
+    }
+}
+
+/* Nothing where they cancel to the part `none` of what each makes alone. */
+static void cancelled(long numbers, double none, const double *alone, double *sum) {
+    long i;
+    for (i = 0; i < numbers; i++)
+        if (fabs(sum[i]) < none * alone[i]) sum[i] = 0.0;
+}
+
+/* (count, 6) what channels (channels, 6) make together. */
+int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
+                double *out) {
+    long k, c;
+    for (k = 0; k < count; k++, part += along, out += 6) {
+        double alone[6] = {0};
+        memset(out, 0, 6 * sizeof out[0]);
+        for (c = 0; c < channels; c++) add_wrench(part[c * across], wrench + 6 * c, out, alone);
+        cancelled(6, *none, alone, out);
+    }
+    return MP_OK;
+}
+
+/* The same of bins and cycles (massprop_cli/prepare/align.py): (count, bins, 6) impulse, and skew: first moment about a bin's middle, over
+ * its length; (count, 6) impulse under the rising half of the window and under the falling one. Integrals and moments as of
+ * mp_host_windows, which gives rising and whole (count, channels). Channels are gone through one by one for so many cycles `together`,
+ * since their numbers stand far apart; room: 12 together (bins + 1). */
+int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
+                     const double *moment, const double *duration, const double *rising, const double *whole, const double *wrench,
+                     const double *none, double *room, double *impulse, double *skew, double *begun, double *ended) {
+    long first, last, k, b, c;
+    double *within = room, *later = within + together * 6 * bins, *before = later + together * 6 * bins, *after = before + together * 6;
+    for (first = 0; first < count; first = last) {
+        last = first + together < count ? first + together : count;
+        memset(room, 0, (size_t)(together * 12 * (bins + 1)) * sizeof room[0]);
+        memset(impulse + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof impulse[0]);
+        memset(skew + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof skew[0]);
+        memset(begun + first * 6, 0, (size_t)((last - first) * 6) * sizeof begun[0]);
+        memset(ended + first * 6, 0, (size_t)((last - first) * 6) * sizeof ended[0]);
+        for (c = 0; c < channels; c++) {
+            const double *own = wrench + 6 * c;
+            for (k = first; k < last; k++) {
+                const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
+                double half = rising[k * channels + c], bin_s = duration[k] / (double)bins;
+                for (b = 0; b < bins; b++) {
+                    double x = each[b * along], y = late[b * along];
+                    if (x == 0.0 && y == 0.0) continue;
+                    add_wrench(x, own, impulse + (k * bins + b) * 6, within + ((k - first) * bins + b) * 6);
+                    add_wrench(y / bin_s - x / 2, own, skew + (k * bins + b) * 6, later + ((k - first) * bins + b) * 6);
+                }
+                add_wrench(half, own, begun + k * 6, before + (k - first) * 6);
+                add_wrench(whole[k * channels + c] - half, own, ended + k * 6, after + (k - first) * 6);
+            }
+        }
+        cancelled((last - first) * bins * 6, *none, within, impulse + first * bins * 6);
+        cancelled((last - first) * bins * 6, *none, later, skew + first * bins * 6);
+        cancelled((last - first) * 6, *none, before, begun + first * 6);
+        cancelled((last - first) * 6, *none, after, ended + first * 6);
+    }
+    return MP_OK;
+}
+
+/* (3, 3) covariance one cycle on: step kept stepT + added, (states, states) each. */
+static void spread_on(double kept[3][3], long states, const double *step, const double *added) {
+    double made[3][3] = {{0}};
+    long i, j, m;
+    for (i = 0; i < states; i++)
+        for (j = 0; j < states; j++)
+            for (m = 0; m < states; m++) made[i][j] += step[i * states + m] * kept[m][j];
+    for (i = 0; i < states; i++)
+        for (j = 0; j < states; j++) {
+            kept[i][j] = added[i * states + j];
+            for (m = 0; m < states; m++) kept[i][j] += made[i][m] * step[j * states + m];
+        }
+}
+
+/* White innovations (filters, count, columns) and their variances (filters, count) of filters on rate and torque, for all columns at once
+ * (massprop_cli/estimate/whitening.py). now: (filters, 3, columns) as they begin; of three states the last forgets from cycle to cycle. */
+int mp_host_white(long filters, long count, long columns, long states, const double *step, const double *added,
+                  const unsigned char *used, const double *driven, const double *measured, double *now, double *rows, double *spread) {
+    long f, k, c, i, j;
+    double half = states > 2 ? step[2] : 0.0;
+    for (f = 0; f < filters; f++) {
+        double kept[3][3] = {{0}}, was[3], gain[3] = {0.0, 0.0, 0.0};
+        double *rate = now + f * 3 * columns, *torque = rate + columns, *held = torque + columns;
+        for (k = 0; k < count; k++) {
+            double *row = rows + (f * count + k) * columns, *variance = spread + f * count + k, root;
+            const double *drive = driven + k * columns, *seen = measured + k * columns;
+            for (c = 0; k > 0 && c < columns; c++) {
+                rate[c] += drive[c] + torque[c] + half * held[c];
+                held[c] = 0.0;
+            }
+            if (k > 0) spread_on(kept, states, step, added + f * states * states);
+            *variance = 1.0;
+            if (!used[k]) {
+                memset(row, 0, (size_t)columns * sizeof row[0]);
+                continue;
+            }
+            *variance += kept[0][0];
+            root = sqrt(*variance);
+            for (i = 0; i < states; i++) gain[i] = kept[i][0] / *variance;
+            for (c = 0; c < columns; c++) {
+                double innovation = seen[c] - rate[c];
+                rate[c] += gain[0] * innovation;
+                torque[c] += gain[1] * innovation;
+                held[c] += gain[2] * innovation;
+                row[c] = innovation / root;
+            }
+            for (j = 0; j < states; j++) was[j] = kept[0][j];
+            for (i = 0; i < states; i++)
+                for (j = 0; j < states; j++) kept[i][j] -= gain[i] * was[j];
+        }
+    }
+    return MP_OK;
+}
+
+/* Directions that turn from cycle to cycle: of each chain the first (3) of carried (count + 1, 3) is given, the others are made by turns
+ * (count, 3, 3). */
+int mp_host_carried(long chains, long count, const double *turns, double *carried) {
+    long n, k;
+    int i;
+    for (n = 0; n < chains; n++, carried += 3)
+        for (k = 0; k < count; k++, carried += 3, turns += 9)
+            for (i = 0; i < 3; i++)
+                carried[3 + i] = turns[3 * i] * carried[0] + turns[3 * i + 1] * carried[1] + turns[3 * i + 2] * carried[2];
+    return MP_OK;
+}
