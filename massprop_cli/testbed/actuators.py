@@ -71,8 +71,9 @@ class Actuators:
         thrust = _Thrust(np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]))
         delay = self.scenario.delay_cycles
         for source in range(int(np.floor(cycle - delay - 2)), int(np.floor(cycle - delay)) + 2):
-            if 0 <= source <= cycle and source - cycle + delay < 1:
-                self._add_pulse(source, (source - cycle + delay) * self.period_s, thrust)
+            start_s = (source - cycle + delay) * self.period_s
+            if 0 <= source <= cycle and -self.period_s - self.fall_s.max() < start_s < self.period_s:
+                self._add_pulse(source, start_s, thrust)
         if self.lag_s > 0:
             self._lag(thrust)
         width = np.diff(self.edges_s)
@@ -121,13 +122,13 @@ class Actuators:
         on = np.where(joins, self.period_s, on)
         begin, end = np.full(len(on), start_s), start_s + on
         height = strength * reached
-        for ramp in (Ramp(begin, begin + rise, height), Ramp(end, end + fall, -height)):
-            first, second = ramp.integrals(self.edges_s)
-            thrust.first[member, channel] += first
-            thrust.second[member, channel] += second
-            if self.lag_s > 0:
-                thrust.initial[member, channel] += ramp.value_at_zero()
-                thrust.lagged[member, channel] += ramp.lagged(self.edges_s, self.lag_s)
+        ramps = Ramp(np.concatenate([begin, end]), np.concatenate([begin + rise, end + fall]), np.concatenate([height, -height]))
+        first, second = (_both(integral) for integral in ramps.integrals(self.edges_s))
+        thrust.first[member, channel] += first
+        thrust.second[member, channel] += second
+        if self.lag_s > 0:
+            thrust.initial[member, channel] += _both(ramps.value_at_zero())
+            thrust.lagged[member, channel] += _both(ramps.lagged(self.edges_s, self.lag_s))
 
     def _lag(self, thrust: _Thrust) -> None:
         """Turn thrust u into y, ``lag y' + y = u``: its integrals are ``∫y = ∫u − lag (y − y₀)`` and that once more integrated."""
@@ -137,6 +138,13 @@ class Actuators:
         thrust.first -= self.lag_s * (y - y0)
         thrust.second -= self.lag_s * (thrust.first - y0 * self.edges_s)
         self._lagged = y[..., -1]
+
+
+def _both(ramps: Array) -> Array:
+    """(n, …) sum of the rise and the fall of each pulse, all rises first."""
+    pulses = len(ramps) // 2
+    total: Array = ramps[:pulses] + ramps[pulses:]
+    return total
 
 
 @dataclass

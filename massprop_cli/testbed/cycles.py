@@ -16,6 +16,7 @@ from massprop_cli.testbed.exchanger import Setting
 from massprop_cli.testbed.motion import (
     Bodies,
     CycleMotion,
+    Dynamics,
     Wrench,
     compose,
     compose_all,
@@ -78,6 +79,7 @@ class Cycles:
         self.damping = np.array(scenario.disturbance.rate_n_m_s)[:, None, None]
         self.dynamics_of = dynamics_in(scenario)
         self.body = truth.bodies(scenario.truth, self.members)
+        self._moved: tuple[Bodies, Dynamics] | None = None
         self.events = {event.at(self.period): event for event in scenario.events}
         self.records = scenario.sensors.records_per_cycle
         self.attitude = np.empty((self.members, scenario.cycles * self.records + 1, 4))
@@ -107,7 +109,7 @@ class Cycles:
         mean[:3] -= spin.torque
         gathered[:3] -= spin.torque * (self.width / 2)
         here = self.attitude[:, k * self.records].T
-        dynamics = self.dynamics_of(self.exchange.bare(self.body))
+        dynamics = self._dynamics()
         wrench = Wrench(mean, gathered, spin.momentum, spin.torque, self.damping)
         motion = dynamics.advance(self.rate[:, k].T, dynamics.fixed(here), wrench, self.width)
         self.exchange.log(k, motion)
@@ -115,6 +117,12 @@ class Cycles:
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
         self._sense(k, motion.rate, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
         self._burn(k, burn_s)
+
+    def _dynamics(self) -> Dynamics:
+        """Of the bodies as they are now."""
+        if self._moved is None or self._moved[0] is not self.body:
+            self._moved = self.body, self.dynamics_of(self.exchange.bare(self.body))
+        return self._moved[1]
 
     def check_motion(self, k: int) -> None:
         """:class:`InputError` where a member turns too fast at the end of cycle k."""

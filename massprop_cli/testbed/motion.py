@@ -10,6 +10,7 @@ second order; the bins of a cycle are solved together by fixed-point iteration, 
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,24 +21,34 @@ from massprop_cli.base.dataclass import dataclass
 TOLERANCE = 1e-11
 """Iteration ends for a member when its rates change by less than this times (1 rad/s + their size)."""
 ITERATIONS = 60
+NEXT = np.array([1, 2, 0])
+"""The component after each, of three."""
+PARTNERS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+SIGNS = np.array([[1.0, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]])
+"""Components of the second quaternion, and signs, by which each component of the first enters each component of their Hamilton product."""
 
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors whose components come first."""
-    (a0, a1, a2), (b0, b1, b2) = a, b
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+    product: Array = (a * b.take(NEXT, 0) - a.take(NEXT, 0) * b).take(NEXT, 0)
+    return product
 
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of vectors whose components come first."""
-    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    product: Array = (a * b).sum(0)
     return product
 
 
 def apply(matrix: Array, v: Array) -> Array:
     """(3, 3, …) times (3, …)."""
-    product: Array = matrix[:, 0] * v[0] + matrix[:, 1] * v[1] + matrix[:, 2] * v[2]
+    product: Array = (matrix * v).sum(1)
     return product
+
+
+def paired(a: Array, b: Array) -> Array:
+    """(3, 2, …) of two (3, …)."""
+    return np.concatenate((a[:, None], b[:, None]), 1)
 
 
 def outer_square(s: Array) -> Array:
@@ -88,19 +99,26 @@ class CycleMotion:
     """(3, S) rate at the cycle's end, rad/s."""
 
 
-class Loose(NamedTuple):
-    """(3, S, B) of an iteration, as if nothing held the body."""
+class Driven(NamedTuple):
+    """(3, S, B) what an iteration does not change."""
 
     mean: Array
-    """Rate, rad/s."""
-    driven: Array
     """The commands' part of ω̇, rad/s²."""
+    gathered: Array
+    """What that part has added to the rate since the bin's start, mean over the bin, rad/s."""
+    momentum: Array
+    """(3, 2, S, B) of wheels, and its growth, N m s and N m."""
+    damping: Array
+    """(3, 1, S or 1, 1) N m s."""
+
+
+class Loose(NamedTuple):
+    """(3, 2, S, B) of an iteration, each with its slope, as if nothing held the body."""
+
+    rate: Array
+    """Bin means and slopes of the rate, rad/s and rad/s²."""
     rest: Array
-    """The other part, ..."""
-    rest_slope: Array
-    """... and its slope, rad/s³."""
-    inverse: Array
-    """(3, 3, S, 1) of A₀."""
+    """The part of ω̇ that is not the commands', rad/s², and its slope, rad/s³."""
 
 
 class Held(NamedTuple):
@@ -108,7 +126,7 @@ class Held(NamedTuple):
 
     fixed: Array
     rest: Array
-    rest_slope: Array | float
+    rest_slope: Array
 
 
 @dataclass(frozen=True)
@@ -117,17 +135,17 @@ class Dynamics:
 
     bodies: Bodies
 
-    @property
+    @cached_property
     def inertia(self) -> Array:
         """(3, 3, S) A₀, kg m²."""
         return self.bodies.inertia
 
-    @property
+    @cached_property
     def inverse(self) -> Array:
         """(3, 3, S) of A₀, in the directions in which the body can turn."""
         return np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1)
 
-    @property
+    @cached_property
     def centre(self) -> Array:
         """(3, S) the point of which :meth:`centre_force` is, from O, m."""
         return self.bodies.cg
@@ -141,22 +159,22 @@ class Dynamics:
         torque, force = wrench[:3], wrench[3:]
         return torque - cross(self.bodies.cg[..., None], force)
 
-    def held(self, loose: Loose, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:  # noqa: ARG002
+    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:  # noqa: ARG002
         """What holds the body, with :meth:`fixed` (3, S) at the cycle's start, the last iterate and bins of ``h`` s: nothing."""
-        return Held(state.fixed, loose.rest, loose.rest_slope)
+        return Held(state.fixed, loose.rest[:, 0], loose.rest[:, 1])
 
     def advance(self, rate: Array, fixed: Array, wrench: Wrench, width_s: float) -> CycleMotion:
         """Through one cycle from ``rate`` (3, S), with :meth:`fixed` (3, S) there."""
-        inertia = self.inertia
-        inverse = self.inverse[..., None]
-        inertia = inertia[..., None]
         h = width_s
+        inverse = self.inverse[..., None]
         driven, gathered = apply(inverse, self.moment(wrench.mean)), apply(inverse, self.moment(wrench.gathered))
         rest = np.zeros_like(driven)
-        state = State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None])
+        state = State(rate[..., None] + h * np.cumsum(driven, -1), np.zeros_like(driven), driven, rest, rest + fixed[..., None], rest)
+        momentum = paired(rest + wrench.momentum, rest + wrench.momentum_slope)
+        constant = Driven(driven, gathered, momentum, (np.zeros((3, 1, 1)) + wrench.damping)[:, None])
         open_members = np.ones(rate.shape[1], dtype=bool)
         for _ in range(ITERATIONS):
-            found = self._iterate(state, rate, fixed, inertia, inverse, driven, gathered, wrench, h)
+            found = self._iterate(state, rate, fixed, constant, wrench, h)
             moved = np.abs(found.end - state.end).max((0, 2)) > TOLERANCE * (1 + np.abs(found.end).max((0, 2)))
             # a member's own convergence alone decides when it stops, so that its bytes don't depend on who flies beside it
             state = found if open_members.all() else state.where(open_members, found)
@@ -165,26 +183,17 @@ class Dynamics:
                 break
         return CycleMotion(state.mean, state.dot, state.fixed, state.end[..., -1])
 
-    def _iterate(
-        self,
-        state: State,
-        rate: Array,
-        fixed: Array,
-        inertia: Array,
-        inverse: Array,
-        driven: Array,
-        gathered: Array,
-        wrench: Wrench,
-        h: float,
-    ) -> State:
+    def _iterate(self, state: State, rate: Array, fixed: Array, driven: Driven, wrench: Wrench, h: float) -> State:
         start = np.concatenate([rate[..., None], state.end[..., :-1]], -1)
-        mean = start + gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
-        momentum, torque = apply(inertia, mean) + wrench.momentum, apply(inertia, state.dot) + wrench.momentum_slope
+        mean = start + driven.gathered + h / 2 * state.rest - h * h / 12 * state.rest_slope
+        turning = paired(mean, state.dot)
+        momentum = apply(self.inertia[:, :, None, :, None], turning) + driven.momentum
         # bin means of products of what changes linearly: product of the means + product of the slopes h²/12
-        rest = -apply(inverse, cross(mean, momentum) + h * h / 12 * cross(state.dot, torque) + wrench.damping * mean)
-        rest_slope = -apply(inverse, cross(state.dot, momentum) + cross(mean, torque) + wrench.damping * state.dot)
-        held = self.held(Loose(mean, driven, rest, rest_slope, inverse), state, fixed, wrench, h)
-        dot = driven + held.rest
+        gyric = cross(turning[:, :, None], momentum[:, None])
+        torque = paired(gyric[:, 0, 0] + h * h / 12 * gyric[:, 1, 1], gyric[:, 1, 0] + gyric[:, 0, 1])
+        rest = -apply(self.inverse[:, :, None, :, None], torque + driven.damping * turning)
+        held = self.held(Loose(turning, rest), driven, state, fixed, wrench, h)
+        dot = driven.mean + held.rest
         return State(rate[..., None] + h * np.cumsum(dot, -1), mean, dot, held.rest, held.fixed, held.rest_slope)
 
     def specific_force(self, motion: CycleMotion, force: Array, position: Array, width_s: float) -> Array:
@@ -213,7 +222,7 @@ class State:
     dot: Array
     rest: Array
     fixed: Array
-    rest_slope: Array | float = 0.0
+    rest_slope: Array
 
     def where(self, members: Array, other: State) -> State:
         """The other one's of some ``members`` (S,)."""
@@ -237,15 +246,8 @@ def quaternions(rotation: Array) -> Array:
 
 def compose(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (4, …): first ``a``, then ``b`` in the turned axes."""
-    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
-    return np.array(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + bw * ax + ay * bz - az * by,
-            aw * by + bw * ay + az * bx - ax * bz,
-            aw * bz + bw * az + ax * by - ay * bx,
-        ]
-    )
+    product: Array = (a[:, None] * (b.take(PARTNERS, 0) * SIGNS.reshape(4, 4, *(1,) * (b.ndim - 1)))).sum(0)
+    return product
 
 
 def compose_all(turns: Array) -> Array:

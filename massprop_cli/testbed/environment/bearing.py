@@ -8,11 +8,28 @@ moment about the CG of jets and reaction, the base's horizontal acceleration and
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.testbed.motion import CycleMotion, Dynamics, Held, Loose, State, Wrench, apply, cross, dot, lever, outer_square, vertical
+from massprop_cli.testbed.motion import (
+    CycleMotion,
+    Driven,
+    Dynamics,
+    Held,
+    Loose,
+    State,
+    Wrench,
+    apply,
+    cross,
+    dot,
+    lever,
+    outer_square,
+    paired,
+    vertical,
+)
 
 
 @dataclass(frozen=True)
@@ -31,27 +48,27 @@ class OnBearing(Dynamics):
 
     bearing: Bearing
 
-    @property
+    @cached_property
     def arm(self) -> Array:
         """(3, S) s, bearing to CG, m."""
         return self.bodies.cg - self.bearing.position[:, None]
 
-    @property
+    @cached_property
     def rotating_mass(self) -> Array:
         """(S,) m_r, kg."""
         return self.bodies.mass - self.bearing.mass
 
-    @property
+    @cached_property
     def share(self) -> Array:
         """(S,) m_r / m."""
         return self.rotating_mass / self.bodies.mass
 
-    @property
+    @cached_property
     def inertia(self) -> Array:
         """(3, 3, S) A₀, kg m²."""
         return self.bodies.inertia + self.rotating_mass * (1 - self.share) * outer_square(self.arm)
 
-    @property
+    @cached_property
     def centre(self) -> Array:
         """(3, S) the bearing."""
         return np.broadcast_to(self.bearing.position[:, None], self.bodies.cg.shape)
@@ -65,35 +82,35 @@ class OnBearing(Dynamics):
         torque, force = wrench[:3], wrench[3:]
         return torque - cross(self.bearing.position[:, None, None] + (self.share * self.arm)[..., None], force)
 
-    def held(self, loose: Loose, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
+    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
         """By the bearing, which carries the weight."""
-        ups, push = self._carried(fixed, loose.mean, state, wrench, h)
-        rest = self._with_bearing(loose.rest + loose.driven, ups, push, loose.inverse) - loose.driven
-        swing = cross(self.arm[..., None], cross(ups, loose.mean))
-        slope = loose.rest_slope - apply(loose.inverse, (self.rotating_mass * self.bearing.gravity)[:, None] * swing)
-        return Held(ups, rest, slope)
+        ups, push = self._carried(fixed, loose.rate, state, wrench, h)
+        # p and, for the slope, what p changes by: arm × u and arm × (u × ω)
+        levers = cross(self.arm[:, None, :, None], paired(ups, cross(ups, loose.rate[:, 0])))
+        turned = apply(self.inverse[:, :, None, :, None], levers)
+        rest = self._with_bearing(loose.rest[:, 0] + driven.mean, levers[:, 0], push, turned[:, 0]) - driven.mean
+        return Held(ups, rest, loose.rest[:, 1] - (self.rotating_mass * self.bearing.gravity)[:, None] * turned[:, 1])
 
     def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:
         """(3, S, B) specific force of the bearing, m/s²: level pull of jets and body, and gravity."""
         pull = force / self.bodies.mass[:, None] - self.share[:, None] * lever(motion, self.arm[..., None], width_s)
         return pull - motion.fixed * dot(motion.fixed, pull) + self.bearing.gravity * motion.fixed
 
-    def _carried(self, up: Array, mean: Array, state: State, wrench: Wrench, h: float) -> tuple[Array, Array]:
-        """Vertical (3, S, B) and the bracket behind p, (S, B) N."""
-        slope = cross(state.fixed, mean)
-        turning = slope + h * h / 12 * cross(slope, state.dot)
+    def _carried(self, up: Array, rate: Array, state: State, wrench: Wrench, h: float) -> tuple[Array, Array]:
+        """Vertical (3, S, B) and the bracket behind p, (S, B) N, at rates and their slopes (3, 2, S, B)."""
+        first = cross(state.fixed[:, None], rate)
+        slope, mean = first[:, 0], rate[:, 0]
+        second = cross(slope[:, None], rate)
+        turning = slope + h * h / 12 * second[:, 1]
         start = up[..., None] + h * (np.cumsum(turning, -1) - turning)
-        ups = start + h / 2 * turning - h * h / 12 * (cross(slope, mean) + cross(state.fixed, state.dot))
+        ups = start + h / 2 * turning - h * h / 12 * (second[:, 0] + first[:, 1])
         arm, share = self.arm[..., None], self.share[:, None]
-        centripetal = cross(mean, cross(mean, arm))
-        push = share * dot(ups, wrench.mean[3:]) - self.rotating_mass[:, None] * (self.bearing.gravity + share * dot(ups, centripetal))
-        return ups, push
+        pull = wrench.mean[3:] - self.rotating_mass[:, None] * cross(mean, cross(mean, arm))
+        return ups, share * dot(ups, pull) - self.rotating_mass[:, None] * self.bearing.gravity
 
-    def _with_bearing(self, driven: Array, ups: Array, push: Array, inverse: Array) -> Array:
-        """(A₀ + k p pᵀ)⁻¹ (A₀ driven + p push), by Sherman and Morrison."""
-        p = cross(self.arm[..., None], ups)
+    def _with_bearing(self, driven: Array, p: Array, push: Array, turned: Array) -> Array:
+        """(A₀ + k p pᵀ)⁻¹ (A₀ driven + p push), by Sherman and Morrison, ``turned = A₀⁻¹ p``."""
         k = (self.rotating_mass * self.share)[:, None]
-        turned = apply(inverse, p)
         size = dot(p, turned)
         solved: Array = driven + turned * (push - k * (dot(p, driven) + size * push) / (1 + k * size))
         return solved

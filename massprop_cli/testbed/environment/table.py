@@ -7,11 +7,13 @@ accelerometer, which follows too, feels nothing of it; of what something holds o
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.testbed.motion import CycleMotion, Dynamics, Held, Loose, State, Wrench, cross, to_world
+from massprop_cli.testbed.motion import CycleMotion, Driven, Dynamics, Held, Loose, State, Wrench, cross, to_world
 
 YAW = np.array([0.0, 0.0, 1.0])
 
@@ -31,7 +33,7 @@ class OnTable(Dynamics):
 
     table: Table
 
-    @property
+    @cached_property
     def inverse(self) -> Array:
         """(3, 3, S) of I_zz alone."""
         found: Array = np.diag(YAW)[..., None] / self.bodies.inertia[2, 2]
@@ -46,11 +48,12 @@ class OnTable(Dynamics):
         """Through one cycle; nothing turns but about Z."""
         return super().advance(rate * YAW[:, None], fixed, wrench, width_s)
 
-    def held(self, loose: Loose, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
+    def held(self, loose: Loose, driven: Driven, state: State, fixed: Array, wrench: Wrench, h: float) -> Held:
         """What stands still turns back under the body, to second order in a bin."""
-        angle = h * (np.cumsum(loose.mean[2], -1) - loose.mean[2] / 2)
-        along = fixed[..., None] * np.cos(angle) - cross(YAW[:, None, None] * np.sin(angle), fixed[..., None] + 0 * loose.mean)
-        return super().held(loose, state, fixed, wrench, h)._replace(fixed=along)
+        yaw = loose.rate[2, 0]
+        angle = h * (np.cumsum(yaw, -1) - yaw / 2)
+        along = fixed[..., None] * np.cos(angle) - cross(YAW[:, None, None] * np.sin(angle), fixed[..., None])
+        return super().held(loose, driven, state, fixed, wrench, h)._replace(fixed=along)
 
     def centre_force(self, motion: CycleMotion, force: Array, width_s: float) -> Array:
         """(3, S, B) specific force of the CG, m/s²."""
