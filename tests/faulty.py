@@ -19,15 +19,8 @@ from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import scenario, simulate
-from massprop_cli.testbed.simulate import Flight
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
-PLAN = (
-    "duration_s=15.0",
-    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=15.0}]',
-)
-"""Keys of a scenario that tells every quantity in 300 cycles."""
 
 
 @cache
@@ -50,12 +43,6 @@ def sample(name: str, seconds: float = 1e9, file: str = "log.parquet") -> tuple[
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[:records],
     )
     return cut, found.vehicle
-
-
-@cache
-def flown(name: str, *keys: str, seeds: tuple[int, ...] = (3,)) -> Flight:
-    """A scenario, flown once for all tests that look at the same logs; more seeds take hardly longer than one."""
-    return simulate.fly(scenario.load(name, keys), seeds)
 
 
 def truth(name: str, phase: int = 0) -> Array:

@@ -1,4 +1,4 @@
-"""Flights of the testbed in software, each flown once for all tests that look at it. They are shared: nobody may write to them."""
+"""Flights of the testbed in software, each flown once in a process for all tests that look at it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.simulate import Flight
 
+PLAN = (
+    "duration_s=15.0",
+    'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=15.0}]',
+)
+"""Keys of a scenario that tells every quantity in 300 cycles."""
 RANDOM = (
     "duration_s=20.0",
     'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=20.0}]',
@@ -18,13 +23,16 @@ RANDOM = (
 
 
 @cache
-def flown(name: str, settings: tuple[str, ...] = (), seeds: tuple[int, ...] = (1,)) -> Flight:
-    """One member per seed; several take little longer than one."""
+def fly(name: str, *settings: str, seeds: tuple[int, ...] = (3,)) -> Flight:
+    """Fly a packaged scenario with ``--set`` settings, one member per seed. Several members take little longer than one.
+
+    The arrays are read-only: tests share them.
+    """
     return simulate.fly(scenario.load(name, settings), seeds)
 
 
 @cache
 def sound(seed: int) -> Analysis:
     """What is found in a flight of :data:`RANDOM` with the vehicle file that it was flown with."""
-    flight = flown("free-flyer", RANDOM, (seed,))
+    flight = fly("free-flyer", *RANDOM, seeds=(seed,))
     return flow.examine(flight.log(0), VehicleSource(flight.vehicle, "t", ""))

@@ -16,7 +16,7 @@ from massprop_cli.combine import flow
 from massprop_cli.result import schema, store
 from massprop_cli.result.schema import Result
 from massprop_cli.testbed import bound, output, scenario, simulate
-from tests.flown import flown
+from tests.flown import fly
 
 AXES = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "pushes": "x y z"}
 SECONDS = 6.0
@@ -30,7 +30,7 @@ def driven(axes: str, *more: str) -> tuple[str, ...]:
 
 def estimated(name: str, settings: tuple[str, ...], seed: int, folder: Path) -> None:
     """Log and result in a folder."""
-    output.write(flown(name, settings, (seed,)), 0, scenario.load(name, settings).scenario, folder / "log", "parquet")
+    output.write(fly(name, *settings, seeds=(seed,)), 0, scenario.load(name, settings).scenario, folder / "log", "parquet")
     judged = job.of_file(folder / "log" / "log.parquet")
     store.write(folder / "result", judged.analysis, schema.to_json(judged.result))
 
@@ -48,7 +48,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def at_once(name: str, seeds: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
     """Values and covariance of the linear fit about the truth: the ten quantities, and the rate at the start of each log."""
     source = scenario.load(name, driven("roll"))  # whose plan counts for nothing: commands are those that were issued
-    flights = [flown(name, driven(axes), (seed,)) for seed, axes in seeds]
+    flights = [fly(name, *driven(axes), seeds=(seed,)) for seed, axes in seeds]
     numbers, issued, truth = (
         [seed for seed, _ in seeds],
         *(np.concatenate([getattr(one, key) for one in flights]) for key in ("issued", "truth")),

@@ -20,7 +20,7 @@ from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Known, Phase
 from tests import faulty
 from tests.analysed import analysed
-from tests.flown import RANDOM, flown
+from tests.flown import RANDOM, fly
 
 TRUTH = faulty.truth("free-flyer")
 WRENCH = Path(__file__).parents[2] / "benchmarks" / "vehicles" / "wrench.toml"
@@ -33,7 +33,7 @@ EACH_WAY = "plan = [" + ", ".join(SEGMENT.format(axes=a, start=s, end=e) for a, 
 @pytest.fixture(scope="module")
 def late() -> Analysis:
     """A command delay stated as one cycle where it is two."""
-    flight = flown("free-flyer", RANDOM, (3,))
+    flight = fly("free-flyer", *RANDOM, seeds=(3,))
     return faulty.examined(flight.log(0), faulty.stated(flight.vehicle, "cycle.command_delay_cycles=1.0"))
 
 
@@ -50,7 +50,7 @@ def test_the_mended_answer_stands_beside_a_wrong_delay_and_is_right(late: Analys
     assert float(answer.settings[0].partition("=")[2]) == pytest.approx(2.0, abs=2e-3)
     (conclusion,) = answer.conclusions
     assert conclusion.contradiction == ""
-    truth = flown("free-flyer", RANDOM, (3,)).truth[0, 0]
+    truth = fly("free-flyer", *RANDOM, seeds=(3,)).truth[0, 0]
     for (name, estimate), true in zip(conclusion.estimates.items(), truth, strict=True):
         assert estimate.value is not None
         assert estimate.sigma is not None
@@ -60,7 +60,7 @@ def test_the_mended_answer_stands_beside_a_wrong_delay_and_is_right(late: Analys
 
 
 def test_the_settings_of_a_mended_answer_give_it_when_set(late: Analysis) -> None:
-    flight = flown("free-flyer", RANDOM, (3,))
+    flight = fly("free-flyer", *RANDOM, seeds=(3,))
     again = faulty.examined(flight.log(0), faulty.stated(flight.vehicle, "cycle.command_delay_cycles=1.0", *late.mended[0].settings))
     for name, estimate in again.conclusions[0].estimates.items():
         assert estimate.value == pytest.approx(late.mended[0].conclusions[0].estimates[name].value, rel=1e-9)
@@ -110,7 +110,7 @@ def test_an_accelerometer_behind_a_low_pass_has_no_converged_mass() -> None:
     ids=["a rise of 13 ms for 3", "an IMU 10 cm off", "a delay 0.3 cycles off"],
 )
 def test_no_wrong_value_is_converged_under(assignments: tuple[str, ...]) -> None:
-    flight = flown("free-flyer", RANDOM, (3,))
+    flight = fly("free-flyer", *RANDOM, seeds=(3,))
     found = faulty.examined(flight.log(0), faulty.stated(flight.vehicle, *assignments))
     assert found.notices
     assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
@@ -118,7 +118,7 @@ def test_no_wrong_value_is_converged_under(assignments: tuple[str, ...]) -> None
 
 @pytest.mark.slow
 def test_a_steady_torque_on_a_bearing_that_nobody_stated_is_not_taken_for_mass() -> None:
-    flight = flown("testbed", ("disturbance.constant_n_m=[0.01, 0.0, 0.0]",), (3,))
+    flight = fly("testbed", "disturbance.constant_n_m=[0.01, 0.0, 0.0]")
     found = faulty.examined(flight.log(0), flight.vehicle)
     assert faulty.looks_good_and_is_wrong(found, flight.truth[0, 0]) == []
 
@@ -259,7 +259,7 @@ def test_times_that_scatter_make_no_inertia_too_small(scatter_s: float, most: fl
 @pytest.mark.parametrize("factor", [8.0, pytest.param(0.2, marks=pytest.mark.thorough)])
 def test_forces_in_another_unit_than_torques_give_no_converged_cg(factor: float) -> None:
     """They look like an IMU out of place: of k times the force the CG c looks like k c, with the IMU (k - 1) c away."""
-    flight = flown(str(WRENCH), (EACH_WAY,))
+    flight = fly(str(WRENCH), EACH_WAY)
     log = flight.log(0)
     wrong = replace(log, command=log.command * np.repeat([1.0, 1 / factor], 3))
     found = faulty.examined(wrong, flight.vehicle)
@@ -314,7 +314,7 @@ def test_a_causal_estimate_that_lost_its_way_is_contradicted_by_the_fit_of_the_s
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_gyros_scale_beside_a_fault_of_the_accelerometer_leaves_no_inertia_converged(seed: int) -> None:
     """The accelerometer's bias alone was named, and as it moves no inertia, this stayed converged, 11 to 16 sigma off."""
-    flight = flown("free-flyer", RANDOM, (3,))
+    flight = fly("free-flyer", *RANDOM, seeds=(3,))
     log, noise = flight.log(0), 2e-3
     turned = log.delta_theta_imu_rad + noise * log.interval_s[:, None] * np.random.default_rng(seed).standard_normal((log.rows, 3))
     felt = log.delta_v_imu_m_s + np.array([0.05, -0.05, 0.05]) * log.interval_s[:, None]

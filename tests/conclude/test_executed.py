@@ -15,7 +15,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from tests import faulty
 from tests.conclude.test_white import examined
-from tests.flown import flown as flight
+from tests.flown import fly
 
 PULSES = '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_cycles=3, max_cycles=2, start_cycle=0, end_cycle=1200}'
 
@@ -23,7 +23,7 @@ PULSES = '{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], every_
 def flown(seed: int, seconds: float, noise: float, *settings: str) -> tuple[Log, Vehicle]:
     """Two cycles in three hold commands; ``noise`` of the gyro in rad/s, of which a cycle's command makes 0.02."""
     noises = f"vehicle.imu.gyro_noise_rad_s={noise}", f"vehicle.imu.accel_noise_m_s2={75 * noise}"
-    found = flight("free-flyer", (f"duration_s={seconds}", f"plan=[{PULSES}]", *noises, *settings), (seed,))
+    found = fly("free-flyer", f"duration_s={seconds}", f"plan=[{PULSES}]", *noises, *settings, seeds=(seed,))
     return found.log(0), found.vehicle
 
 

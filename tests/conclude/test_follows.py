@@ -13,7 +13,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.compensate import Source
-from tests.flown import RANDOM, flown, sound
+from tests.flown import RANDOM, fly, sound
 
 SEED = 3
 pytestmark = pytest.mark.numerical
@@ -35,7 +35,7 @@ def turned(used: Vehicle, jet: int, angle: float) -> Vehicle:
 @pytest.mark.thorough
 def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     """Of twenty seeds and eighteen channels: on average six, within a quarter or a half, and none beyond one chance in a million."""
-    flight = flown("free-flyer", RANDOM, tuple(range(1, 21)))
+    flight = fly("free-flyer", *RANDOM, seeds=tuple(range(1, 21)))
     found = [flow.examine(flight.log(i), VehicleSource(flight.vehicle, "t", "")) for i in range(20)]
     explained = np.array([told(one) for one in found])
     assert 0.5 * AXES < explained.mean() < 1.25 * AXES
@@ -46,7 +46,7 @@ def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
 
 @pytest.mark.parametrize("jet", [7, *(pytest.param(jet, marks=pytest.mark.thorough) for jet in (0, 13))])
 def test_a_jet_that_points_elsewhere_is_followed_and_none_where_all_are_as_stated(jet: int) -> None:
-    flight = flown("free-flyer", RANDOM, (SEED,))
+    flight = fly("free-flyer", *RANDOM, seeds=(SEED,))
     found = flow.examine(flight.log(0), VehicleSource(turned(flight.vehicle, jet, 0.05), "t", ""))
     names = channel_names(flight.log(0), flight.vehicle)
     doubts = followed(found.settled, found.samples, names, 1.0)

@@ -16,7 +16,7 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.actuators import along_one_line, channel_names
-from tests.flown import RANDOM, flown, sound
+from tests.flown import RANDOM, fly, sound
 
 SEED = 3
 pytestmark = pytest.mark.numerical
@@ -51,7 +51,7 @@ def moved(used: Vehicle, by: tuple[float, float, float]) -> Vehicle:
 @pytest.mark.thorough
 def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twenty seeds, each assumption's score is a standard normal deviate's: root mean square within a third of one, none beyond 4."""
-    flight = flown("free-flyer", RANDOM, tuple(range(1, 21)))
+    flight = fly("free-flyer", *RANDOM, seeds=tuple(range(1, 21)))
     told = [scores(examined(flight.log(i), flight.vehicle), monkeypatch) for i in range(20)]
     jets = np.array([[one[f"thrust of {jet.name}"] for jet in flight.vehicle.jets] for one in told])
     for own in (*jets.T, np.array([one["gyro-scale"] for one in told]), np.array([one["command-delay"] for one in told])):
@@ -62,7 +62,7 @@ def test_what_is_right_is_doubted_as_chance_has_it(monkeypatch: pytest.MonkeyPat
 
 def test_the_score_is_what_the_fit_gains_by_the_likeliest_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its square against the drop of chi-square when the log is estimated again with that value (a likelihood ratio, Wilks 1938)."""
-    flight = flown("free-flyer", RANDOM, (SEED,))
+    flight = fly("free-flyer", *RANDOM, seeds=(SEED,))
     wrong = moved(flight.vehicle, (0.004, 0.0, 0.0))
     found = examined(flight.log(0), wrong)
     told = scores(found, monkeypatch)["imu-position"]
@@ -73,7 +73,7 @@ def test_the_score_is_what_the_fit_gains_by_the_likeliest_value(monkeypatch: pyt
 
 def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_that_it_moves() -> None:
     """The accelerometer shows 15 % too much, which mass takes up but for the lever arm's part: no channel is beyond its noise by half."""
-    flight = flown("free-flyer", RANDOM, (SEED,))
+    flight = fly("free-flyer", *RANDOM, seeds=(SEED,))
     log = flight.log(0)
     scaled = examined(replace(log, delta_v_imu_m_s=1.15 * log.delta_v_imu_m_s), flight.vehicle)
     for found, wrong in ((sound(SEED), False), (scaled, True)):
@@ -89,7 +89,7 @@ def test_an_error_that_no_channel_shows_is_doubted_and_leaves_nothing_standing_t
 def test_pulses_that_scatter_hide_no_wrong_assumption(seed: int) -> None:
     """With thrust.pulse_sigma stated nothing was tested: pitch jets at 90 % left iyy over eight sigma off and converged."""
     keys = (*RANDOM, "vehicle.thrust.pulse_sigma=0.02")
-    clean = flown("free-flyer", keys, (seed,))
+    clean = fly("free-flyer", *keys, seeds=(seed,))
     found = examined(clean.log(0), clean.vehicle)
     assert {one.verdict for one in found.conclusions[0].estimates.values()} == {"converged"}
     assert not [one for one in found.doubts if one.sure]
@@ -118,7 +118,7 @@ def test_a_step_of_a_sensors_scale_is_one_of_each_of_its_axes() -> None:
 
 def test_jets_alike_are_doubted_together_where_each_alone_would_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two that are wrong alike; the square of their score against the drop of chi-square with the right file."""
-    flight = flown("free-flyer", RANDOM, (SEED,))
+    flight = fly("free-flyer", *RANDOM, seeds=(SEED,))
     jets = [jet.name for jet in flight.vehicle.jets]
     pair = tuple(jets.index(name) for name in ("divert_xp", "divert_xn"))
     keys = [f"jets.{i}.force_n={[1.005 * f for f in flight.vehicle.jets[i].force_n]}" for i in pair]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests import faulty
-from tests.flown import flown
+from tests.flown import fly
 
 pytestmark = pytest.mark.numerical
 PLAN = 'plan = [{motion = "random", axes = ["yaw"], every_cycles = 5, max_cycles = 4, start_cycle = 0, end_cycle = 200}]'
@@ -16,7 +16,7 @@ PLAN = 'plan = [{motion = "random", axes = ["yaw"], every_cycles = 5, max_cycles
 def test_it_contradicts_nothing(seed: int) -> None:
     """The inertias across stay free in the fit; assumptions that are tested about a body whose they are not found 1e6 sigma of nothing."""
     turning = "initial.rate_rad_s = [0.0, 0.0, 2.0]"
-    flight = flown("free-flyer", (PLAN, turning, "duration_s = 10.0"), (seed,))
+    flight = fly("free-flyer", PLAN, turning, "duration_s = 10.0", seeds=(seed,))
     found = faulty.examined(flight.log(0), flight.vehicle)
     assert [conclusion.contradiction for conclusion in found.conclusions] == [""]
     assert {notice.code for notice in found.notices} <= {"unphysical-inertia", "outliers"}

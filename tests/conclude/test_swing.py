@@ -18,7 +18,7 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare.actuators import channel_wrench
 from massprop_cli.prepare.compensate import Source
 from massprop_cli.report import vocabulary
-from tests.flown import flown
+from tests.flown import fly
 
 PERIOD_S = 0.05
 PLAN = (
@@ -36,7 +36,7 @@ INERTIA, CG, MASS = np.array([0.6, 2.7, 2.4]), np.array([-0.02, 0.025, 0.01]), 2
 @cache
 def rigid() -> Analysis:
     """The flight as it was flown."""
-    flight = flown("free-flyer", PLAN, (3001,))
+    flight = fly("free-flyer", *PLAN, seeds=(3001,))
     return flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
 
 
@@ -45,7 +45,7 @@ def swung(part: float, hertz: float, turning: bool = False, arm: tuple[float, fl
 
     With an ``arm`` it hangs there, and turns the body by what it pulls; what the accelerometer feels of it is left out.
     """
-    flight = flown("free-flyer", PLAN, (3001,))
+    flight = fly("free-flyer", *PLAN, seeds=(3001,))
     log, samples = flight.log(0), rigid().samples
     executed = samples.part(slice(0, len(samples))).executed
     pushed = executed.channels.whole @ channel_wrench(log, rigid().vehicle) / PERIOD_S

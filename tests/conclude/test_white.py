@@ -20,8 +20,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.resolved import Resolved
 from tests import faulty
-from tests.flown import RANDOM
-from tests.flown import flown as flight
+from tests.flown import RANDOM, fly
 
 TRUTH = np.array([0.6, 0.05, -0.06, 2.7, 0.1, 2.4, -0.02, 0.025, 0.01, 22.0])
 
@@ -76,7 +75,7 @@ ALL = '{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycl
 
 def flown(seed: int) -> tuple[Log, Vehicle]:
     plan = f'plan=[{TURNS}, {{motion="hold", start_cycle=180, end_cycle=380}}, {PUSHES}, {ALL}]'
-    found = flight("free-flyer", ("duration_s=25.0", plan), (seed,))
+    found = fly("free-flyer", "duration_s=25.0", plan, seeds=(seed,))
     return found.log(0), found.vehicle
 
 
@@ -177,7 +176,7 @@ def test_counts_that_are_coarser_than_the_noise_leave_no_mass_converged() -> Non
 @pytest.mark.numerical
 @pytest.mark.parametrize("kind", ["torque_n_m=0.02", pytest.param("walk_n_m=0.001", marks=pytest.mark.thorough)])
 def test_a_disturbance_that_is_noise_leaves_values_converged(kind: str) -> None:
-    disturbed = flight("free-flyer", (*RANDOM, f"disturbance.{kind}"), (4,))
+    disturbed = fly("free-flyer", *RANDOM, f"disturbance.{kind}", seeds=(4,))
     found = examined(disturbed.log(0), disturbed.vehicle)
     assert [notice.code for notice in found.notices] == ["disturbance-torque"]
     assert not wrong(found)

@@ -12,7 +12,7 @@ from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.screening import screened
 from tests import faulty
 from tests.diagnosis.test_look import look_at, otherwise, thrust
-from tests.faulty import PLAN
+from tests.flown import PLAN, fly
 
 DOCKING = (
     "duration_cycles=500",
@@ -23,7 +23,7 @@ DOCKING = (
 
 @pytest.mark.parametrize("cycles", [-18, *(pytest.param(n, marks=pytest.mark.thorough) for n in (30, -6, 6))])
 def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -> None:
-    flown = faulty.flown("docking", *DOCKING, seeds=(4,))
+    flown = fly("docking", *DOCKING, seeds=(4,))
     log, used = flown.log(0), flown.vehicle
     first, second = used.phases
     period = used.cycle.period_s
@@ -47,7 +47,7 @@ def test_docking_that_is_stated_early_or_late_is_named_and_mended(cycles: int) -
 @pytest.mark.parametrize("origin_s", [pytest.param(0.0, marks=pytest.mark.thorough), 1763000000.0])
 def test_a_vehicle_that_is_held_as_its_log_begins_is_named(origin_s: float) -> None:
     """Nothing moves for the first 22 cycles though jets fire: somebody has it in his hands. By a clock that counts from 1970, too."""
-    flown = faulty.flown("free-flyer", *PLAN)
+    flown = fly("free-flyer", *PLAN)
     held = replace(flown.log(0), time_s=flown.log(0).time_s + origin_s)
     turned, felt = held.delta_theta_imu_rad.copy(), held.delta_v_imu_m_s.copy()
     rng = np.random.default_rng(6)

@@ -19,6 +19,7 @@ from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 from tests import faulty, flight
 from tests.flight import resolved
+from tests.flown import fly
 from tests.model.test_linearise import reference
 
 
@@ -45,7 +46,7 @@ def test_the_docking_of_the_sample_is_where_the_change_is_found() -> None:
 
 @pytest.mark.thorough
 def test_the_docking_is_where_the_change_is_found() -> None:
-    flown = faulty.flown("docking", seeds=tuple(range(1, 11)))
+    flown = fly("docking", seeds=tuple(range(1, 11)))
     for member in range(3):
         samples, used, about, at = docked(flown.log(member), flown.vehicle, flown.truth[member, 0])
         found = change.likeliest(samples, slice(2, len(samples)), about, resolved(used))

@@ -20,8 +20,8 @@ from massprop_cli.testbed.simulate import Flight
 from tests import faulty
 from tests.diagnosis import test_diagnose
 from tests.diagnosis.test_diagnose import LAG
-from tests.faulty import PLAN
 from tests.flight import resolved
+from tests.flown import PLAN, fly
 
 AUTO = 'cycle.command_delay_cycles="auto"'
 LATE = "actuators.delay_cycles=1.6"
@@ -29,13 +29,13 @@ LATE = "actuators.delay_cycles=1.6"
 
 
 def late() -> Flight:
-    return faulty.flown("free-flyer", *PLAN, LATE, seeds=tuple(range(8)))
+    return fly("free-flyer", *PLAN, LATE, seeds=tuple(range(8)))
 
 
 @cache
 def examined(*assignments: str, key: str = "", earlier: int = 0) -> Analysis:
     """A log whose commands are logged so many cycles before they were issued, under assignments to its vehicle file."""
-    flown = late() if key == LATE else faulty.flown("free-flyer", *PLAN, *([key] if key else []))
+    flown = late() if key == LATE else fly("free-flyer", *PLAN, *([key] if key else []))
     log = flown.log(flown.seeds.index(3))
     moved = np.roll(log.command, -earlier, axis=0)
     moved[slice(log.cycles - earlier, None) if earlier > 0 else slice(-earlier)] = 0.0
@@ -44,7 +44,7 @@ def examined(*assignments: str, key: str = "", earlier: int = 0) -> Analysis:
 
 def off(found: Analysis) -> Array:
     """(10,) sigmas that each value is off."""
-    return np.abs(list(faulty.z_scores(found, faulty.flown("free-flyer", *PLAN).truth[0, 0]).values()))
+    return np.abs(list(faulty.z_scores(found, fly("free-flyer", *PLAN).truth[0, 0]).values()))
 
 
 @pytest.mark.parametrize(
@@ -124,13 +124,13 @@ def test_a_stated_delay_is_contradicted_only_where_it_is_wrong(stated: float, tr
 
 
 def test_a_log_that_cannot_tell_its_delay_is_refused() -> None:
-    flown = faulty.flown("free-flyer", "duration_s=5.0", "plan=[]")
+    flown = fly("free-flyer", "duration_s=5.0", "plan=[]")
     with pytest.raises(InputError, match="the command delay can't be told from this log"):
         faulty.examined(flown.log(0), faulty.stated(flown.vehicle, AUTO))
 
 
 def test_the_search_alone_finds_the_whole_cycle() -> None:
-    flown = faulty.flown("free-flyer", *PLAN)
+    flown = fly("free-flyer", *PLAN)
     log = flown.log(0)
     early = replace(log, command=np.concatenate([log.command[5:], 0 * log.command[:5]]))
     assert delay.search(early, faulty.stated(flown.vehicle, AUTO), [0.0]) == (7.0, 0.0)

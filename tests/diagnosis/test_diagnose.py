@@ -20,7 +20,7 @@ from massprop_cli.testbed import scenario, truth
 from tests import faulty
 from tests.analysed import analysed
 from tests.diagnosis.test_look import DOCKED, LONGER
-from tests.faulty import PLAN
+from tests.flown import PLAN, fly
 
 LAG = "actuators.lag_s=0.03"
 SLOWER = {"rise_s": 0.004, "fall_s": 0.006}
@@ -119,7 +119,7 @@ def low_passed(sensor: Literal["gyro", "accel"], lag_s: float) -> Mistake:
 @cache
 def examined(mistake: Mistake = nothing, *keys: str, seed: int = 3) -> flow.Analysis:
     """What is found in a log of fifteen seconds with something wrong."""
-    flown = faulty.flown("free-flyer", *PLAN, *keys, seeds=(seed,) if seed == 3 else (4, 5, 6))
+    flown = fly("free-flyer", *PLAN, *keys, seeds=(seed,) if seed == 3 else (4, 5, 6))
     return faulty.examined(*mistake(flown.log(flown.seeds.index(seed)), flown.vehicle))
 
 
@@ -166,7 +166,7 @@ def test_valves_that_open_or_close_late_are_named_and_mended(ramp: str, by_s: fl
     """Each pulse gives so much less or more whatever its length: as stated, inertias are hundreds of sigmas off."""
     jets = scenario.load("free-flyer").scenario.vehicle.jets
     slow = [f"vehicle.jets.{i}.{key}={getattr(jet, key) + more}" for i, jet in enumerate(jets) for key, more in SLOWER.items()]
-    flown = faulty.flown("free-flyer", *PLAN, *slow)
+    flown = fly("free-flyer", *PLAN, *slow)
     quick = tuple(jet.model_copy(update={ramp: getattr(jet, ramp) - by_s}) for jet in flown.vehicle.jets)
     found = faulty.examined(flown.log(0), flown.vehicle.model_copy(update={"jets": quick}))
     (said,) = [notice.message for notice in found.notices if notice.code == "thrust-rise"]
@@ -196,7 +196,7 @@ def test_clean_samples_raise_no_warning(name: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 def test_clean_logs_raise_no_warning(name: str) -> None:
-    flown = faulty.flown(name, seeds=tuple(range(1, 11)))
+    flown = fly(name, seeds=tuple(range(1, 11)))
     for member in range(4):
         assert faulty.examined(flown.log(member), flown.vehicle).notices == ()
 
@@ -209,7 +209,7 @@ def test_a_misfit_that_nothing_supposed_explains_is_not_given_a_name() -> None:
 
 @pytest.mark.thorough
 def test_an_undeclared_docking_is_reported_with_its_time() -> None:
-    flown = faulty.flown("free-flyer", *LONGER, *DOCKED)
+    flown = fly("free-flyer", *LONGER, *DOCKED)
     notices = faulty.examined(flown.log(0), flown.vehicle).notices
     (said,) = [notice.message for notice in notices if notice.code == "mass-change"]
     time = float(said.split("at once at ")[1].split(" s")[0])
@@ -243,7 +243,7 @@ def quarter(log: Log, used: Vehicle) -> tuple[Log, Vehicle]:
     ],
 )
 def test_two_faults_at_once_are_both_named(mistakes: tuple[Mistake, ...], key: str, codes: set[str], words: tuple[str, ...]) -> None:
-    flown = faulty.flown("free-flyer", *PLAN, *([key] if key else []))
+    flown = fly("free-flyer", *PLAN, *([key] if key else []))
     log, used = flown.log(0), flown.vehicle
     for mistake in mistakes:
         log, used = mistake(log, used)
@@ -264,7 +264,7 @@ def test_any_two_dead_jets_are_found() -> None:
 
 def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
     """A gyro that shows ever less of a rate the faster it turns."""
-    flown = faulty.flown("free-flyer", *PLAN)
+    flown = fly("free-flyer", *PLAN)
     log = flown.log(0)
     top = 0.4 * np.abs(log.delta_theta_imu_rad).max()
     bent = replace(log, delta_theta_imu_rad=top * np.tanh(log.delta_theta_imu_rad / top))
@@ -276,7 +276,7 @@ def test_what_nothing_explains_is_said_to_fit_no_cause() -> None:
 
 
 def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> None:
-    flown = faulty.flown("free-flyer", *PLAN, "disturbance.rate_n_m_s=[0.05, 0.05, 0.05]")
+    flown = fly("free-flyer", *PLAN, "disturbance.rate_n_m_s=[0.05, 0.05, 0.05]")
     found = faulty.examined(flown.log(0), flown.vehicle)
     assert "rate-torque" in {notice.code for notice in found.notices}
     (mended,) = found.mended
@@ -290,15 +290,15 @@ def test_damping_that_is_not_stated_is_named_and_mended_by_looking_for_it() -> N
 
 def test_a_log_without_noise_raises_no_cause() -> None:
     """A floor stands in for its noise, and against that no model fits."""
-    flown = faulty.flown("preliminary")
+    flown = fly("preliminary")
     notices = faulty.examined(flown.log(0), flown.vehicle).notices
     assert {notice.code for notice in notices} == {"noise-floor", "disturbance-torque"}
 
 
 def test_a_drifting_clock_is_named_with_its_rate_and_mended() -> None:
     """The IMU's clock is 2,500 ppm fast: its cycles begin up to one earlier than the commands'. Sampled from a flight in fine records."""
-    fine = faulty.flown("free-flyer", *PLAN, "sensors.records_per_cycle=20", "sensors.gyro_noise_rad_s=0.0", "sensors.accel_noise_m_s2=0.0")
-    flown = faulty.flown("free-flyer", *PLAN)
+    fine = fly("free-flyer", *PLAN, "sensors.records_per_cycle=20", "sensors.gyro_noise_rad_s=0.0", "sensors.accel_noise_m_s2=0.0")
+    flown = fly("free-flyer", *PLAN)
     truth, log = fine.log(0), flown.log(0).part(0, flown.log(0).cycles - 3)
     rng = np.random.default_rng(1)
 
@@ -335,7 +335,7 @@ def test_a_low_passed_sensor_is_named_with_its_time_constant_and_mended(sensor: 
     assert answer.fault.notice.code == f"{sensor}-filter"
     said = {key: float(value) for key, _, value in (setting.partition("=") for setting in answer.settings)}
     assert abs(said[f"imu.{sensor}_lag_s"] - lag_s) < 4 * said[f"imu.{sensor}_lag_sigma_s"] < 0.1 * lag_s
-    for true, e in zip(faulty.flown("free-flyer", *PLAN).truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
+    for true, e in zip(fly("free-flyer", *PLAN).truth[0, 0], answer.conclusions[0].estimates.values(), strict=True):
         assert abs((e.value or 0.0) - true) < 4.5 * (e.sigma or 0.0)
 
 
@@ -381,7 +381,7 @@ def pulses(cycles: int) -> tuple[str, str]:
 )
 def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, part: float, words: str) -> None:
     """The most of it is common to all thrust: as stated, moments of inertia are too large by more than ten sigmas."""
-    flown = faulty.flown("free-flyer", *pulses(300), f"actuators.{key}={part}")
+    flown = fly("free-flyer", *pulses(300), f"actuators.{key}={part}")
     found = faulty.examined(flown.log(0), flown.vehicle)
     (said,) = [notice.message for notice in found.notices if notice.code == "thrust-droop"]
     assert words in said
@@ -400,7 +400,7 @@ def test_thrust_that_sags_with_the_jets_that_fire_is_named_and_mended(key: str, 
 @pytest.mark.parametrize("memory_s", [pytest.param(0.3, marks=pytest.mark.thorough), 0.7])
 def test_a_supply_that_remembers_leaves_no_value_converged(memory_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Thrust falls by up to 3 % with what was taken before: a disturbance stood for it, and moments of inertia were called converged."""
-    flown = faulty.flown("free-flyer", *pulses(600), "vehicle.imu.gyro_noise_rad_s=3e-4", seeds=(1,))
+    flown = fly("free-flyer", *pulses(600), "vehicle.imu.gyro_noise_rad_s=3e-4", seeds=(1,))
     log, true = flown.log(0), scenario.load("free-flyer").scenario.truth.values
     held, use = 0.0, np.empty(log.cycles)
     for k, taken in enumerate(log.command.sum(1)):

@@ -15,7 +15,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import actuators, align
 from tests import faulty
 from tests.diagnosis.test_look import look_at, look_of, otherwise
-from tests.faulty import PLAN
+from tests.flown import PLAN, fly
 
 NONE = Disturbance(0.0, 0.0)
 
@@ -36,7 +36,7 @@ def pulses(screening: Screening, jet: str) -> np.ndarray[tuple[int], np.dtype[np
 def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """Oracle: ordinary least squares on all six axes, beside what another body changes: the window's column, or one of the whole log."""
     monkeypatch.setattr(design, "COUPLING", 0.0)  # no white noise by the rates' products
-    flown = faulty.flown("free-flyer", *PLAN, failing("divert_xp", 0.7, 8.0))
+    flown = fly("free-flyer", *PLAN, failing("divert_xp", 0.7, 8.0))
     screening = look_of(flown.log(0), flown.vehicle)
     reduced = Reduced(screening, screening, NONE)
     root, cycle = np.sqrt(reduced.weight), np.arange(len(reduced.design.mean))
@@ -77,7 +77,7 @@ def test_the_time_and_the_thrust_of_a_failure_are_as_certain_as_is_said(seeds: r
             rng.uniform(0.4, 0.9),
             rng.uniform(6, 12),
         )
-        flown = faulty.flown("free-flyer", *PLAN, failing(jet, thrust, start), seeds=(seed,))
+        flown = fly("free-flyer", *PLAN, failing(jet, thrust, start), seeds=(seed,))
         screening = look_of(flown.log(0), flown.vehicle)
         first = next(t for t in pulses(screening, jet) if t >= start)
         found = next(one for one in episodes(screening) if one.failure.jet == jet)
@@ -101,7 +101,7 @@ def test_a_failure_that_ends_with_its_phase_is_none_of_the_next() -> None:
         'plan=[{motion="random", axes=["roll", "pitch", "yaw", "y"], start_cycle=0, end_cycle=500}]',
         'events=[{kind="dock", cycle=250, motion="rates_kept", phase="combined"}]',
     ]
-    flown = faulty.flown("docking", *plan, failing("yaw_p1", 0.0, 6.0, 12.5), seeds=(4,))
+    flown = fly("docking", *plan, failing("yaw_p1", 0.0, 6.0, 12.5), seeds=(4,))
     found = faulty.examined(flown.log(0), flown.vehicle)
     (mended,) = found.mended
     stated, *_ = mended.settings
@@ -153,7 +153,7 @@ def test_pulses_begin_when_the_vehicle_file_says_that_they_fail() -> None:
     ],
 )
 def test_a_jet_that_fails_for_a_time_is_named_and_mended(keys: tuple[str, ...], code: str, words: str, setting: str) -> None:
-    flown = faulty.flown("free-flyer", *PLAN, *keys)
+    flown = fly("free-flyer", *PLAN, *keys)
     found = faulty.examined(flown.log(0), flown.vehicle)
     (said,) = [notice.message for notice in found.notices if notice.code == code]
     assert words in said

@@ -10,6 +10,7 @@ from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.kernel import kernel
 from tests import faulty
 from tests.diagnosis.test_handed import NOISE, reduced
+from tests.flown import fly
 
 NOISY = ("duration_s = 25.0", "vehicle.imu.gyro_noise_rad_s = 1e-3", "vehicle.imu.accel_noise_m_s2 = 0.2")
 
@@ -33,7 +34,7 @@ EACH_THEN_ALL = ", ".join(
 @pytest.mark.parametrize("seed", [1051, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (1052, 1054))])
 def test_of_a_noisy_log_a_delay_of_cycles_is_no_turned_gyro(seed: int) -> None:
     """Beside a torque that nobody stated a gyro that is mounted the other way round leaves little more; the delay alone leaves nothing."""
-    flown = faulty.flown("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1051, 1052, 1054))
+    flown = fly("free-flyer", *NOISY, f"plan = [{EACH_THEN_ALL}]", seeds=(1051, 1052, 1054))
     found = faulty.examined(flown.log(flown.seeds.index(seed)), faulty.stated(flown.vehicle, "cycle.command_delay_cycles=4.0"))
     assert [notice.code for notice in found.notices if notice.code != "unphysical-inertia"] == ["delay-mismatch"]
 
@@ -46,7 +47,7 @@ JOINING = "docked={ixx=0.072, iyy=0.48, izz=0.44, mass=5.0, cg_x=-0.0015, cg_y=0
 def test_an_object_that_docks_is_no_fuel_that_burns(seed: int) -> None:
     """A body that changes all along the log leaves little more of it than one that changes at once; two bodies leave nothing."""
     event = 'events=[{kind="dock", cycle=280, motion="rates_kept"}]'
-    flown = faulty.flown("testbed", JOINING, event, seeds=(1, 2))
+    flown = fly("testbed", JOINING, event, seeds=(1, 2))
     unaware = flown.vehicle.model_copy(update={"phases": (), "docking": None})
     found = faulty.examined(flown.log(flown.seeds.index(seed)), unaware)
     (said,) = [notice for notice in found.notices if notice.code != "unphysical-inertia"]

@@ -18,6 +18,7 @@ from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
 from tests import faulty
 from tests.flight import resolved
+from tests.flown import fly
 
 CYCLES = slice(2, 400)
 PHASE = Phase(name="all", start_s=0.0, end_s=99.0)
@@ -101,7 +102,7 @@ def test_a_jet_of_another_thrust_hides_about_the_error_that_it_makes(jet: str, q
 
 @pytest.mark.thorough
 def test_stated_pulse_errors_are_noise_and_hide_nothing() -> None:
-    flown = faulty.flown("refined", "vehicle.thrust.pulse_sigma=0.1", seeds=(1, 2))
+    flown = fly("refined", "vehicle.thrust.pulse_sigma=0.1", seeds=(1, 2))
     for member in range(2):
         found = faulty.examined(flown.log(member), flown.vehicle)
         assert found.vehicle.thrust.pulse_sigma == 0.1
@@ -116,7 +117,7 @@ def test_noise_in_the_rate_of_a_steady_spin_of_the_sample_is_no_misfit() -> None
 @pytest.mark.numerical
 @pytest.mark.thorough
 def test_noise_in_the_rate_of_a_steady_spin_is_no_misfit() -> None:
-    flown = faulty.flown("docking", seeds=(7008, 7028))
+    flown = fly("docking", seeds=(7008, 7028))
     for member in range(2):
         fits(flown.log(member), flown.vehicle, flown.truth[member, 1])
 

@@ -25,7 +25,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario
 from tests import faulty
-from tests.faulty import PLAN
+from tests.flown import PLAN, fly
 
 DOCKED = (
     "docked={ixx=0.2, iyy=0.3, izz=0.3, mass=4.0, cg_x=0.4, cg_y=0.1}",
@@ -43,7 +43,7 @@ def look_at(name: str, *keys: str) -> Screening:
 
 @cache
 def _look_at(name: str, *keys: str) -> Screening:
-    flown = faulty.flown(name, *keys)
+    flown = fly(name, *keys)
     return look_of(flown.log(0), flown.vehicle)
 
 
@@ -54,7 +54,7 @@ def otherwise(*assignments: str) -> Screening:
 
 @cache
 def _otherwise(*assignments: str) -> Screening:
-    flown = faulty.flown("free-flyer", *PLAN)
+    flown = fly("free-flyer", *PLAN)
     return look_of(flown.log(0), changed(flown.vehicle, assignments))
 
 
@@ -84,7 +84,7 @@ def test_a_clean_sample_leaves_no_more_than_chance_about_its_own_body(name: str)
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 def test_a_clean_log_leaves_no_more_than_chance_about_its_own_body(name: str) -> None:
-    flown = faulty.flown(name, seeds=(1001, 1003))
+    flown = fly(name, seeds=(1001, 1003))
     for member in range(2):
         by_chance(look_of(flown.log(member), flown.vehicle), flown.truth[member, 0, 9])
 
@@ -151,7 +151,7 @@ def test_a_change_leaves_two_bodies_less_than_half_of_what_it_leaves_one(keys: t
     How much of the cycle in which it docks is left hangs on the direction that columns which are sums of others take from the fit: rounding
     has it, and the compiled kernel and NumPy differ.
     """
-    flown = faulty.flown("free-flyer", *LONGER, *keys, seeds=(seed,))
+    flown = fly("free-flyer", *LONGER, *keys, seeds=(seed,))
     screening = look_of(flown.log(0), flown.vehicle)
     whole = beside_a_torque(screening)
     samples = screening.case.timing.of(screening.case.log, screening.case.vehicle)

@@ -19,7 +19,7 @@ from massprop_cli.prepare.timing import Timing
 from tests import faulty
 from tests.diagnosis.test_diagnose import LAG, dead
 from tests.diagnosis.test_look import thrust
-from tests.faulty import PLAN
+from tests.flown import PLAN, fly
 
 ROWS = [61, 62, 150, 233, 399]
 """Two in a row, and the last."""
@@ -103,7 +103,7 @@ def test_many_are_a_misfit(flight: tuple[Log, Vehicle]) -> None:
     ],
 )
 def test_a_wrong_model_has_no_outliers(key: str, stated: str) -> None:
-    flown = faulty.flown("free-flyer", *PLAN, *([key] if key else []))
+    flown = fly("free-flyer", *PLAN, *([key] if key else []))
     assert not searched(flown.log(0), changed(flown.vehicle, [stated] if stated else []))
 
 
@@ -115,7 +115,7 @@ def test_clean_samples_have_none(name: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed", "docking"])
 def test_logs_without_fault_have_none(name: str) -> None:
-    flown = faulty.flown(name, seeds=tuple(range(1, 11)))
+    flown = fly(name, seeds=tuple(range(1, 11)))
     assert not any(searched(flown.log(member), flown.vehicle) for member in range(10))
 
 
@@ -127,7 +127,7 @@ def test_a_log_that_is_driven_without_a_pause_has_none() -> None:
         f"closed_loop={str(axis in ('roll', 'pitch', 'yaw')).lower()}}}"
         for axis, cycles in every.items()
     )
-    flown = faulty.flown("free-flyer", "duration_s=10.0", f"plan=[{pulses}]", seeds=tuple(range(20, 28)))
+    flown = fly("free-flyer", "duration_s=10.0", f"plan=[{pulses}]", seeds=tuple(range(20, 28)))
     assert not any(searched(flown.log(member), flown.vehicle) for member in range(8))
 
 

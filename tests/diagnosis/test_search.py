@@ -16,7 +16,7 @@ from massprop_cli.diagnosis.search import _by_promise, codes, searched
 from tests import faulty
 from tests.diagnosis.test_diagnose import LAG
 from tests.diagnosis.test_look import look_at, look_of, otherwise
-from tests.faulty import PLAN
+from tests.flown import PLAN
 
 
 def of(screening: Screening, code: str) -> tuple[float, Fitted]:

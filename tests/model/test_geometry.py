@@ -20,6 +20,7 @@ from massprop_cli.model.sensitivity import Consider, Side, Variant, fed, with_ge
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from tests import faulty
+from tests.flown import fly
 
 pytestmark = pytest.mark.numerical
 
@@ -33,7 +34,7 @@ def flown(name: str) -> tuple[Log, Vehicle, Reference]:
     if name == "free-flyer":
         (log, vehicle), true = faulty.sample(name), faulty.truth(name)
     else:
-        found = faulty.flown(name, *SHORTER.get(name, ()), seeds=(1,))
+        found = fly(name, *SHORTER.get(name, ()), seeds=(1,))
         log, vehicle, true = found.log(0), found.vehicle, found.truth[0, 0]
     return log, vehicle, Reference(tensor(true[:6]), true[6:9], 1 / true[9])
 

@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.prepare import lowpass
 from massprop_cli.testbed.simulate import Flight
-from tests import faulty
+from tests.flown import fly
 
 LAG_S = 0.07
 SHORT = ["duration_s=10.0", 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=10.0}]']
@@ -21,7 +21,7 @@ LAGGING = ["vehicle.imu.gyro_lag_s=0.04", f"vehicle.imu.accel_lag_s={LAG_S}"]
 
 
 def flown(*keys: str) -> Flight:
-    return faulty.flown("free-flyer", *SHORT, *keys)
+    return fly("free-flyer", *SHORT, *keys)
 
 
 def by_definition(increments: Array, kept: float) -> Array:
@@ -31,7 +31,7 @@ def by_definition(increments: Array, kept: float) -> Array:
 
 
 def test_what_a_low_pass_does_is_undone_record_by_record() -> None:
-    flight = faulty.flown("free-flyer", "duration_s=2.0", SHORT[1].replace("10.0", "2.0"), "sensors.records_per_cycle=2")
+    flight = fly("free-flyer", "duration_s=2.0", SHORT[1].replace("10.0", "2.0"), "sensors.records_per_cycle=2")
     log, used = flight.log(0), flight.vehicle
     kept = np.exp(-log.interval_s[0] / LAG_S)
     seen = replace(log, delta_theta_imu_rad=by_definition(log.delta_theta_imu_rad, kept))

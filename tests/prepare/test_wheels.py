@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.prepare.align import align
-from tests import faulty
+from tests.flown import fly
 
 SHORT = ("duration_s=5", 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=5}]')
 
@@ -15,7 +15,7 @@ def test_both_columns_tell_the_same_momentum() -> None:
     friction = ("vehicle.wheels.0.viscous_friction_n_m_s=1e-4", "vehicle.wheels.1.coulomb_friction_n_m=0.005")
     found = {}
     for column in ("speed", "torque"):
-        flown = faulty.flown("wheels", *SHORT, *friction, *(f"vehicle.wheels.{i}.column={column}" for i in range(3)))
+        flown = fly("wheels", *SHORT, *friction, *(f"vehicle.wheels.{i}.column={column}" for i in range(3)))
         stored = align(flown.log(0), flown.vehicle, 2.0, 0.0).stored
         assert stored is not None
         found[column] = stored.mean.mean(1)
@@ -28,7 +28,7 @@ def test_both_columns_tell_the_same_momentum() -> None:
 
 
 def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_opposite() -> None:
-    flown = faulty.flown("wheels", *SHORT)
+    flown = fly("wheels", *SHORT)
     aligned = align(flown.log(0), flown.vehicle, 2.0, 0.0)
     stored, speed = aligned.stored, np.stack([speed[0] for speed in flown.turning.values()], 1)
     assert stored is not None
@@ -42,7 +42,7 @@ def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_op
 
 def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
     for name in ("wheels", "wheels-and-jets"):
-        flown = faulty.flown(name, "duration_s=4", "plan=[]", "vehicle.wheels.0.viscous_friction_n_m_s=1e-4")
+        flown = fly(name, "duration_s=4", "plan=[]", "vehicle.wheels.0.viscous_friction_n_m_s=1e-4")
         whole, part = align(flown.log(0), flown.vehicle, 2.0, 0.0), align(flown.log(0), flown.vehicle, 2.0, 0.0, slice(30, 60))
         assert whole.stored is not None
         assert part.stored is not None
