@@ -13,6 +13,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,7 @@ def test_what_is_not_run_says_why() -> None:
     assert all("tests/" in reason for reason in reasons), "each names the test that runs the same"
 
 
+@cache
 def options() -> dict[str, set[str]]:
     group: Any = typer.main.get_command(app)
     own = {"--help", "-h"}
