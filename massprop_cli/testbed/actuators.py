@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, IntArray
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed.scenario import Scenario
 
@@ -21,7 +21,7 @@ TOUCHING = 1e-3
 
 @dataclass
 class Actuators:
-    """The channels (jets, or the six components of a wrench) of all members, as they execute what was issued."""
+    """The channels (jets, or the six components of a wrench) of all members, as they execute what was issued, cycle after cycle."""
 
     scenario: Scenario
     wrench: Array
@@ -47,8 +47,8 @@ class Actuators:
         """on-times in s, or values of a wrench command."""
         self._lagged = np.zeros((members, channels))
 
-    def issue(self, cycle: int, share: Array) -> None:
-        """Take (S, C) commands as parts of full: rounded to ticks, too short pulses dropped."""
+    def issue(self, cycle: int | slice, share: Array) -> None:
+        """Take the commands of a cycle (S, C) or of several (S, M, C) as parts of full: rounded to ticks, too short pulses dropped."""
         if not self.on_jets:
             limits = self.scenario.actuators
             self.issued[:, cycle] = share * np.concatenate([limits.max_torque_n_m or (0.0,) * 3, limits.max_force_n or (0.0,) * 3])
@@ -59,46 +59,52 @@ class Actuators:
             on = np.minimum(np.round(on / tick) * tick, self.period_s)
         self.issued[:, cycle] = np.where(on < self.scenario.actuators.minimum_pulse_s - 1e-12, 0.0, on)
 
-    def execute(self, cycle: int) -> tuple[Array, Array, Array]:
-        """What is executed during ``cycle``.
+    def execute(self, first: int, last: int) -> tuple[Array, Array, Array]:
+        """What is executed during the M cycles from ``first`` to before ``last``.
 
-        Mean wrench of each bin, (6, S, B), and mean over each bin of the impulse gathered since the bin's start, (6, S, B); impulse of
-        each channel over its full thrust, (S, C) s.
+        (6, S, M, B) mean wrench of each bin; (6, S, M, B) mean over each bin of the impulse gathered since the bin's start; (S, M, C)
+        impulse of each channel over its full thrust, s.
         """
         members, _, channels = self.issued.shape
-        bins = len(self.edges_s) - 1
-        shape = (members, channels, bins + 1)
+        shape = (members * (last - first), channels, len(self.edges_s))
         thrust = _Thrust(np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]))
         delay = self.scenario.delay_cycles
-        for source in range(int(np.floor(cycle - delay - 2)), int(np.floor(cycle - delay)) + 2):
-            start_s = (source - cycle + delay) * self.period_s
-            if 0 <= source <= cycle and -self.period_s - self.fall_s.max() < start_s < self.period_s:
-                self._add_pulse(source, start_s, thrust)
+        for later in range(int(np.floor(-delay - 2)), min(int(np.floor(-delay)) + 2, 1)):
+            start_s = (later + delay) * self.period_s
+            if -self.period_s - self.fall_s.max() < start_s < self.period_s:
+                self._add_pulses(np.arange(first, last) + later, start_s, thrust)
         if self.lag_s > 0:
             self._lag(thrust)
         width = np.diff(self.edges_s)
         gathered = (np.diff(thrust.second, axis=-1) - width * thrust.first[..., :-1]) / width
-        return self._wrench(np.diff(thrust.first, axis=-1) / width), self._wrench(gathered), thrust.first[..., -1]
+        mean = np.diff(thrust.first, axis=-1) / width
+        return self._wrench(mean), self._wrench(gathered), thrust.first[..., -1].reshape(members, -1, channels)
 
     def _wrench(self, channels: Array) -> Array:
         total: Array = np.einsum("scb,cw->wsb", channels, self.wrench)
-        return total
+        return total.reshape(6, len(self.issued), -1, channels.shape[-1])
 
-    def _add_pulse(self, source: int, start_s: float, thrust: _Thrust) -> None:
-        """Add what cycle ``source`` issued, which begins ``start_s`` after the start of this one, less what jets lose beside others."""
-        none = np.zeros_like(self.issued[:, source])
-        around = [self.issued[:, k] if 0 <= k < self.issued.shape[1] else none for k in (source - 1, source, source + 1)]
-        self._add(around, self.strength[:, source], start_s, thrust)
+    def _of(self, values: Array, cycles: IntArray) -> Array:
+        """(S M, C) of M cycles of (S, K, C), 0 before the first and after the last."""
+        count = values.shape[1]
+        found: Array = values[:, np.clip(cycles, 0, count - 1)] * ((cycles >= 0) & (cycles < count))[:, None]
+        return found.reshape(-1, values.shape[2])
+
+    def _add_pulses(self, sources: IntArray, start_s: float, thrust: _Thrust) -> None:
+        """Add what the cycles ``sources`` (M,) issued, ``start_s`` from the start of this one on, less what jets lose beside others."""
+        around = [self._of(self.issued, sources + k) for k in (-1, 0, 1)]
+        strength = self._of(self.strength, sources)
+        self._add(around, strength, start_s, thrust)
         together = int((around[1] > 0).sum(1).max(initial=0))
         if self.on_jets and (self.droop + self.cycle_droop) * (together - 1) >= 1:
             raise InputError(f"scenario {self.scenario.name}: {together} jets fire together, and by their droop give nothing; state less")
         for droop, while_open in ((self.droop, True), (self.cycle_droop, False)):
-            for other in range(none.shape[1]) if droop and self.on_jets else ():
+            for other in range(strength.shape[1]) if droop and self.on_jets else ():
                 theirs = [command[:, other, None] for command in around]
                 beside = [np.minimum(a, b) if while_open else np.where(b > 0, a, 0.0) for a, b in zip(around, theirs, strict=True)]
                 for command in beside:
                     command[:, other] = 0.0
-                self._add(beside, -droop * self.strength[:, source], start_s, thrust)
+                self._add(beside, -droop * strength, start_s, thrust)
 
     def _add(self, around: Sequence[Array], strengths: Array, start_s: float, thrust: _Thrust) -> None:
         """Add pulses of these on-times (S, C), between those of the cycles before and after."""
@@ -133,11 +139,14 @@ class Actuators:
     def _lag(self, thrust: _Thrust) -> None:
         """Turn thrust u into y, ``lag y' + y = u``: its integrals are ``∫y = ∫u − lag (y − y₀)`` and that once more integrated."""
         decay = np.exp(-self.edges_s / self.lag_s)
-        y0 = self._lagged[..., None].copy()
-        y = y0 * decay + thrust.initial[..., None] * (1 - decay) + thrust.lagged
-        thrust.first -= self.lag_s * (y - y0)
-        thrust.second -= self.lag_s * (thrust.first - y0 * self.edges_s)
-        self._lagged = y[..., -1]
+        answers = thrust.initial[..., None] * (1 - decay) + thrust.lagged
+        parts = (part.reshape(len(self.issued), -1, *part.shape[1:]) for part in (answers, thrust.first, thrust.second))
+        for answer, first, second in zip(*(part.swapaxes(0, 1) for part in parts), strict=True):  # cycle by cycle
+            y0 = self._lagged[..., None]
+            y = y0 * decay + answer
+            first -= self.lag_s * (y - y0)
+            second -= self.lag_s * (first - y0 * self.edges_s)
+            self._lagged = y[..., -1]
 
 
 def _both(ramps: Array) -> Array:
@@ -149,16 +158,16 @@ def _both(ramps: Array) -> Array:
 
 @dataclass
 class _Thrust:
-    """Thrust over full of each channel within a cycle, at the bins' edges."""
+    """Thrust over full of each channel within each of M cycles, at the bins' edges."""
 
     first: Array
-    """(S, C, B + 1) its integral from the start of the cycle, s."""
+    """(S M, C, B + 1) its integral from the start of the cycle, s."""
     second: Array
-    """(S, C, B + 1) its second integral, s²."""
+    """(S M, C, B + 1) its second integral, s²."""
     lagged: Array
-    """(S, C, B + 1) what a lagging actuator answers to its changes within the cycle."""
+    """(S M, C, B + 1) what a lagging actuator answers to its changes within the cycle."""
     initial: Array
-    """(S, C) its value at the start of the cycle."""
+    """(S M, C) its value at the start of the cycle."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,8 @@ from massprop_cli.testbed.timeline import Event
 
 BINS = 20
 """At least this many bins in a cycle."""
+AHEAD = 512
+"""So many cycles of all members together are executed at once, where nothing that is sensed changes the commands."""
 STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance")
 """Each has random numbers of its own, so that switching one off leaves the others as they were."""
 
@@ -73,6 +75,11 @@ class Cycles:
         edges = self.width * np.arange(bins + 1)
         jets, spun = (None, None) if issued is None else np.split(issued, [issued.shape[-1] - exchange.channels(scenario.vehicle)], -1)
         self.actuators = _actuators(scenario, rngs["pulses"], edges, jets)
+        self.open_loop = self.plan is None or not (self.plan.held.any() or self.plan.held_by_wheels.any())
+        if self.plan is not None and self.open_loop:
+            self.actuators.issue(slice(None), self.allocated.commands(self.plan.demand))
+        none: Array = np.zeros(0)
+        self._executed = 0, 0, (none, none, none)
         self.exchange = exchange.Exchange(_setting(scenario, self.members, edges), spun)
         self.gyro, self.accelerometer = imu.gyro(scenario, rngs["gyro"]), imu.accelerometer(scenario, rngs["accelerometer"])
         self.torque = _disturbance(scenario, rngs["disturbance"])
@@ -101,7 +108,7 @@ class Cycles:
         """Cycle k: events, commands, what executes, motion, what the IMU senses, fuel."""
         jump = self._begin(k)
         self._command(k)
-        mean, gathered, burn_s = self.actuators.execute(k)
+        mean, gathered, burn_s = self._execute(k)
         disturbing = self.torque[:, :, k, None]
         mean[:3] += disturbing
         gathered[:3] += disturbing * (self.width / 2)
@@ -160,8 +167,20 @@ class Cycles:
             demand = demand + np.pad(torque * self.plan.held[k], ((0, 0), (0, 3)))
         if self.plan.held_by_wheels[k].any():
             turning = turning + torque * self.plan.held_by_wheels[k]
-        self.actuators.issue(k, self.allocated.commands(demand))
+        if not self.open_loop:
+            self.actuators.issue(k, self.allocated.commands(demand))
         self.exchange.issue(k, turning)
+
+    def _execute(self, k: int) -> tuple[Array, Array, Array]:
+        """What the actuators execute in cycle k. Where the commands are known before the flight, many cycles are computed at once."""
+        first, last, executed = self._executed
+        if k >= last:
+            ahead = max(AHEAD // self.members, 1) if self.open_loop else 1
+            first, last = k, min([k + ahead, self.scenario.cycles, *(cycle for cycle in self.changes if cycle > k)])
+            executed = self.actuators.execute(first, last)
+            self._executed = first, last, executed
+        mean, gathered, burn_s = executed
+        return mean[:, :, k - first], gathered[:, :, k - first], burn_s[:, k - first]
 
     def _sense(self, k: int, rate: Array, felt: Array, jump: Array | float) -> None:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""

@@ -49,10 +49,10 @@ class Allocation:
         return float(self.full[axis, 0]), float(self.full[axis, 1])
 
     def commands(self, demand: Array) -> Array:
-        """(S, C) part of the cycle that each channel is on, or of its full value, from (S, 6) demand; limited to 1."""
+        """(S, …, C) part of the cycle that each channel is on, or of its full value, from (S, …, 6) demand; limited to 1."""
         used = np.nan_to_num(self.on_time_share)
         positive, negative = np.maximum(demand, 0.0), np.maximum(-demand, 0.0)
-        share = np.einsum("sa,ac->sc", positive, used[:, 0]) + np.einsum("sa,ac->sc", negative, used[:, 1])
+        share = np.einsum("...a,ac->...c", positive, used[:, 0]) + np.einsum("...a,ac->...c", negative, used[:, 1])
         limited: Array = np.clip(share, -1.0, 1.0)
         return limited
 

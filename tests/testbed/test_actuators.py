@@ -24,14 +24,23 @@ def scenario(delay: float = 0.0, rise_s: float = 0.0, lag_s: float = 0.0, **actu
 
 
 def executed(flown: Scenario, issued: Array) -> Array:
-    """(K, B, 6) impulse of every bin."""
+    """(K, B, 6) impulse of every bin, cycle by cycle, as where each cycle's commands depend on the motion in the one before."""
     width = flight.CYCLE / BINS
     actuators = Actuators(flown, flown.vehicle.jet_wrench, np.ones((1, *issued.shape)), width * np.arange(BINS + 1))
     found = []
     for k in range(CYCLES):
         actuators.issued[0, k] = issued[k]
-        found.append(actuators.execute(k)[0][:, 0].T * width)
+        found.append(actuators.execute(k, k + 1)[0][:, 0, 0].T * width)
     return np.array(found)
+
+
+def executed_at_once(flown: Scenario, issued: Array) -> Array:
+    """The same of all cycles together."""
+    width = flight.CYCLE / BINS
+    actuators = Actuators(flown, flown.vehicle.jet_wrench, np.ones((1, *issued.shape)), width * np.arange(BINS + 1))
+    actuators.issued[0] = issued
+    mean, _, _ = actuators.execute(0, CYCLES)
+    return np.moveaxis(mean[:, 0] * width, 0, -1)
 
 
 FEW = [(0.0, 0.0, 0.0), (1.37, 0.003, 0.0), (2.0, 0.02, 0.03), (1.37, 0.02, 0.03)]
@@ -48,7 +57,8 @@ def test_executed_impulse_is_what_alignment_makes_of_the_same_commands(delay: fl
     issued[33, 0] = 0.02
     log = flight.Flight(flown.vehicle, issued, np.zeros((CYCLES, 3)), np.zeros((CYCLES, 3))).log()
     aligned = align(log, flown.vehicle, delay, lag_s)
-    assert np.allclose(executed(flown, issued), aligned.impulse_bins, rtol=0, atol=1e-15 + 1e-12 * np.abs(aligned.impulse_bins).max())
+    for found in (executed(flown, issued), executed_at_once(flown, issued)):
+        assert np.allclose(found, aligned.impulse_bins, rtol=0, atol=1e-15 + 1e-12 * np.abs(aligned.impulse_bins).max())
 
 
 def test_gathered_impulse_is_the_mean_of_the_running_integral() -> None:
@@ -59,11 +69,11 @@ def test_gathered_impulse_is_the_mean_of_the_running_integral() -> None:
     actuators.issued[0] = issued
     fine = 400
     for k in (10, 14, 19):
-        _, gathered, _ = actuators.execute(k)
+        _, gathered, _ = actuators.execute(k, k + 1)
         time = flight.CYCLE * k + width * (np.arange(BINS * fine) + 0.5) / fine
         thrust = np.array([flight.thrust_fraction(issued, 0.37, 0.003, t) for t in time]) @ flown.vehicle.jet_wrench
         running = np.cumsum(thrust.reshape(BINS, fine, 6), 1) * width / fine
-        assert np.allclose(gathered[:, 0].T, running.mean(1), rtol=0, atol=3e-3 * width)
+        assert np.allclose(gathered[:, 0, 0].T, running.mean(1), rtol=0, atol=3e-3 * width)
 
 
 def test_a_ramps_integrals_are_those_of_its_drawn_line() -> None:
@@ -95,7 +105,6 @@ def test_joined_pulses_of_different_strength_keep_their_own() -> None:
     strength[0, 1, 12] = 1.1
     actuators = Actuators(flown, flown.vehicle.jet_wrench, strength, flight.CYCLE / BINS * np.arange(BINS + 1))
     actuators.issued[0, :2, 12] = 0.05
-    actuators.execute(0)
-    mean, _, burnt = actuators.execute(1)
-    assert np.allclose(mean[3, 0], 2.224 * np.repeat([1.0, 1.1], 10))
-    assert burnt[0, 12] == pytest.approx(0.5 * 0.05 * 2.1)
+    mean, _, burnt = actuators.execute(0, 2)
+    assert np.allclose(mean[3, 0, 1], 2.224 * np.repeat([1.0, 1.1], 10))
+    assert burnt[0, 1, 12] == pytest.approx(0.5 * 0.05 * 2.1)
