@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.source import nodes
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -62,7 +64,7 @@ def test_every_dependency_is_used_and_everything_used_is_a_dependency() -> None:
 
 
 def _imported(file: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in nodes(file):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -17,6 +17,7 @@ from massprop_cli.base import escape, foldername
 from tests.commandline import massprop
 from tests.hostile import ESCAPES, SAMPLE, flight, vehicle
 from tests.refusal import save
+from tests.source import nodes
 
 ROOMS = Path(massprop_cli.__file__).parent
 
@@ -62,7 +63,7 @@ def test_no_other_room_writes_to_the_terminal() -> None:
         "cli/batch.py": {"echo"},
     }
     for file in ROOMS.rglob("*.py"):
-        calls = {name(node.func) for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)}
+        calls = {name(node.func) for node in nodes(file) if isinstance(node, ast.Call)}
         found = calls & {"echo", "print_exc", "secho"} | ({"escape"} if "rich.markup" in file.read_text(encoding="utf-8") else set())
         assert found <= allowed.get(file.relative_to(ROOMS).as_posix(), set()), file
 

@@ -13,6 +13,7 @@ import pytest
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.errorparameters.table import CODES
+from tests.source import nodes
 from website.examples import VERDICTS, WARNINGS
 from website.pictures import picture
 from website.stage import ROOT
@@ -37,8 +38,7 @@ def literals(node: ast.expr) -> Iterator[str]:
 def codes() -> set[str]:
     found = {*CODES, UNKNOWN}
     for path in (ROOT / "massprop_cli").rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
+        for node in nodes(path):
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in TOLD:
                 given = [*node.args[:2], *(word.value for word in node.keywords if word.arg == "code")]
                 found |= {text for part in given for text in literals(part) if CODE.fullmatch(text.replace(".+", "x"))}
