@@ -11,20 +11,20 @@ from massprop_cli import flow
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.wheel import WheelLog
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.testbed import scenario, simulate
 from tests import faulty
+from tests.flown import fly
 
 
 def test_a_log_that_can_not_tell_its_delay_is_told_what_is_wrong_with_it() -> None:
     """In degrees, as a new log often comes, commands explain nothing of the motion; it had been asked for its delay and no more."""
-    log, used = faulty.sample("air-bearing", 30.0)
+    log, used = faulty.sample("air-bearing", 15.0)
     wrong = replace(log, delta_theta_imu_rad=np.degrees(log.delta_theta_imu_rad))
     with pytest.raises(InputError, match=r"can't be told from this log; .* With 1 cycles the log fits if its gyro columns are in degrees"):
         faulty.examined(wrong, faulty.stated(used, 'cycle.command_delay_cycles="auto"'))
 
 
 def test_a_reading_that_is_none_of_the_motion_is_named_where_it_hides_the_delay() -> None:
-    log, used = faulty.sample("free-flyer", 30.0)
+    log, used = faulty.sample("free-flyer", 20.0)
     turned = log.delta_theta_imu_rad.copy()
     turned[300] = -50.0
     with pytest.raises(InputError, match=r"can't be told from this log; .* With 1 cycles the gyro has 1 reading"):
@@ -33,7 +33,8 @@ def test_a_reading_that_is_none_of_the_motion_is_named_where_it_hides_the_delay(
 
 def test_wheels_that_are_logged_backwards_are_named_where_nothing_is_told() -> None:
     """A lab had been asked for more of the torque that it had commanded already."""
-    flown = simulate.fly(scenario.load("wheels"), [1])
+    turns = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s=20.0}]'
+    flown = fly("wheels", "duration_s=20.0", turns, seeds=(1,))
     log, source = flown.log(0), VehicleSource(flown.vehicle, "", "")
     other = flow.examine(replace(log, spinning=tuple(said.backwards() for said in log.spinning)), source)
     assert not any(one.verdict == "converged" for one in other.conclusions[0].estimates.values())

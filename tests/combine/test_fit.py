@@ -79,7 +79,7 @@ def numbers(found: Result) -> tuple[Array, Array]:
     return np.array([item.value for item in items], dtype=float), np.array([item.sigma for item in items], dtype=float)
 
 
-@pytest.mark.parametrize(("name", "within"), [("free-flyer", 0.1), ("testbed", 0.3)])
+@pytest.mark.parametrize(("name", "within"), [("free-flyer", 0.1), pytest.param("testbed", 0.3, marks=pytest.mark.thorough)])
 def test_logs_of_one_axis_each_give_together_what_all_their_data_give(name: str, within: float, place: Path) -> None:
     """On the bearing the estimator takes the vertical from its gyro, which the other fit knows."""
     found = flow.combine([place / name / part / "result" for part in AXES])

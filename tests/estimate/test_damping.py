@@ -15,7 +15,7 @@ from massprop_cli.testbed import bound, scenario, simulate
 
 pytestmark = pytest.mark.numerical
 
-SEEDS = 8
+SEEDS = 4
 ALL = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=10.0}]'
 ON_TABLE = 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=10.0}]'
 BY_BOTH = (

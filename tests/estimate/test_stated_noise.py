@@ -50,9 +50,10 @@ PULSES = ("vehicle.thrust.pulse_sigma=0.01",)
     ],
     ids=["pulses", "pulses and a bias", "torque"],
 )
-def test_sigmas_hold_where_what_is_stated_is_all_the_noise(stated: tuple[str, ...]) -> None:
-    """Over 16 seeds: root mean square of all errors 0.7 to 1.2 sigma, of each quantity below 1.6, nothing warned of."""
-    found, codes = errors(16, *stated)
+@pytest.mark.parametrize("seeds", [8, pytest.param(16, marks=pytest.mark.thorough)])
+def test_sigmas_hold_where_what_is_stated_is_all_the_noise(stated: tuple[str, ...], seeds: int) -> None:
+    """Over these seeds: root mean square of all errors 0.7 to 1.2 sigma, of each quantity below 1.6, nothing warned of."""
+    found, codes = errors(seeds, *stated)
     assert codes == set()
     assert 0.7 < np.sqrt((found**2).mean()) < 1.2
     assert np.sqrt((found**2).mean(0)).max() < 1.6

@@ -149,6 +149,7 @@ def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not (shutil.which(ARM) and shutil.which(QEMU)), reason=f"no {ARM} or no {QEMU}")
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
 def test_arm_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     where = exported(name, tmp_path / "out")

@@ -67,12 +67,13 @@ def test_gathered_impulse_is_the_mean_of_the_running_integral() -> None:
     width = flight.CYCLE / BINS
     actuators = Actuators(flown, flown.vehicle.jet_wrench, np.ones((1, *issued.shape)), width * np.arange(BINS + 1))
     actuators.issued[0] = issued
-    fine = 400
+    fine = 80
     for k in (10, 14, 19):
         _, gathered, _ = actuators.execute(k, k + 1)
         time = flight.CYCLE * k + width * (np.arange(BINS * fine) + 0.5) / fine
         thrust = np.array([flight.thrust_fraction(issued, 0.37, 0.003, t) for t in time]) @ flown.vehicle.jet_wrench
-        running = np.cumsum(thrust.reshape(BINS, fine, 6), 1) * width / fine
+        steps = thrust.reshape(BINS, fine, 6)
+        running = (np.cumsum(steps, 1) - steps / 2) * width / fine
         assert np.allclose(gathered[:, 0, 0].T, running.mean(1), rtol=0, atol=3e-3 * width)
 
 
