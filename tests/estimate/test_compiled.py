@@ -173,7 +173,7 @@ def test_the_body_found_at_the_end_agrees(log: str) -> None:
     ],
     ids=["biases", "noise of torque and pulses", "slow torque"],
 )
-@pytest.mark.parametrize("log", ["free-flyer/log", "air-bearing/log"])
+@pytest.mark.parametrize("log", ["free-flyer/log", pytest.param("air-bearing/log", marks=pytest.mark.thorough)])
 def test_every_nuisance_agrees(log: str, settings: tuple[str, ...]) -> None:
     for own, other in both(log, *settings):
         assert apart(own.values, other.values, other.sigmas) < AGREE
