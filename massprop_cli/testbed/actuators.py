@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.testbed.scenario import Scenario
 
@@ -72,7 +72,7 @@ class Actuators:
         for later in range(int(np.floor(-delay - 2)), min(int(np.floor(-delay)) + 2, 1)):
             start_s = (later + delay) * self.period_s
             if -self.period_s - self.fall_s.max() < start_s < self.period_s:
-                self._add_pulses(np.arange(first, last) + later, start_s, thrust)
+                self._add_pulses(first + later, last + later, start_s, thrust)
         if self.lag_s > 0:
             self._lag(thrust)
         width = np.diff(self.edges_s)
@@ -84,16 +84,10 @@ class Actuators:
         total: Array = np.einsum("scb,cw->wsb", channels, self.wrench)
         return total.reshape(6, len(self.issued), -1, channels.shape[-1])
 
-    def _of(self, values: Array, cycles: IntArray) -> Array:
-        """(S M, C) of M cycles of (S, K, C), 0 before the first and after the last."""
-        count = values.shape[1]
-        found: Array = values[:, np.clip(cycles, 0, count - 1)] * ((cycles >= 0) & (cycles < count))[:, None]
-        return found.reshape(-1, values.shape[2])
-
-    def _add_pulses(self, sources: IntArray, start_s: float, thrust: _Thrust) -> None:
-        """Add what the cycles ``sources`` (M,) issued, ``start_s`` from the start of this one on, less what jets lose beside others."""
-        around = [self._of(self.issued, sources + k) for k in (-1, 0, 1)]
-        strength = self._of(self.strength, sources)
+    def _add_pulses(self, first: int, last: int, start_s: float, thrust: _Thrust) -> None:
+        """Add what M cycles issued, ``start_s`` from the start of the executing ones on, less what jets lose beside others."""
+        around = [_cycles(self.issued, first + k, last + k) for k in (-1, 0, 1)]
+        strength = _cycles(self.strength, first, last)
         self._add(around, strength, start_s, thrust)
         together = int((around[1] > 0).sum(1).max(initial=0))
         if self.on_jets and (self.droop + self.cycle_droop) * (together - 1) >= 1:
@@ -147,6 +141,15 @@ class Actuators:
             first -= self.lag_s * (y - y0)
             second -= self.lag_s * (first - y0 * self.edges_s)
             self._lagged = y[..., -1]
+
+
+def _cycles(values: Array, first: int, last: int) -> Array:
+    """(S M, C) of the M cycles from ``first`` to before ``last`` of (S, K, C), 0 where there is no such cycle."""
+    before, after = min(max(-first, 0), last - first), min(max(last - values.shape[1], 0), last - first)
+    found = values[:, first + before : last - after]
+    if before or after:
+        found = np.pad(found, ((0, 0), (before, after), (0, 0)))
+    return found.reshape(-1, values.shape[2])
 
 
 def _both(ramps: Array) -> Array:
