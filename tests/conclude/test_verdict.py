@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from massprop_cli import INERTIA
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude
+from massprop_cli.conclude.verdict import Conclusion, Estimate, conclude, contradicted
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.result.build import physical
@@ -117,6 +117,29 @@ def test_thesis_value_is_the_one_at_which_the_count_was_reached() -> None:
     found.values[:, 9] = np.linspace(10, 20, 300)  # 0.033 a step, within 0.1
     latched = conclude(found, vehicle("thesis")).estimates["mass"]
     assert latched.value == found.values[100, 9]
+
+
+def test_thesis_covariance_is_that_of_the_sigmas_where_the_counts_were_reached() -> None:
+    """Of each quantity's own update, with the correlations of the end."""
+    found = history()
+    found.sigmas[:] *= np.linspace(3.0, 1.0, len(found.sigmas))[:, None]
+    found.covariance[0, 9] = found.covariance[9, 0] = 0.5 * found.sigmas[-1, 0] * found.sigmas[-1, 9]
+    conclusion = conclude(found, vehicle("thesis"))
+    sigmas = np.array([estimate.sigma for estimate in conclusion.estimates.values()], dtype=float)
+    assert (sigmas > 1.5 * found.sigmas[-1]).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(conclusion.covariance)), sigmas, rtol=1e-12)
+    assert conclusion.covariance[0, 9] == pytest.approx(0.5 * sigmas[0] * sigmas[9], rel=1e-12)
+
+
+def test_what_is_contradicted_keeps_its_value_and_what_nothing_shows_stays_unobservable() -> None:
+    found = replace(history(), observable=np.arange(10) != 1)
+    before = conclude(found, vehicle())
+    touched = np.zeros(10, dtype=bool)
+    touched[:2] = True
+    after = contradicted(before, (Reason("steady"),), touched).estimates
+    assert (after["ixx"].verdict, after["ixx"].value, after["ixx"].final_at_s) == ("contradicted", before.estimates["ixx"].value, None)
+    assert {name: one for name, one in after.items() if name != "ixx"} == {n: one for n, one in before.estimates.items() if n != "ixx"}
+    assert after["ixy"].verdict == "unobservable"
 
 
 def test_tolerances_scale_with_the_vehicle_by_default() -> None:
