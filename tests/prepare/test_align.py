@@ -13,7 +13,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.equipment import Failure, Jet
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.actuators import check_supply, held, jet_integrals, pulse_integrals, pulses
-from massprop_cli.prepare.align import align
+from massprop_cli.prepare.align import align, first_usable_s
 from massprop_cli.prepare.signal import Signal, window_integrals
 from tests import faulty, flight
 
@@ -242,3 +242,30 @@ def test_a_jet_gives_another_part_while_it_fails(droop: float) -> None:
     integral, moment = jet_integrals(start, on, stated.model_copy(update={"jets": jets, "thrust": thrust}), EDGES, 0.0)
     np.testing.assert_allclose(integral.T, expected.mean(2) * 0.05, atol=5e-6)
     np.testing.assert_allclose(moment.T, (expected * (t.reshape(20, -1) % 0.05)).mean(2) * 0.05, atol=5e-7)
+
+
+def test_a_log_is_usable_from_its_delay_and_five_lags_on() -> None:
+    """As long as a command is on its way, and until a lagging actuator has forgotten what it did before the log began."""
+    used = flight.vehicle("free", 2.0)
+    still = np.zeros((60, 3))
+    log = flight.Flight(used, flight.pulses(60, seed=4), still, still).log()
+    assert first_usable_s(log, used, 0.1, 0.03) == pytest.approx(0.1 + 5 * 0.03, abs=1e-6)
+    assert first_usable_s(log, used, 58 * flight.CYCLE, 0.0) == pytest.approx(58 * flight.CYCLE, abs=1e-6)
+    with pytest.raises(InputError, match=r"lasts 3 s, too short for a command delay of 2\.95 s"):
+        first_usable_s(log, used, 59 * flight.CYCLE, 0.0)
+    aligned = align(log, used, 2.0, 0.0)
+    np.testing.assert_allclose(aligned.end_s, log.cycle_end_s, rtol=0, atol=1e-12)
+
+
+def test_independent_errors_of_pulses_add_up_in_squares() -> None:
+    issued = flight.pulses(60, seed=4)
+    still = np.zeros((60, 3))
+    for sigma in (0.0, 0.02):
+        used = flight.vehicle("free", 2.0, thrust={"pulse_sigma": sigma})
+        aligned = align(flight.Flight(used, issued, still, still).log(), used, 2.0, 0.0)
+        if sigma == 0:
+            assert aligned.pulse_covariance is None
+            continue
+        assert aligned.pulse_covariance is not None
+        each = sigma * aligned.channels.whole[:, :, None] * used.jet_wrench
+        np.testing.assert_allclose(aligned.pulse_covariance, np.einsum("kja,kjb->kab", each, each), rtol=1e-9, atol=1e-18)
