@@ -77,7 +77,7 @@ def own_sensing(flown: simulate.Flight, quiet: simulate.Flight, rng: np.random.G
     for k, event in flown.events:
         if event == "dock":
             mass[k:] = flown.truth[0, -1, 9]
-    felt = aligned.impulse[:, 3:] / aligned.duration_s[:, None] / mass[:, None]
+    felt = aligned.whole[:, 3:] / aligned.duration_s[:, None] / mass[:, None]
     felt = felt + (imu.accel_noise_m_s2 or 0.0) * rng.standard_normal((cycles, 3))
     return replace(samples, rate_rad_s=rate, rate_step_rad_s=np.diff(rate, axis=0, prepend=rate[:1]), specific_force_m_s2=felt), vehicle
 

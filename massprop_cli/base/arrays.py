@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating[Any]]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.integer[Any]]
+ComplexArray = NDArray[np.complexfloating[Any]]
 
 
 def frozen(array: Array) -> Array:

@@ -81,7 +81,7 @@ def _missing(history: History, samples: Source, used: Resolved) -> tuple[Array, 
         part, after = slice(first, min(first + BLOCK, count)), slice(first + 1, min(first + BLOCK, count - 1) + 1)
         here = samples.part(slice(cycles.start + part.start, cycles.start + part.stop)).executed
         turned = [each @ (turning @ moment).T for each in (here.falling, here.rising)]
-        pushed = history.reference.mu * here.impulse[:, 3:] / here.duration_s[:, None]
+        pushed = history.reference.mu * here.whole[:, 3:] / here.duration_s[:, None]
         # a cycle's commands turn the body in the step into it and in the one that follows, and push it while they act
         for effect, rows, axes in ((turned[0], part, slice(0, 3)), (turned[1], after, slice(0, 3)), (pushed, part, slice(3, 6))):
             scale = noise[axes] * sigma[rows, axes]

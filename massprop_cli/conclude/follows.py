@@ -71,7 +71,7 @@ def _parts(history: History, samples: Source) -> Iterator[tuple[Array, Array, Ar
         part = slice(first, min(first + BLOCK, cycles.stop))
         here: Samples = samples.part(part)
         channels = here.executed.channels
-        falling = channels.whole - channels.rising
+        falling = channels.falling
         gone = np.zeros_like(falling[:1]) if last is None else last
         summed = before + np.cumsum(channels.rising + np.vstack([gone, falling[:-1]]), axis=0)
         before, last = summed[-1], falling[-1:]

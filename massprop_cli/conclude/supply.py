@@ -51,8 +51,9 @@ def _use(log: Log, vehicle: Vehicle, memory_s: float) -> Array:
 
 def _rest(log: Log, vehicle: Vehicle) -> Array:
     """(K, C) how far each jet has rested before each cycle: 0 where it has just fired, 1 after long."""
-    cycle = np.arange(log.cycles)[:, None]
-    last = np.maximum.accumulate(np.where(log.command > 0, cycle, -log.cycles), axis=0)
-    before = np.vstack([np.full((1, last.shape[1]), -log.cycles), last[:-1]])
+    count = len(log.command)
+    cycle = np.arange(count)[:, None]
+    last = np.maximum.accumulate(np.where(log.command > 0, cycle, -count), axis=0)
+    before = np.vstack([np.full((1, last.shape[1]), -count), last[:-1]])
     found: Array = -np.expm1(-(cycle - before - 1) * vehicle.cycle.period_s / RESTED_S)
     return found

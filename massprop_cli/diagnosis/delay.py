@@ -143,8 +143,8 @@ def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> float:
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
     if made.stored is not None:
         products = np.hstack([products, made.stored.precession(motion.rate)[piece]])
-    rising, whole = made.rising[piece], made.whole[piece]
-    impulse = rising[:-1] + (whole - rising)[1:]
+    rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
+    impulse = rising[:-1] + falling[1:]
     load = (products[1:] + products[:-1]) / 2
     cost = 0.0
     for moved, causes in (

@@ -75,7 +75,7 @@ class Design:
     """(K, 2) whether gyro and accelerometer are."""
     clock_s: tuple[float, float]
     """From the log's beginning to the mean of the cycles' middles, and from the first of these to the last."""
-    acted: tuple[Array, Array]
+    acted: tuple[Array, Array, Array]
     """(K, C) s each: what the channels that fired did under the rising half of each cycle's window, and under the falling one."""
     start_s: Array
     """(K,) of each cycle."""
@@ -90,10 +90,11 @@ class Design:
 
 
 class _Window(NamedTuple):
-    """What commands do under one timing: (K, 6) under the rising half of the window, and in all."""
+    """What commands do under one timing: (K, 6) under the halves of the window, and in all."""
 
     rising: Array
-    impulse: Array
+    falling: Array
+    whole: Array
 
 
 class _Otherwise(NamedTuple):
@@ -167,7 +168,7 @@ class Designs:
             np.eye(3) - up.T @ up / len(up),
             ~samples.executed.ignored[cycles],
             (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
-            (acted.rising[cycles][:, fired], (acted.whole - acted.rising)[cycles][:, fired]),
+            (acted.rising[cycles][:, fired], acted.falling[cycles][:, fired], acted.whole[cycles][:, fired]),
             samples.executed.start_s[cycles],
             samples.executed.duration_s[cycles],
         )
@@ -175,7 +176,7 @@ class Designs:
     def _window(self, log: Log, vehicle: Vehicle, delay: float, lag_s: float) -> _Window:
         wrench = channel_wrench(log, vehicle)
         made = self._impulses(log, vehicle, delay, lag_s)
-        return _Window(net(made.rising, wrench), net(made.whole, wrench))
+        return _Window(*(net(part, wrench) for part in (made.rising, made.falling, made.whole)))
 
     def _verticals(self, samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
         """What a wrong gyro does to the vertical, as before where rates and the first vertical are the same."""
@@ -209,7 +210,7 @@ def _by_body(samples: Samples, vehicle: Vehicle, theta: Array, places: Mapping[s
     if "level" in places:  # of the force that acts, as the channels' own columns have it, what is level stays
         force, duration_s = slice(3, 6), samples.executed.duration_s[:, None]
         growth[:, places["level"]] -= (samples.executed.rising[:-1] + samples.executed.falling[1:])[:, force]
-        mean[:, places["level"]] -= samples.executed.impulse[:, force] / duration_s
+        mean[:, places["level"]] -= samples.executed.whole[:, force] / duration_s
     return np.concatenate([np.zeros((1, 3)), np.cumsum(swung, 0)])
 
 
@@ -254,21 +255,19 @@ def _columns(
     product = (products(middle) + products(step) / 6) * lasting
     inner = np.gradient(rate, axis=0)
 
-    def windowed(rising: Array, whole: Array) -> Array:
-        found: Array = rising[cycles][:-1] + (whole - rising)[cycles][1:]
-        return found
-
     def by_window(one: _Window) -> tuple[Array, Array]:
-        return windowed(one.rising, one.impulse), one.impulse[cycles] / duration
+        rising, falling, whole = (part[cycles] for part in one)
+        return rising[:-1] + falling[1:], whole / duration
 
-    wrench = by_window(_Window(executed.rising, executed.impulse))
+    wrench = by_window(_Window(executed.rising, executed.falling, executed.whole))
+    of_channels = by_window(_Window(*channels.windows))
     later, smeared = _parabola([by_window(one) for one in moved], at)
     middle_s = executed.start_s[cycles] + executed.duration_s[cycles] / 2
     clock = ((middle_s - middle_s.mean()) / np.ptp(middle_s))[:, None]
     clocks = (clock[1:] + clock[:-1]) / 2, clock
     # what a body does by itself comes first, so that what is supposed of that alone takes but the first columns
     parts = [
-        _Part("channels", windowed(channels.rising, channels.whole)[:, fired], channels.whole[cycles][:, fired] / duration),
+        _Part("channels", *(part[:, fired] for part in of_channels)),
         _Part("products", product, products(rate) + products(inner) / 12),
         _Part("constant", lasting, np.ones_like(duration)),
         *(_by_gravity(samples, cycles, lasting) if vehicle.on_air_bearing else []),
@@ -318,8 +317,10 @@ def _by_gravity(samples: Samples, cycles: slice, lasting: Array) -> list[_Part]:
     duration = executed.duration_s[cycles, None]
     mean = (samples.up_b[:-1] + samples.up_b[1:]) / 2
     # what of the force acts along the vertical, under both halves of the window
-    rising, falling = ((-mean * (mean * part).sum(1, keepdims=True))[cycles] for part in (executed.rising[:, 3:], executed.falling[:, 3:]))
-    return [_turning_with("up", samples.up_b, cycles, lasting), _Part("level", rising[:-1] + falling[1:], (rising + falling) / duration)]
+    rising, falling, whole = (
+        (-mean * (mean * part[:, 3:]).sum(1, keepdims=True))[cycles] for part in (executed.rising, executed.falling, executed.whole)
+    )
+    return [_turning_with("up", samples.up_b, cycles, lasting), _Part("level", rising[:-1] + falling[1:], whole / duration)]
 
 
 def _verticals(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:

@@ -291,7 +291,7 @@ def _whole(executed: Aligned) -> Array:
 def _window(executed: Aligned) -> Array:
     """(K, C) the same under the triangular window of the step out of each cycle; zeros in the last."""
     channels, found = executed.channels, np.zeros_like(executed.channels.whole)
-    found[:-1] = channels.rising[:-1] + (channels.whole - channels.rising)[1:]
+    found[:-1] = channels.step
     return found
 
 

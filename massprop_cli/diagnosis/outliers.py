@@ -169,8 +169,7 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
     duration = executed.duration_s[:, None]
     lasting = (duration[1:] + duration[:-1]) / 2
     up = here.up_b[1:-1] * lasting
-    falling = executed.channels.whole - executed.channels.rising
-    windowed = executed.channels.rising[:-1] + falling[1:]
+    falling, windowed = executed.channels.falling, executed.channels.step
 
     def left(rate: Array, used: BoolArray) -> Array:
         usual = _usual(rate)

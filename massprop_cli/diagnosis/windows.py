@@ -134,9 +134,9 @@ class Reduced:
         """(B, B) products of a channel's parts between each two edges, and (B,) their products with what is left, less another body's."""
         cycle = np.arange(len(self.design.mean))[:, None]
         within = (cycle >= edges[:-1]) & (cycle < edges[1:])
-        rising, falling = (part[:, channel, None] * within for part in self.design.acted)
+        rising, falling, whole = (part[:, channel, None] * within for part in self.design.acted)
         rates, _ = self._white(rising[:-1] + falling[1:])
-        force = self._heard((rising + falling) / self.design.duration_s[:, None])
+        force = self._heard(whole / self.design.duration_s[:, None])
         own = self.by[self.design.places["channels"].start + channel]
         size, told = np.zeros((len(edges) - 1, len(edges) - 1)), np.zeros(len(edges) - 1)
         turned = np.zeros((len(edges) - 1, len(self.pull)))

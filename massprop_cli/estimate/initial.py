@@ -101,7 +101,7 @@ def _mu(samples: Samples, torque: Array, vehicle: Vehicle) -> float | None:
 
     ``torque`` (K − 1, 3), N m s: beside couples a force must be one, and not what rounding leaves of many jets'.
     """
-    force = samples.executed.impulse[:, 3:] / samples.executed.duration_s[:, None]
+    force = samples.executed.whole[:, 3:] / samples.executed.duration_s[:, None]
     felt = acceleration(samples, vehicle)
     if plant_of(vehicle).pivoted:
         up = samples.up_b[:-1]

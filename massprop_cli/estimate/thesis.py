@@ -54,7 +54,7 @@ def replay(source: Source, cycles: slice, phase: Phase, vehicle: Vehicle, before
     samples = source.part(slice(0, cycles.stop))
     rate, duration = samples.rate_rad_s, samples.executed.duration_s
     rate_dot = samples.rate_step_rad_s / duration[:, None]
-    wrench = samples.executed.impulse / duration[:, None]
+    wrench = samples.executed.whole / duration[:, None]
     if samples.executed.stored is not None:
         wrench[:, :3] += samples.executed.stored.precession(rate)
     felt = acceleration(samples, vehicle)

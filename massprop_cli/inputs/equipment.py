@@ -27,6 +27,23 @@ class Cycle(Section):
     command_delay_sigma_cycles: NonNegative = Field(0.0, description="one sigma of a stated delay; goes into every sigma")
 
 
+class LowPass(Section):
+    """What a sensor's values went through before they were recorded: a Butterworth low-pass, and a dead time."""
+
+    order: Literal[1, 2] = Field(2, description="1: a first-order lag; 2: Butterworth of the second order")
+    cutoff_hz: Positive | Literal["auto"] = Field(description='frequency at which it lets 0.707 through; "auto": estimated from the log')
+    cutoff_sigma_hz: NonNegative = Field(0.0, description="one sigma of a stated cutoff; goes into every sigma")
+    latency_s: Real = Field(0.0, ge=-1.0, le=1.0, description="by which values are later than their time stamps beyond the low-pass")
+    latency_sigma_s: NonNegative = Field(0.0, description="one sigma of latency_s; goes into every sigma")
+
+    @property
+    def cutoff(self) -> float:
+        """The cutoff as a number; ValueError where it is still to be found."""
+        if self.cutoff_hz == "auto":
+            raise ValueError("the cutoff is not found yet")
+        return self.cutoff_hz
+
+
 class Imu(Section):
     """Where the IMU sits and how it is turned; noise is one sigma of a cycle's mean."""
 
@@ -48,6 +65,11 @@ class Imu(Section):
     accel_lag_s: NonNegative = Field(0.0, description="the same within the accelerometer; noise is what is before it")
     gyro_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of gyro_lag_s; goes into every sigma")
     accel_lag_sigma_s: NonNegative = Field(0.0, description="one sigma of accel_lag_s; goes into every sigma")
+    measures: Literal["increment", "mean", "sample"] = Field(
+        "increment", description="what a record is: the motion over it, as its increment or its mean, or at its time"
+    )
+    gyro_filter: LowPass | None = None
+    accel_filter: LowPass | None = None
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None
     gyro_outliers_s: tuple[FiniteFloat, ...] | None = Field(

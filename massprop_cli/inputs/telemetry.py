@@ -87,24 +87,30 @@ class Log:
     """(K, 2) cycles whose gyro, whose accelerometer is not used; none of them by default."""
     spinning: tuple[MomentumLog, ...] = ()
     """Of each of the vehicle's :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
+    command_s: Array | None = None
+    """(M,) when each row of ``command`` was issued, by the commands' clock; None: each begins a control cycle, M = K."""
+    sampled: tuple[bool, bool] = (False, False)
+    """Whether a record of the gyro, of the accelerometer is a sample at its time (times its length), not the motion over it."""
     began_s: float | None = None
     """When the log began that this is a part of; None: it is the whole."""
 
     @property
     def cycles(self) -> int:
         """How many control cycles."""
-        return len(self.command)
+        return len(self.time_s) // self.records_per_cycle
 
     def part(self, first: int, stop: int) -> Log:
         """Of control cycles from ``first`` to before ``stop`` alone."""
         rows = slice(first * self.records_per_cycle, stop * self.records_per_cycle)
+        issued = slice(first, stop) if self.command_s is None else self._issued(first, stop)
         return replace(
             self,
             time_s=self.time_s[rows],
             interval_s=self.interval_s[rows],
             delta_theta_imu_rad=self.delta_theta_imu_rad[rows],
             delta_v_imu_m_s=self.delta_v_imu_m_s[rows],
-            command=self.command[first:stop],
+            command=self.command[issued],
+            command_s=None if self.command_s is None else self.command_s[issued],
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[rows],
             ignored=None if self.ignored is None else self.ignored[first:stop],
             spinning=tuple(one.part(rows) for one in self.spinning),
@@ -115,6 +121,22 @@ class Log:
     def origin_s(self) -> float:
         """When the whole log began."""
         return float(self.time_s[0] - self.interval_s[0]) if self.began_s is None else self.began_s
+
+    def _issued(self, first: int, stop: int) -> slice:
+        """Commands issued in some cycles."""
+        assert self.command_s is not None
+        edges = self.cycle_end_s[[first, stop - 1]]
+        begin_s = edges[0] - float(self.interval_s[first * self.records_per_cycle : (first + 1) * self.records_per_cycle].sum())
+        return slice(*np.searchsorted(self.command_s, [begin_s, edges[1]]).tolist())
+
+    @property
+    def command_start_s(self) -> Array:
+        """(M,) when each row of commands was issued."""
+        if self.command_s is not None:
+            return self.command_s
+        records = self.records_per_cycle
+        found: Array = self.cycle_end_s - self.interval_s.reshape(-1, records).sum(1)
+        return found
 
     @property
     def cycle_end_s(self) -> Array:

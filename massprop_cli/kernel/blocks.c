@@ -42,9 +42,8 @@ SHARED int mp_host_windows(long count, long bins, long channels, long along, lon
 SHARED int mp_host_net(long count, long channels, long along, long across, const double *part, const double *wrench, const double *none,
                        double *out);
 SHARED int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
-                            const double *moment, const double *duration, const double *rising, const double *whole,
-                            const double *wrench, const double *none, double *room, double *impulse, double *skew, double *begun,
-                            double *ended);
+                            const double *moment, const double *duration, const double *windows, const double *wrench,
+                            const double *none, double *room, double *impulse, double *skew, double *made);
 SHARED int mp_host_carried(long chains, long count, const double *turns, double *carried);
 
 static void reference_of(const double *from, int channels, mp_reference *out) {
@@ -415,40 +414,38 @@ int mp_host_net(long count, long channels, long along, long across, const double
 }
 
 /* The same of bins and cycles (massprop_cli/prepare/align.py): (count, bins, 6) impulse, and skew: first moment about a bin's middle, over
- * its length; (count, 6) impulse under the rising half of the window and under the falling one. Integrals and moments as of
- * mp_host_windows, which gives rising and whole (count, channels). Channels are gone through one by one for so many cycles `together`,
- * since their numbers stand far apart; room: 12 together (bins + 1). */
+ * its length; (3, count, 6) of what channels did under three `windows` (3, count, channels). Integrals and moments as of mp_host_windows.
+ * Channels are gone through one by one for so many cycles `together`, since their numbers stand far apart; room: 6 together (2 bins + 3). */
 int mp_host_wrenches(long count, long together, long bins, long channels, long along, long across, const double *integral,
-                     const double *moment, const double *duration, const double *rising, const double *whole, const double *wrench,
-                     const double *none, double *room, double *impulse, double *skew, double *begun, double *ended) {
-    long first, last, k, b, c;
-    double *within = room, *later = within + together * 6 * bins, *before = later + together * 6 * bins, *after = before + together * 6;
+                     const double *moment, const double *duration, const double *windows, const double *wrench, const double *none,
+                     double *room, double *impulse, double *skew, double *made) {
+    long first, last, k, b, c, w;
+    double *within = room, *later = within + together * 6 * bins, *beside = later + together * 6 * bins;
+    memset(made, 0, (size_t)(3 * count * 6) * sizeof made[0]);
     for (first = 0; first < count; first = last) {
         last = first + together < count ? first + together : count;
-        memset(room, 0, (size_t)(together * 12 * (bins + 1)) * sizeof room[0]);
+        memset(room, 0, (size_t)(together * 6 * (2 * bins + 3)) * sizeof room[0]);
         memset(impulse + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof impulse[0]);
         memset(skew + first * bins * 6, 0, (size_t)((last - first) * bins * 6) * sizeof skew[0]);
-        memset(begun + first * 6, 0, (size_t)((last - first) * 6) * sizeof begun[0]);
-        memset(ended + first * 6, 0, (size_t)((last - first) * 6) * sizeof ended[0]);
         for (c = 0; c < channels; c++) {
             const double *own = wrench + 6 * c;
             for (k = first; k < last; k++) {
                 const double *each = integral + c * across + k * bins * along, *late = moment + c * across + k * bins * along;
-                double half = rising[k * channels + c], bin_s = duration[k] / (double)bins;
+                double bin_s = duration[k] / (double)bins;
                 for (b = 0; b < bins; b++) {
                     double x = each[b * along], y = late[b * along];
                     if (x == 0.0 && y == 0.0) continue;
                     add_wrench(x, own, impulse + (k * bins + b) * 6, within + ((k - first) * bins + b) * 6);
                     add_wrench(y / bin_s - x / 2, own, skew + (k * bins + b) * 6, later + ((k - first) * bins + b) * 6);
                 }
-                add_wrench(half, own, begun + k * 6, before + (k - first) * 6);
-                add_wrench(whole[k * channels + c] - half, own, ended + k * 6, after + (k - first) * 6);
+                for (w = 0; w < 3; w++)
+                    add_wrench(windows[(w * count + k) * channels + c], own, made + (w * count + k) * 6,
+                               beside + (w * together + k - first) * 6);
             }
         }
         cancelled((last - first) * bins * 6, *none, within, impulse + first * bins * 6);
         cancelled((last - first) * bins * 6, *none, later, skew + first * bins * 6);
-        cancelled((last - first) * 6, *none, before, begun + first * 6);
-        cancelled((last - first) * 6, *none, after, ended + first * 6);
+        for (w = 0; w < 3; w++) cancelled((last - first) * 6, *none, beside + w * together * 6, made + (w * count + first) * 6);
     }
     return MP_OK;
 }

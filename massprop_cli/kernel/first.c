@@ -59,7 +59,7 @@ void mp_start_add(const mp_vehicle *vehicle, mp_start *start, const mp_cycle *cy
         mp_fold(start->triangle, COLUMNS, row, 1);
     }
     for (i = 0; i < 3; i++) {
-        push[i] = (cycle->rising[3 + i] + cycle->falling[3 + i]) / cycle->duration_s;
+        push[i] = cycle->whole[3 + i] / cycle->duration_s;
         felt[i] -= MP_ON_BEARING(vehicle) ? vehicle->gravity * (cycle->up[0][i] + cycle->up[1][i]) / R(2) : R(0);
     }
     if (MP_ON_BEARING(vehicle)) {

@@ -163,6 +163,7 @@ static void impulses(mp_front *front, const acting *those, mp_cycle *cycle) {
     }
     net(table, those, rising, cycle->rising);
     net(table, those, skew, cycle->falling);
+    net(table, those, whole, cycle->whole);
     if (!front->vehicle.pulses) return;
     memset(cycle->pulse_covariance, 0, sizeof cycle->pulse_covariance);
     for (n = 0; n < those->count; n++) {

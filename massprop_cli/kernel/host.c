@@ -126,6 +126,7 @@ void mp_cycle_of(const mp_vehicle *vehicle, const double *row, mp_cycle *out) {
     row = mp_copied(out->up[1], row, 3);
     row = mp_copied(out->rising, row, 6);
     row = mp_copied(out->falling, row, 6);
+    row = mp_copied(out->whole, row, 6);
     row = read_int(&out->deaf[0], row);
     row = read_int(&out->deaf[1], row);
     row = mp_copied(out->impulse[0], row, 6 * vehicle->bins);

@@ -101,7 +101,8 @@ typedef struct {
     mp_real impulse[MP_BINS][6]; /* torque about O [N m s] and force [N s] in equal parts of the cycle */
     mp_real skew[MP_BINS][6];    /* first moment about the middle of its part, over the part's length */
     mp_real rising[6];    /* impulse weighted with the rising half of the triangular window */
-    mp_real falling[6];
+    mp_real falling[6];   /* with the falling half */
+    mp_real whole[6];     /* over the cycle, as the accelerometer averages it */
     mp_real pulse_covariance[6][6];
     int deaf[2];          /* whose gyro, whose accelerometer is not used */
 } mp_cycle;

@@ -169,12 +169,43 @@ static void windowed(mp_real *rising, mp_real *whole, mp_real value, int b, int 
     *whole += value * bin_s;
 }
 
+/* The torque of a wrench about the centre in place of O, whose force the bearing takes up. */
+static void about_centre(const mp_real centre[3], mp_real wrench[6]) {
+    mp_real moment[3];
+    int i;
+    mp_cross(centre, wrench + 3, moment);
+    for (i = 0; i < 3; i++) {
+        wrench[i] -= moment[i];
+        wrench[3 + i] = R(0);
+    }
+}
+
+/* To what is level of the force by its bins, `forced` under the rising half of the window and over the cycle: what the windows of the sensors
+ * hold of the force beyond that, level where the vertical is as in the cycle's mean, `up` times its length. */
+static void sensed(const mp_cycle *cycle, const mp_real up[3], mp_real forced[2][3], mp_real rising[3], mp_real falling[3],
+                   mp_real whole[3]) {
+    mp_real mean[3], beyond[3][3], flat[3];
+    int i, j;
+    for (i = 0; i < 3; i++) {
+        mean[i] = up[i] / cycle->duration_s;
+        beyond[0][i] = cycle->rising[3 + i] - forced[0][i];
+        beyond[1][i] = cycle->falling[3 + i] - (forced[1][i] - forced[0][i]);
+        beyond[2][i] = cycle->whole[3 + i] - forced[1][i];
+    }
+    for (j = 0; j < 3; j++) {
+        mp_real *onto = j == 0 ? rising : j == 1 ? falling : whole;
+        level(mean, beyond[j], flat);
+        for (i = 0; i < 3; i++) onto[i] += flat[i];
+    }
+}
+
 /* What phi multiplies, under the rising half of the window, and over the whole cycle. */
 static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const mp_cycle *cycle, const mp_reference *about,
                       const bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_motion *out, mp_real whole[MP_CHANNELS]) {
     int count = vehicle->bins, channels = layout->channels, b, i;
     mp_real bin_s = cycle->duration_s / R(count), squared = bin_s * bin_s / R(12);
-    mp_real *rising = out->rising, ends[2][6], lag[3], plain[3];
+    mp_real *rising = out->rising, *falling = out->falling, ends[2][6], forced[2][3];
+    memset(forced, 0, sizeof forced);
     memset(rising, 0, sizeof out->rising);
     memset(whole, 0, MP_CHANNELS * sizeof whole[0]);
     memset(out->known, 0, sizeof out->known);
@@ -182,16 +213,13 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
     memset(out->up, 0, sizeof out->up);
     for (i = 0; i < 6; i++) {
         rising[i] = cycle->rising[i];
-        whole[i] = cycle->rising[i] + cycle->falling[i];
+        falling[i] = cycle->falling[i];
+        whole[i] = cycle->whole[i];
     }
     if (MP_ON_BEARING(vehicle)) {
-        mp_cross(vehicle->centre, rising + 3, lag);
-        mp_cross(vehicle->centre, whole + 3, plain);
-        for (i = 0; i < 3; i++) {
-            rising[i] -= lag[i];
-            whole[i] -= plain[i];
-            rising[3 + i] = whole[3 + i] = R(0);
-        }
+        about_centre(vehicle->centre, rising);
+        about_centre(vehicle->centre, falling);
+        about_centre(vehicle->centre, whole);
     }
     for (b = 0; b < count; b++) {
         const bin *here = bins + b;
@@ -206,6 +234,8 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
             level(here->up, cycle->skew[b] + 3, late);
             swing(about, here, swung);
             for (i = 0; i < 3; i++) {
+                windowed(forced[0] + i, forced[1] + i, here->wrench[3 + i], b, count, bin_s);
+                forced[0][i] += cycle->skew[b][3 + i] / R(count);
                 windowed(rising + 3 + i, whole + 3 + i, here->up[i], b, count, bin_s);
                 windowed(out->up[0] + i, out->up[1] + i, here->up[i], b, count, bin_s);
                 windowed(rising + 6 + i, whole + 6 + i, flat[i], b, count, bin_s);
@@ -221,8 +251,9 @@ static void integrals(const mp_vehicle *vehicle, const mp_layout *layout, const 
         out->turning[0][i] += (rates[1][i] - rates[0][i]) * bin_s / R(12) / R(count);
         if (MP_ON_BEARING(vehicle)) rising[3 + i] += (ups[1][i] - ups[0][i]) * bin_s / R(12) / R(count);
     }
+    for (i = MP_ON_BEARING(vehicle) ? 3 : 6; i < channels; i++) falling[i] = whole[i] - rising[i];
+    if (MP_ON_BEARING(vehicle)) sensed(cycle, out->up[1], forced, rising + 6, falling + 6, whole + 6);
     for (i = 0; i < channels; i++) {
-        out->falling[i] = whole[i] - rising[i];
         whole[i] /= cycle->duration_s;
         out->mean[i] = whole[i];
     }

@@ -137,7 +137,7 @@ static int is_finite(const mp_vehicle *vehicle, const mp_cycle *cycle) {
     int fine = mp_finite(&cycle->end_s, 1) && mp_finite(&cycle->duration_s, 1);
     fine = fine && mp_finite(cycle->rate, 3) && mp_finite(cycle->rate_step, 3) && mp_finite(cycle->force, 3);
     fine = fine && mp_finite(cycle->up[0], 3) && mp_finite(cycle->up[1], 3) && mp_finite(cycle->carried, 3);
-    fine = fine && mp_finite(cycle->rising, 6) && mp_finite(cycle->falling, 6);
+    fine = fine && mp_finite(cycle->rising, 6) && mp_finite(cycle->falling, 6) && mp_finite(cycle->whole, 6);
     fine = fine && mp_finite(cycle->impulse[0], 6 * vehicle->bins) && mp_finite(cycle->skew[0], 6 * vehicle->bins);
     return fine && (!vehicle->pulses || mp_finite(cycle->pulse_covariance[0], 36));
 }

@@ -31,10 +31,12 @@ from massprop_cli.model.layout import RATE, Layout
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.momentum import held, moments_by_scale, scale_sigmas
 from massprop_cli.model.plant import Motion, Plant, Reference, plant_of
+from massprop_cli.model.plant.bearing import level
 from massprop_cli.model.plant.plant import MU as THETA_MU
 from massprop_cli.model.plant.plant import Turning
 from massprop_cli.model.windows import Windows, windows
 from massprop_cli.model.within import STEEP, Within, motion_within, response_of
+from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.compensate import Samples, Source
 
 
@@ -263,7 +265,7 @@ def _by_tilt(here: Samples, plant: Plant, within: Within, reference: Reference) 
     """(K, 3, t) the mean moment, and (K, 3, t) the mean specific force of the centre, by an error of the attitude in the middle."""
     duration, executed = here.executed.duration_s[:, None], here.executed
     up = windows(within.motion.up, _bin_s(here, within.motion)).whole / duration
-    push = (executed.rising + executed.falling)[:, 3:] / duration
+    push = executed.whole[:, 3:] / duration
     return plant.moment_by_tilt(reference, up, push), plant.force_by_tilt(reference, up, push)
 
 
@@ -330,18 +332,27 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
     # the mean of a product over a bin in which ω̇ is constant exceeds its middle value by that of the accelerations times h² / 12
     second = products(motion.rate) + products(motion.rate_dot) * (bin_s**2 / 12)[:, None, None]
     # the commands' own exactly, the rest by its bins
-    jets = plant.commanded(np.stack([executed.rising, executed.impulse]))
+    jets = plant.commanded(np.stack([executed.rising, executed.falling, executed.whole]))
     parts = [(second, (products(within.rates[1]) - products(within.rates[0])) * bin_s[:, None] / 12)]
     made = made_by_motion(executed.stored, within.damping, motion, bin_s[:, None, None])
     if made is not None:
         own = windows(made[0], bin_s, made[1].sum(1))
-        jets = np.concatenate([jets[..., :3] + np.stack([own.rising, own.whole]), jets[..., 3:]], -1)
+        jets = np.concatenate([jets[..., :3] + np.stack(own), jets[..., 3:]], -1)
     parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
-    rising = np.concatenate([jets[0], *(one.rising for one in each)], -1)
-    whole = np.concatenate([jets[1], *(one.whole for one in each)], -1)
+    if plant.pivoted:
+        each[1] = _sensed(executed, motion, bin_s, each[1])
+    acting = Windows(*(np.concatenate(columns, -1) for columns in zip(jets, *each, strict=True)))
     known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))
-    return Windows(rising, whole - rising, whole).step, whole / duration[:, None], known
+    return acting.step, acting.whole / duration[:, None], known
+
+
+def _sensed(executed: Aligned, motion: Motion, bin_s: Array, flat: Windows) -> Windows:
+    """(K, 3) the level part of the force ``flat``, which is by bins, with what the sensors' windows hold of the force beyond its bins."""
+    force, up = slice(3, 6), windows(motion.up, bin_s).whole / executed.duration_s[:, None]
+    by_bins = windows(executed.impulse_bins[..., force] / bin_s[:, None, None], bin_s, executed.skew_bins[..., force].sum(1))
+    exact = executed.rising, executed.falling, executed.whole
+    return Windows(*(part + level(up, one[:, force] - binned) for part, one, binned in zip(flat, exact, by_bins, strict=True)))
 
 
 def integrals_about(samples: Samples, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array, Array]:

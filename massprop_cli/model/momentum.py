@@ -44,7 +44,7 @@ def moments_by_scale(executed: Aligned, vehicle: Vehicle, plant: Plant, referenc
     channels, found, first = executed.channels, [], 0
     if vehicle.thrust.scale_sigma > 0:
         own, _ = plant.pushed(reference, channels.wrench[: channels.thrusting], motion.up.mean(1), plant.pivot)
-        found.append(_impulse(*(times(own, part[:, : channels.thrusting]) for part in (channels.rising, channels.whole))))
+        found.append(Windows(*(times(own, part[:, : channels.thrusting]) for part in channels.windows)))
     for device in vehicle.spinning:
         axes = slice(first, first + len(device.axes))
         first = axes.stop
@@ -61,12 +61,8 @@ def _moment(executed: Aligned, motion: Motion, own: slice, unknown: Unknown) -> 
     mean, skew = held @ unknown.by.T + unknown.constant, stored.skew[..., own] @ unknown.by.T
     bin_s = executed.duration_s / mean.shape[1]
     pulled, late = _precession(motion, mean @ axis, skew @ axis, bin_s[:, None, None])
-    exchanged = _impulse(*(-part[:, turning] @ unknown.by.T @ axis for part in (channels.rising, channels.whole)))
+    exchanged = Windows(*(-part[:, turning] @ unknown.by.T @ axis for part in channels.windows))
     return _sum(windows(pulled, bin_s, late.sum(1)), exchanged)
-
-
-def _impulse(rising: Array, whole: Array) -> Windows:
-    return Windows(rising, whole - rising, whole)
 
 
 def _sum(one: Windows, other: Windows) -> Windows:

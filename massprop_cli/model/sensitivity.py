@@ -221,11 +221,11 @@ def wrench_columns(
     """(K − 1, 3, g) growth of the rate and (K, 3, g) specific force by each change of a channel's wrench."""
     part = samples.part(cycles)
     channels, duration = part.executed.channels, part.executed.duration_s
-    rising, whole = channels.rising[:, changes.channels], channels.whole[:, changes.channels]
+    rising, falling, whole = (part[:, changes.channels] for part in channels.windows)
     up = (part.up_b[:-1] + part.up_b[1:]) / 2
     moment, felt = plant_of(vehicle).pushed(reference, changes.wrench, up, np.array(vehicle.imu.position_m))
     begun, ended = (
-        np.einsum("kij,kjg,kg->kig", here.moment_to_rate, *one) for one in ((moment[:-1], rising[:-1]), (moment[1:], (whole - rising)[1:]))
+        np.einsum("kij,kjg,kg->kig", here.moment_to_rate, *one) for one in ((moment[:-1], rising[:-1]), (moment[1:], falling[1:]))
     )
     return begun + ended, felt * (whole / duration[:, None])[:, None, :]
 

@@ -20,8 +20,8 @@ from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.kernel import kernel, pointer
-from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
-from massprop_cli.prepare.signal import Signal, window_integrals
+from massprop_cli.prepare.clock import by_commands_clock
+from massprop_cli.prepare.signal import Signal, joined, of_bins, window_integrals
 
 TOUCHING = 1e-3
 """Pulses that end and begin within this part of a cycle are one: a jet held on does not fall and rise between cycles."""
@@ -95,7 +95,7 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     """
     command = log.command[issued].T
     if log.command_kind == "rotors":
-        at_once = by_commands_clock(log, vehicle, cycle_edges(log, issued)[0])
+        at_once = by_commands_clock(log, vehicle, log.command_start_s[issued])
         told = zip(vehicle.rotors, command, strict=True)
         return thrust_integrals([rotor.held(x, begin_s, at_once, lag_s) for rotor, x in told], edges_s)
     if log.command_kind == "jets":
@@ -103,13 +103,41 @@ def executed(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s:
     return window_integrals([held(begin_s, value) for value in command], edges_s, lag_s)
 
 
+FINE = 4
+"""Parts of a bin in which what a rotor's lag makes of its thrust is taken as linear."""
+
+
+def signals(log: Log, vehicle: Vehicle, issued: slice, begin_s: Array, edges_s: Array, lag_s: float) -> tuple[list[Signal], float]:
+    """The same quantities in time, and the lag that is still behind them: a rotor's is in them."""
+    command = log.command[issued].T
+    if log.command_kind == "rotors":
+        part = np.arange(FINE) / FINE
+        fine = np.append((edges_s[:-1, None] + np.diff(edges_s)[:, None] * part).ravel(), edges_s[-1])
+        # from long enough before that no lag remembers
+        early = begin_s[0] + (edges_s[1] - edges_s[0]) * np.arange(int((fine[0] - begin_s[0]) / (edges_s[1] - edges_s[0])))
+        fine = np.concatenate([early, fine])
+        both = executed(log, vehicle, issued, begin_s, fine, lag_s)
+        return [of_bins(fine, *one) for one in zip(*(each.T for each in both), strict=True)], 0.0
+    if log.command_kind == "wrench":
+        return [held(begin_s, value) for value in command], lag_s
+    touching_s = TOUCHING * vehicle.cycle.period_s
+    lasting = opened(begin_s, command, vehicle)
+    each = ([(part, pulses(begin_s, on_s[jet], vehicle.jets[jet], touching_s)) for part, on_s in lasting] for jet in range(len(command)))
+    return [joined(parts) for parts in each], lag_s
+
+
 def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array, lag_s: float) -> tuple[Array, Array]:
-    """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K): each jet's pulses, less what it loses.
+    """Integrals as of :func:`window_integrals`, of the vehicle's jets with on-times (jets, K)."""
+    return pulse_integrals(start_s, opened(start_s, on_s, vehicle), vehicle.jets, TOUCHING * vehicle.cycle.period_s, edges_s, lag_s)
+
+
+def opened(start_s: Array, on_s: Array, vehicle: Vehicle) -> list[tuple[float, Array]]:
+    """Parts of the thrust, each with on-times (jets, K), that sum to what jets give: each jet's pulses, less what it loses.
 
     Beside each further jet that is the droop's part of a pulse that lasts while both are open, or of its whole pulse. While a jet fails it
     gives another part of its thrust.
     """
-    touching_s, thrust, strength = TOUCHING * vehicle.cycle.period_s, vehicle.thrust, strengths(start_s, vehicle)
+    thrust, strength = vehicle.thrust, strengths(start_s, vehicle)
     if strength is not None:
         on_s = np.where(strength == 0, 0.0, on_s)  # what doesn't open takes nothing from others
     lasting = [(1.0, on_s)]
@@ -118,7 +146,7 @@ def jet_integrals(start_s: Array, on_s: Array, vehicle: Vehicle, edges_s: Array,
     if strength is not None:
         levels = np.unique(strength[strength != 0]).tolist()
         lasting = [(part * level, np.where(strength == level, lasts_s, 0.0)) for part, lasts_s in lasting for level in levels]
-    return pulse_integrals(start_s, lasting, vehicle.jets, touching_s, edges_s, lag_s)
+    return lasting
 
 
 def strengths(start_s: Array, vehicle: Vehicle) -> Array | None:

@@ -9,7 +9,9 @@ cycle, which belongs to the step into the next cycle) and the *falling* half (1 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +21,11 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare import actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
+from massprop_cli.prepare.sensor import Sensor, Shown, sensors, shown
+from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
 
@@ -32,14 +37,26 @@ LAGS_KEPT = 40.0
 
 @dataclass(frozen=True)
 class Channels:
-    """Impulses of each command channel over its full thrust, (K, C) s: under the rising half of the triangular window, and plain."""
+    """Impulses of each command channel over its full thrust, (K, C) s: under both halves of the triangular window, and plain."""
 
     rising: Array
+    falling: Array
     whole: Array
     wrench: Array
     """(C, 6) torque about O and force of each at full thrust; on the body, of 1 N m on a momentum device."""
     thrusting: int
     """How many of them push; the others, the last, are momentum devices."""
+
+    @property
+    def windows(self) -> tuple[Array, Array, Array]:
+        """The three."""
+        return self.rising, self.falling, self.whole
+
+    @property
+    def step(self) -> Array:
+        """(K − 1, C) under the whole triangular window, from each cycle into the next."""
+        found: Array = self.rising[:-1] + self.falling[1:]
+        return found
 
 
 @dataclass(frozen=True)
@@ -63,7 +80,9 @@ class Aligned:
     rising: Array
     """(K, 6) impulse weighted with the rising half of the triangular window."""
     falling: Array
-    """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse."""
+    """(K, 6) impulse weighted with the falling half; ``rising + falling`` is the cycle's impulse as the gyro shows it."""
+    whole: Array
+    """(K, 6) the cycle's impulse as the accelerometer shows it."""
     channels: Channels
     """What each command channel did, in terms of its full thrust."""
     pulse_covariance: Array | None
@@ -89,15 +108,10 @@ class Aligned:
             self,
             **{name: getattr(self, name)[cycles] for name in _PER_CYCLE},
             attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[cycles],
-            channels=replace(channels, rising=channels.rising[cycles], whole=channels.whole[cycles]),
+            channels=replace(channels, **{name: getattr(channels, name)[cycles] for name in ("rising", "falling", "whole")}),
             pulse_covariance=None if pulses is None else pulses[cycles],
             stored=None if self.stored is None else self.stored.part(cycles),
         )
-
-    @property
-    def impulse(self) -> Array:
-        """(K, 6) impulse of the executed wrench over each cycle."""
-        return self.rising + self.falling
 
 
 _PER_CYCLE = (
@@ -109,6 +123,7 @@ _PER_CYCLE = (
     "skew_bins",
     "rising",
     "falling",
+    "whole",
     "usable",
     "ignored",
 )
@@ -126,8 +141,10 @@ class Impulses(NamedTuple):
     """(K, B, C) s², first moment about each bin's beginning."""
     rising: Array
     """(K, C) s, under the rising half of the triangular window."""
+    falling: Array
+    """(K, C) s, under the falling half."""
     whole: Array
-    """(K, C) s"""
+    """(K, C) s, as the accelerometer shows it."""
     thrusting: int
     stored: Stored | None
     usable: BoolArray
@@ -141,19 +158,107 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
     labelled, length = cycle_edges(log, of)
     start, duration = by_commands_clock(log, vehicle, labelled), length * pace(vehicle)
     # and those whose commands may still act; the one that comes next may go on with a pulse
-    before = int(np.searchsorted(log.cycle_end_s[: of.start], start[0] - _memory_s(vehicle, delay_s, lag_s)))
-    ahead = max(float(start[-1] - labelled[-1]), 0.0) / vehicle.cycle.period_s
-    issued = slice(before, min(of.stop + 1 + int(np.ceil(ahead)), log.cycles))
-    bins, count = vehicle.estimator.bins_per_cycle, len(start)
-    edges = _bin_edges(start, duration, bins)
-    integral, moment = executed(log, vehicle, issued, cycle_edges(log, issued)[0] + delay_s, edges, lag_s)
+    begun, memory_s = log.command_start_s, _memory_s(vehicle, delay_s, lag_s)
+    before = max(int(np.searchsorted(begun, start[0] - memory_s)) - 1, 0)
+    issued = slice(before, int(np.searchsorted(begun, max(float(start[-1]), float(labelled[-1])) + 2 * vehicle.cycle.period_s)))
+    acted = _Acted(log, vehicle, issued, begun[issued] + delay_s, delay_s, lag_s)
+    gyro, accelerometer = sensors(log, vehicle)
+    bins = vehicle.estimator.bins_per_cycle
+    if gyro.plain and accelerometer.plain:
+        made = _by_bins(acted, _bin_edges(start, duration, bins), bins, duration)
+    else:
+        made = _by_sensors(acted, of, start, duration)
+    return Impulses(labelled, duration, *made, labelled >= usable_s)
+
+
+class _Acted(NamedTuple):
+    """Commands and when they act."""
+
+    log: Log
+    vehicle: Vehicle
+    issued: slice
+    begin_s: Array
+    delay_s: float
+    lag_s: float
+
+
+_Made = tuple[Array, Array, Array, Array, Array, int, Stored | None]
+"""Of :class:`Impulses`, from ``integral`` to ``stored``."""
+
+
+def _by_bins(acted: _Acted, edges: Array, bins: int, duration: Array) -> _Made:
+    """What increments over cycles hold."""
+    log, vehicle, issued, begin_s, delay_s, lag_s = acted
+    integral, moment = executed(log, vehicle, issued, begin_s, edges, lag_s)
     thrusting, stored = integral.shape[1], None
     if log.spinning:
-        torque, torque_moment, stored = turned(log, vehicle, delay_s, edges, bins)
-        integral, moment = np.hstack([integral, torque]), np.hstack([moment, torque_moment])
-    integral, moment = integral.reshape(count, bins, -1), moment.reshape(count, bins, -1)
+        by = partial(window_integrals, edges_s=edges)
+        torques, stored = turned(log, vehicle, delay_s, edges, bins, by)
+        integral, moment = (np.hstack(both) for both in zip((integral, moment), by(torques), strict=True))
+    integral, moment = integral.reshape(len(duration), bins, -1), moment.reshape(len(duration), bins, -1)
     rising, whole = windows(integral, moment, duration)
-    return Impulses(labelled, duration, integral, moment, frozen(rising), frozen(whole), thrusting, stored, labelled >= usable_s)
+    return integral, moment, frozen(rising), frozen(whole - rising), frozen(whole), thrusting, stored
+
+
+def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> _Made:
+    """What sensors of any kernel show (:mod:`massprop_cli.prepare.sensor`), cycle k being a group of records.
+
+    The gyro's mean over a group is that of ∫u behind its kernel, R[k]; with E[k] the same integral where one group goes over into the
+    next, ``R[k + 1] − R[k] = (E[k + 1] − R[k]) + (R[k + 1] − E[k + 1])`` are the rising and the falling part. Samples at records' ends are
+    half a record later than what they stand for, so groups and their bins are as late.
+    """
+    log, vehicle, issued, begin_s, delay_s, lag_s = acted
+    bins, records, count = vehicle.estimator.bins_per_cycle, log.records_per_cycle, len(start)
+    rows = slice(cycles.start * records, cycles.stop * records)
+    share = log.interval_s[rows].reshape(count, records)
+    ends = by_commands_clock(log, vehicle, log.time_s[rows])
+    share = share / share.sum(1, keepdims=True)
+    gyro, accelerometer = sensors(log, vehicle, lag_s)
+    late = float(np.mean(duration)) / records / 2 if gyro.instant else 0.0
+    edges = _bin_edges(start + late, duration, bins)
+    signals, left = actuators.signals(log, vehicle, issued, begin_s, edges, lag_s)
+    if left == 0.0 < lag_s:
+        gyro, accelerometer = sensors(log, vehicle)
+    thrusting, stored = len(signals), None
+    behind = [(signal, gyro, accelerometer) for signal in signals]
+    if log.spinning:
+        bare = sensors(log, vehicle)
+        torques, stored = turned(log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=bare[0], edges=edges))
+        behind += [(torque, *bare) for torque in torques]
+    parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
+    integral, moment, rising, falling, whole = (np.stack(each, -1) for each in zip(*parts, strict=True))
+    shape = (count, bins, -1)
+    return integral.reshape(shape), moment.reshape(shape), frozen(rising), frozen(falling), frozen(whole), thrusting, stored
+
+
+def _in_bins(signals: Sequence[Signal], sensor: Sensor, edges: Array) -> tuple[Array, Array]:
+    """Integrals and first moments of signals as a sensor shows them, (bins, signals) each."""
+    each = [_binned(shown(signal, sensor, edges), edges) for signal in signals]
+    return np.stack([one[0] for one in each], 1), np.stack([one[1] for one in each], 1)
+
+
+def _binned(at: Shown, edges: Array) -> tuple[Array, Array]:
+    return np.diff(at.first), np.diff(edges) * at.first[1:] - np.diff(at.second)
+
+
+def _read(
+    signal: Signal, gyro: Sensor, accelerometer: Sensor, edges: Array, cycle_edges_s: Array, ends: Array, share: Array, duration: Array
+) -> tuple[Array, ...]:
+    """Of one channel: integral and moment by bins; under the rising and the falling half as the gyro shows it, whole as the other does.
+
+    ``ends`` (n,) of records, ``share`` (K, records) of each in its group.
+    """
+    binned = shown(signal, gyro, edges)
+    boundary = binned.first[:: (len(edges) - 1) // len(duration)]
+    if gyro.instant:
+        mean = (shown(signal, gyro, ends).first.reshape(share.shape) * share).sum(1)
+    else:
+        mean = np.diff(binned.second[:: (len(edges) - 1) // len(duration)]) / duration
+    if accelerometer.instant:
+        whole = duration * (shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
+    else:
+        whole = np.diff(shown(signal, accelerometer, cycle_edges_s).first)
+    return *_binned(binned, edges), boundary[1:] - mean, mean - boundary[:-1], whole
 
 
 def align(
@@ -167,8 +272,8 @@ def align(
     of, records = slice(0, log.cycles) if cycles is None else cycles, log.records_per_cycle
     made = made or impulses(log, vehicle, delay_cycles, lag_s, cycles)
     wrench, duration = channel_wrench(log, vehicle), made.duration_s
-    channels = Channels(made.rising, made.whole, wrench, made.thrusting)
-    together = wrenches(made.integral, made.moment, duration, (made.rising, made.whole), wrench)
+    channels = Channels(made.rising, made.falling, made.whole, wrench, made.thrusting)
+    together = wrenches(made.integral, made.moment, duration, channels.windows, wrench)
     each = slice(of.start * records, of.stop * records)
     return Aligned(
         start_s=frozen(made.labelled_s),
@@ -189,14 +294,20 @@ def align(
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s)
-    usable_s = max(first + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
+    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _late_s(log, vehicle)
+    usable_s = max(max(first, float(log.command_start_s[0])) + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
             f"{log.path}: lasts {log.cycle_end_s[-1] - first:.6g} s, too short for a command delay of {delay_s:.6g} s, a thrust lag of "
             f"{longest_lag_s(vehicle, lag_s):.6g} s and two cycles; record longer, or mend cycle.command_delay_cycles or thrust.lag_s"
         )
     return usable_s
+
+
+def _late_s(log: Log, vehicle: Vehicle) -> float:
+    """How far back what a sensor shows may have been, beyond its record."""
+    late = (one.latency_s + LAGS_FORGOTTEN * float(np.abs(one.lags_s).max(initial=0.0)) for one in sensors(log, vehicle))
+    return max(*late, 0.0)
 
 
 def _memory_s(vehicle: Vehicle, delay_s: float, lag_s: float) -> float:

@@ -21,6 +21,24 @@ class Signal:
     slope: Array
 
 
+def joined(parts: Sequence[tuple[float, Signal]]) -> Signal:
+    """A sum of signals, each with its factor."""
+    time, step, slope = (
+        np.concatenate(each) for each in zip(*((one.time_s, factor * one.step, factor * one.slope) for factor, one in parts), strict=True)
+    )
+    return Signal(time, step, slope)
+
+
+def of_bins(edges_s: Array, integral: Array, moment: Array) -> Signal:
+    """A signal that is linear in each bin, of its integral and first moment about the bin's beginning there."""
+    length = np.diff(edges_s)
+    slope = 12 * (moment - integral * length / 2) / length**3
+    begun = integral / length - slope * length / 2
+    ended = begun + slope * length
+    step = np.append(begun, 0.0) - np.append(0.0, ended)
+    return Signal(edges_s, step, np.diff(np.append(slope, 0.0), prepend=0.0))
+
+
 def window_integrals(signals: Sequence[Signal], edges_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
     """∫ u dt and ∫ (t − bin start) u dt over each bin of ``edges_s``, exactly, for piecewise linear ``u``: (bins, signals) each.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from massprop_cli.inputs.actuators.actuator import LogTimes
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
-from massprop_cli.prepare.signal import Signal, window_integrals
+from massprop_cli.prepare.signal import Signal
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,10 @@ class Stored:
         return -cross(rate_rad_s, self.mean.mean(1) @ self.axis)
 
 
+Integrals = Callable[[Sequence[Signal]], tuple[Array, Array]]
+"""Of signals to their integrals and first moments in each bin, (bins, signals) each."""
+
+
 class _Along(NamedTuple):
     """Momentum [N m s] along one axis at times [s] by the commands' clock, between which it grows evenly."""
 
@@ -46,23 +51,22 @@ class _Along(NamedTuple):
     momentum: Array
 
 
-def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int) -> tuple[Array, Array, Stored]:
-    """What momentum devices do in bins of edges ``edges_s``, ``bins`` of them in a cycle.
+def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int, by: Integrals) -> tuple[list[Signal], Stored]:
+    """What momentum devices do: the torque along each axis, N m, and the momentum that they hold in bins of edges ``edges_s``.
 
-    Integral and first moment per bin, (bins, A), of the torque along each axis, N m; and the momentum that they hold.
+    There are ``bins`` of these in a cycle; ``by`` gives integrals and first moments in each as the gyro shows them.
     """
-    by = _times(log, vehicle, delay_s)
-    whole = [device.momentum(said, by) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]
+    logged = _times(log, vehicle, delay_s)
+    whole = [device.momentum(said, logged) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]
     grown = [_near(_Along(time_s, along), edges_s) for time_s, momentum in whole for along in momentum]
     begun = np.concatenate([momentum[:, 0] for _, momentum in whole])
-    torque, torque_moment = window_integrals([_torque(one) for one in grown], edges_s)
-    held, held_moment = window_integrals([_momentum(one, edges_s[0]) for one in grown], edges_s)
+    held, held_moment = by([_momentum(one, edges_s[0]) for one in grown])
     length = np.diff(edges_s)[:, None]
     shape = (-1, bins, len(grown))
     skew = held_moment / length - held / 2
     # on a table, what they do about Z alone
     axis = np.concatenate([device.axes for device in vehicle.spinning]) * vehicle.environment.moving[:3]
-    return torque, torque_moment, Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
+    return [_torque(one) for one in grown], Stored(axis, frozen((held / length).reshape(shape)), frozen(skew.reshape(shape)), frozen(begun))
 
 
 def first_known_s(log: Log, vehicle: Vehicle) -> float:

@@ -73,21 +73,24 @@ class Wrenches(NamedTuple):
     """(K, 6) impulse under the rising half of the triangular window."""
     falling: Array
     """(K, 6) under the falling half."""
+    whole: Array
+    """(K, 6) in all, as the accelerometer shows it."""
 
 
-def wrenches(integral: Array, moment: Array, duration: Array, halves: tuple[Array, Array], wrench: Array) -> Wrenches:
-    """Of integrals, moments and ``duration`` as :func:`windows` takes them, and what it gives; :func:`net` of each."""
-    (count, bins, channels), (rising, whole) = integral.shape, halves
+def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array, Array, Array], wrench: Array) -> Wrenches:
+    """Of integrals, moments and ``duration`` as :func:`windows` takes them, and of ``each`` of three windows; :func:`net` of all."""
+    count, bins, channels = integral.shape
     library = kernel().library
     if library is None:
         late = moment / (duration / bins)[:, None, None] - integral / 2
-        return Wrenches(net(integral, wrench), net(late, wrench), net(rising, wrench), net(whole - rising, wrench))
+        return Wrenches(*(net(part, wrench) for part in (integral, late, *each)))
     flat = _alike(integral, moment)
-    given = tuple(np.ascontiguousarray(each, dtype=float) for each in (duration, rising, whole, wrench))
-    made = Wrenches(*np.empty((2, count, bins, 6)), *np.empty((2, count, 6)))
+    given = tuple(np.ascontiguousarray(part, dtype=float) for part in (duration, np.stack(each), wrench))
+    made, windowed = np.empty((2, count, bins, 6)), np.empty((3, count, 6))
     sizes = [ctypes.c_long(n) for n in (count, TOGETHER, bins, channels, *_apart(flat[0]))]
-    library.mp_host_wrenches(*sizes, *map(pointer, (*flat, *given, np.array([CANCELLED]), np.empty((2, TOGETHER, 6, bins + 1)), *made)))
-    return made
+    room = np.empty((TOGETHER, 6, 2 * bins + 3))
+    library.mp_host_wrenches(*sizes, *map(pointer, (*flat, *given, np.array([CANCELLED]), room, *made, windowed)))
+    return Wrenches(*made, *windowed)
 
 
 def _alike(*parts: Array) -> list[Array]:

@@ -68,7 +68,7 @@ def _columns(jets: Sequence[str]) -> list[str]:
 def _rows(analysis: Analysis, history: History, settled: History, part: slice) -> Array:
     """(K, columns) of part of a phase."""
     samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
-    wrench = samples.executed.impulse / samples.executed.duration_s[:, None]
+    wrench = samples.executed.whole / samples.executed.duration_s[:, None]
     measured = np.hstack([samples.rate_rad_s, samples.specific_force_m_s2])
     left, sigma = np.full((2, *measured.shape), np.nan)
     if settled.residual is not None:

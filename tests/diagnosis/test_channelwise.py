@@ -33,7 +33,8 @@ def design(rng: np.random.Generator, walk: float, white: float, cycles: int = 60
     rate = np.vstack([np.zeros(3), np.cumsum(columns @ truth + torque, 0)]) + GYRO * rng.standard_normal((cycles, 3))
     places = {"channels": slice(0, 2)}
     used = np.ones((cycles, 2), dtype=bool)
-    still, acted = np.zeros((cycles, 3)), (np.zeros((cycles, 2)),) * 2
+    none = np.zeros((cycles, 2))
+    still, acted = np.zeros((cycles, 3)), (none, none, none)
     measured = (rate, still, 0.05, np.eye(3), used, (15.0, 30.0), acted, 0.05 * np.arange(cycles), np.full(cycles, 0.05))
     return Design(places, np.arange(2), columns, np.zeros((cycles, 2)), *measured), truth
 

@@ -49,7 +49,7 @@ def test_what_a_window_explains_is_what_regression_says(monkeypatch: pytest.Monk
 
     def regression(channel: int, within: BoolArray) -> tuple[float, float]:
         """What part of a channel explains the most, and the squares that it leaves."""
-        rising, falling = (part[:, channel] * within for part in reduced.design.acted)
+        rising, falling, _ = (part[:, channel] * within for part in reduced.design.acted)
         own = reduced.by[reduced.design.places["channels"].start + channel] * root
         # rates without a disturbance are sums of their growth, less their own mean; specific force is as it stands
         steps = np.concatenate([[0.0], np.cumsum(rising[:-1] + falling[1:])])

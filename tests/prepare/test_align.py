@@ -119,7 +119,7 @@ def test_zero_delay_is_the_identity() -> None:
     used = flight.vehicle(delay=0.0)
     on = flight.pulses(40)
     still = flight.Flight(used, on, np.zeros((40, 3)), np.zeros((40, 3)))
-    np.testing.assert_allclose(still.aligned().impulse, on @ used.jet_wrench, atol=1e-15)
+    np.testing.assert_allclose(still.aligned().whole, on @ used.jet_wrench, atol=1e-15)
     assert still.aligned().usable.all()
 
 
@@ -127,7 +127,7 @@ def test_whole_delay_shifts_by_cycles_and_marks_unknown_commands() -> None:
     on = flight.pulses(40)
     still = flight.Flight(flight.vehicle(delay=2.0), on, np.zeros((40, 3)), np.zeros((40, 3)))
     aligned = still.aligned()
-    np.testing.assert_allclose(aligned.impulse[2:], (on @ still.used.jet_wrench)[:-2], atol=1e-15)
+    np.testing.assert_allclose(aligned.whole[2:], (on @ still.used.jet_wrench)[:-2], atol=1e-15)
     assert aligned.usable.tolist() == [False, False] + [True] * 38
 
 
@@ -167,9 +167,9 @@ def test_opposed_jets_make_nothing_but_rounding_and_that_is_taken_off() -> None:
     on = np.full((30, 3), 0.02)
     assert 0.1 + 0.2 - 0.3 != 0
     aligned = flight.Flight(flight.vehicle(delay=0.0, jets=jets), on, np.zeros((30, 3)), np.zeros((30, 3))).aligned()
-    for part in (aligned.impulse, aligned.rising, aligned.impulse_bins.reshape(-1, 6)):
+    for part in (aligned.whole, aligned.rising, aligned.impulse_bins.reshape(-1, 6)):
         np.testing.assert_array_equal(part[:, 3], 0.0)
-    np.testing.assert_allclose(aligned.impulse[:, 1], 0.02 * (0.01 + 0.04 - 0.09), rtol=1e-12)  # the couple stays
+    np.testing.assert_allclose(aligned.whole[:, 1], 0.02 * (0.01 + 0.04 - 0.09), rtol=1e-12)  # the couple stays
 
 
 @pytest.mark.parametrize("ppm", [10_000.0, -10_000.0])

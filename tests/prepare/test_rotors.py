@@ -90,7 +90,7 @@ def test_thrust_is_the_polynomial_of_the_command_and_of_the_voltage(tmp_path: Pa
     table, vehicle = of_rotors(tmp_path, {"rotor_r_command": x})
     aligned = align(read(table, vehicle), vehicle, 2.0, 0.0)
     impulse = 0.05 * (0.1 + 2 * x[:-2, None] ** 2) * np.array([0.1, -0.2, -0.05, 0.0, 0.0, 1.0])
-    assert np.abs(aligned.impulse[2:] - impulse).max() < 1e-12
+    assert np.abs(aligned.whole[2:] - impulse).max() < 1e-12
 
 
 def test_a_measured_speed_acts_at_once_and_holds_momentum(tmp_path: Path) -> None:
@@ -100,11 +100,11 @@ def test_a_measured_speed_acts_at_once_and_holds_momentum(tmp_path: Path) -> Non
     )
     aligned = align(read(table, vehicle), vehicle, 2.0, 0.0)
     assert aligned.stored is not None
-    assert np.abs(aligned.impulse[:, 5] - 0.05e-4 * speed**2).max() < 1e-12
+    assert np.abs(aligned.whole[:, 5] - 0.05e-4 * speed**2).max() < 1e-12
     assert np.abs(aligned.stored.mean.mean(1)[1:, 0] - 3e-5 * (speed[1:] + speed[:-1]) / 2).max() < 1e-12
     assert aligned.stored.axis.tolist() == [[0.0, 0.0, -1.0]]
     drag = 0.05e-4 * speed[1:] ** 2 * (0.2 * 0.0 + 0.05)  # turning left-handed, it turns the vehicle right-handed, as its spinning up does
-    assert np.abs(aligned.impulse[1:, 2] - drag - 3e-5 * np.diff(speed)).max() < 1e-12
+    assert np.abs(aligned.whole[1:, 2] - drag - 3e-5 * np.diff(speed)).max() < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_recorded_flights_original_columns_give_what_another_tool_made_of_them
     for increments, columns, scale in ((log.delta_theta_imu_rad, DELTA_THETA, 1.0), (log.delta_v_imu_m_s, DELTA_V, 9.81 / 9.80665)):
         assert np.abs(scale * increments[1:count] - np.stack([expected[c] for c in columns], 1)[1:count]).max() < 1e-6
     aligned = align(log, used, 0.0, 0.0)
-    mean = aligned.impulse[:count] / aligned.duration_s[:count, None]
+    mean = aligned.whole[:count] / aligned.duration_s[:count, None]
     made = np.stack([expected[c] for c in WRENCH], 1)[:count]
     settled = slice(60, None)
     for axis in (0, 1, 2, 5):

@@ -81,8 +81,9 @@ def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np
     integral[1::2, :, 1:], moment[1::2, :, 1:] = 0.0, 0.0  # most channels do nothing in most cycles
     wrench[:2, 0], integral[2], moment[2] = [0.1 * 3, -0.3], 0.0, 0.0
     integral[2, 1, :2] = 1.0  # these cancel but for rounding
-    halves = sums.windows(integral, moment, duration)
-    made = sums.wrenches(layout(integral), layout(moment), duration, halves, wrench)
+    rising, whole = sums.windows(integral, moment, duration)
+    each = rising, whole - rising, whole
+    made = sums.wrenches(layout(integral), layout(moment), duration, each, wrench)
     assert made.impulse_bins[2, 1, 0] == 0.0
     for k, i in product((0, 1, 2, count - 1), range(6)):
         by_channel = [wrench[c, i] for c in range(CHANNELS)]
@@ -90,5 +91,5 @@ def test_wrenches_of_bins_and_halves_are_sums_over_channels(layout: Callable[[np
             late = [moment[k, b, c] / (duration[k] / BINS) - integral[k, b, c] / 2 for c in range(CHANNELS)]
             assert made.impulse_bins[k, b, i] == pytest.approx(float(np.dot(integral[k, b], by_channel)), rel=1e-12, abs=1e-14)
             assert made.skew_bins[k, b, i] == pytest.approx(float(np.dot(late, by_channel)), rel=1e-12, abs=1e-14)
-        assert made.rising[k, i] == pytest.approx(float(np.dot(halves[0][k], by_channel)), rel=1e-12, abs=1e-14)
-        assert (made.rising + made.falling)[k, i] == pytest.approx(float(np.dot(halves[1][k], by_channel)), rel=1e-12, abs=1e-14)
+        for part, channels in zip((made.rising, made.falling, made.whole), each, strict=True):
+            assert part[k, i] == pytest.approx(float(np.dot(channels[k], by_channel)), rel=1e-12, abs=1e-14)

@@ -36,8 +36,8 @@ def test_the_torque_on_a_wheel_is_its_momentums_growth_and_the_body_feels_the_op
     assert np.abs(aligned.channels.whole[1:] - 2e-3 * np.diff(speed, axis=0)).max() < 1e-12
     assert np.abs(stored.mean.mean(1)[1:] - 2e-3 * (speed[1:] + speed[:-1]) / 2).max() < 1e-12
     axis = np.array([wheel.direction for wheel in flown.vehicle.wheels])
-    assert np.abs(aligned.impulse[:, :3] + aligned.channels.whole @ axis).max() < 1e-12
-    assert not aligned.impulse[:, 3:].any()
+    assert np.abs(aligned.whole[:, :3] + aligned.channels.whole @ axis).max() < 1e-12
+    assert not aligned.whole[:, 3:].any()
 
 
 def test_any_part_of_a_log_holds_what_the_whole_holds() -> None:
