@@ -25,6 +25,7 @@ from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.sensor import sensors
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -61,6 +62,8 @@ def holds(samples: Source) -> bool:
     if not isinstance(samples, Stream) or samples.gyro != 1.0:
         return False
     log = samples.log
+    if log.command_s is not None or not all(sensor.plain for sensor in sensors(log, samples.vehicle)):
+        return False
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     return not beyond(samples.vehicle, samples.alignment.timing, shortest)
 

@@ -11,6 +11,7 @@ from massprop_cli.inputs.section import Real, Section
 
 AXES = ("x", "y", "z")
 TIME = "time_s"
+COMMAND_TIME = "command_time_s"
 DELTA_THETA = tuple(f"delta_theta_{a}_rad" for a in AXES)
 DELTA_V = tuple(f"delta_v_{a}_m_s" for a in AXES)
 GYRO = tuple(f"gyro_{a}_rad_s" for a in AXES)
@@ -19,7 +20,7 @@ WRENCH = (*(f"cmd_torque_{a}_n_m" for a in AXES), *(f"cmd_force_{a}_n" for a in 
 QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 EVENT = "event"
 SUPPLY = "supply_v"
-FIXED = (TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVENT, SUPPLY)
+FIXED = (TIME, COMMAND_TIME, *DELTA_THETA, *DELTA_V, *GYRO, *ACCEL, *WRENCH, *QUATERNION, EVENT, SUPPLY)
 
 
 def jet(name: str) -> str:

@@ -47,7 +47,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
     if wrench:
         return "wrench", _each(source, WRENCH, records, n)
     if not known and vehicle.spinning:
-        return "jets", np.zeros((n // records, 0))
+        return "jets", np.zeros((n // records if source.issued is None else len(source.issued), 0))
     if not known:
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")
     command = _each(source, [jet(name) for name in known], records, n)
@@ -61,7 +61,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
 
 def _each(source: LogTable, columns: Sequence[str], records: int, n: int) -> Array:
     """(K, columns) of :meth:`LogTable.per_cycle`."""
-    found = spill.empty(n // records, len(columns))
+    found = spill.empty(n // records if source.issued is None else len(source.issued), len(columns))
     for place, column in enumerate(columns):
         found[:, place] = source.per_cycle(column, records, n)
         spill.give_back()
@@ -108,7 +108,7 @@ def _check_unit(source: LogTable, names: Sequence[str], on_s: Array, records: in
 def _check_once(source: LogTable, names: Sequence[str], on_s: Array, records: int, period_s: float) -> None:
     """On-times that stand in every record of a cycle, and are at their longest just one record: each was executed, not one of them."""
     record_s = period_s / records
-    if not 1 < records <= FEW or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
+    if source.issued is not None or not 1 < records <= FEW or not on_s.size or abs(float(on_s.max()) / record_s - 1) > ROUNDED:
         return
     full = np.argwhere(on_s >= record_s * (1 - ROUNDED))
     cycle, number = (int(i) for i in full[0])
@@ -136,6 +136,7 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
 def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[MomentumLog, ...]:
     """What the log's n rows say of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     found: list[MomentumLog] = []
+    source.issued = None  # what momentum devices do is read in every record
     for kind, own in vehicle.actuators:
         kind.refuse_strangers(source, [one.name for one in own])
         stored = [one for one in own if one.device is not None]

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from massprop_cli.base import spill
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import FIXED, TIME, Column
+from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
@@ -23,6 +23,8 @@ class LogTable:
 
     def __init__(self, table: Table, columns: Mapping[str, Column]) -> None:
         self.table, self.columns = table, columns
+        self.issued: IntArray | None = None
+        """Rows of commands, where these have times of their own (:data:`massprop_cli.inputs.columns.COMMAND_TIME`)."""
         for known, column in columns.items():
             if column.from_ not in table.columns:
                 hint = nearest(column.from_, table.columns, "the nearest present is")
@@ -97,6 +99,8 @@ class LogTable:
     def per_cycle(self, column: str, records: int, n: int) -> Array:
         """(K,) the command in the first row of each cycle; other rows must be null or the same."""
         values = self.optional(column)[:n]
+        if self.issued is not None:
+            return self._of_issued(column, values)
         bad = np.flatnonzero(np.isinf(values))
         if bad.size:
             raise self.error(int(bad[0]), column, f"{values[bad[0]]} is not a finite number; mend or cut the record")
@@ -120,6 +124,22 @@ class LogTable:
             )
         return np.ascontiguousarray(first[:, 0])
 
+    def _of_issued(self, column: str, values: Array) -> Array:
+        """(M,) the cells of rows in which a command was issued; all others must be empty."""
+        assert self.issued is not None
+        found = values[self.issued]
+        bad = np.flatnonzero(~np.isfinite(found))
+        if bad.size:
+            raise self.error(
+                int(self.issued[bad[0]]), column, f"no command in a row with {self.name(COMMAND_TIME)}; write one (0 for none)"
+            )
+        others = np.isfinite(values)
+        others[self.issued] = False
+        if others.any():
+            row = int(np.argmax(others))
+            raise self.error(row, column, f"{values[row]:g} has no {self.name(COMMAND_TIME)} in its row; state when it was issued")
+        return found
+
     def _lost(self, row: int) -> str:
         """Where a record is missing before a row, from which on all cycles are others; empty where none is."""
         steps = np.diff(self.required(TIME)[: row + 1])
@@ -133,5 +153,9 @@ class LogTable:
 
     def mean(self, column: str, records: int, n: int) -> Array:
         """(K,) over each cycle, of a number in every record."""
-        found: Array = self.required(column)[:n].reshape(-1, records).mean(1)
+        values = self.required(column)[:n]
+        if self.issued is not None:  # until the next command
+            found: Array = np.add.reduceat(values, self.issued) / np.diff(np.append(self.issued, n))
+        else:
+            found = values.reshape(-1, records).mean(1)
         return found

@@ -73,6 +73,8 @@ class Made:
     """Of the map file."""
     said: tuple[str, ...]
     """What was resampled, integrated or turned, in words."""
+    sampled: tuple[bool, bool] = (False, False)
+    """Whether rates of the gyro, specific force of the accelerometer are samples at their times."""
 
 
 def columns_of(path: Path, data: Content) -> Table:

@@ -18,7 +18,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, QUATERNION
 from massprop_cli.inputs.formats import agreement
 from massprop_cli.inputs.logtable import GAP, LONG, LogTable
 from massprop_cli.inputs.tablefile import Made, Table
@@ -158,8 +158,13 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     source = LogTable(table, vehicle.columns)
     time_s = source.required("time_s")
     interval_s, notices = _intervals(source, time_s)
-    records = _records_per_cycle(source, time_s, interval_s, vehicle.cycle.period_s)
-    notices += _pace(records * interval_s, vehicle.cycle.period_s)
+    command_s = _command_times(source, time_s)
+    if command_s is None:
+        records = _records_per_cycle(source, time_s, interval_s, vehicle.cycle.period_s)
+        notices += _pace(records * interval_s, vehicle.cycle.period_s)
+    else:
+        records = max(round(vehicle.cycle.period_s / median(interval_s)), 1)
+        notices += _pace(np.diff(command_s), vehicle.cycle.period_s)
     cycles = table.rows // records
     if cycles < 2:
         raise InputError(
@@ -194,8 +199,52 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         rate_columns=DELTA_THETA if source.has(DELTA_THETA[0]) else GYRO,
         force_columns=DELTA_V if source.has(DELTA_V[0]) else ACCEL,
         made=table.made,
+        command_s=command_s,
+        sampled=_sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
     )
+
+
+def _command_times(source: LogTable, time_s: Array) -> Array | None:
+    """(M,) when commands were issued, where they have times of their own; their rows are then :attr:`LogTable.issued`."""
+    if not source.has(COMMAND_TIME):
+        return None
+    stamps = source.optional(COMMAND_TIME)
+    rows = np.flatnonzero(~np.isnan(stamps))
+    found = stamps[rows]
+    if len(rows) < 2:
+        raise InputError(f"{source.table.path}, column {source.name(COMMAND_TIME)}: {len(rows)} command(s); a log needs at least two")
+    bad = np.flatnonzero(~np.isfinite(found))
+    if bad.size:
+        raise source.error(int(rows[bad[0]]), COMMAND_TIME, f"{found[bad[0]]} is not a finite number; mend or cut the record")
+    back = np.flatnonzero(np.diff(found) <= 0)
+    if back.size:
+        row = int(rows[back[0] + 1])
+        raise source.error(
+            row, COMMAND_TIME, f"time goes back: {found[back[0] + 1]:.9g} s after {found[back[0]]:.9g} s; sort or cut the commands"
+        )
+    if found[-1] <= time_s[0] or found[0] >= time_s[-1]:
+        raise InputError(
+            f"{source.table.path}, column {source.name(COMMAND_TIME)}: commands from {found[0]:.9g} to {found[-1]:.9g} s, and the IMU from "
+            f"{time_s[0]:.9g} to {time_s[-1]:.9g} s: no command is within the IMU's time; bring both clocks to one epoch"
+        )
+    source.issued = rows
+    return frozen(found)
+
+
+def _sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
+    """Whether records of gyro and accelerometer are samples at their times: as the map or the vehicle file states."""
+    made = source.table.made
+    if made is not None and any(made.sampled):
+        return made.sampled
+    sampled = vehicle.imu.measures == "sample"
+    increments = next((name for name in (*DELTA_THETA, *DELTA_V) if source.has(name)), None)
+    if sampled and increments is not None:
+        raise InputError(
+            f'{source.table.path}, column {source.name(increments)}: an increment is over its record, and imu.measures is "sample"; '
+            "leave imu.measures out, or log samples as gyro_x_rad_s … and accel_x_m_s2 …"
+        )
+    return sampled, sampled
 
 
 def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:

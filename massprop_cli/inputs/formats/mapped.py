@@ -14,7 +14,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import oncycles, onrows, reading
+from massprop_cli.inputs.formats import oncycles, onrecords, onrows, reading
 from massprop_cli.inputs.formats.mapfile import MapSource
 from massprop_cli.inputs.formats.recording import Recording
 from massprop_cli.inputs.formats.signals import Signals
@@ -46,8 +46,12 @@ def of(read: Recording, source: MapSource | None) -> Table:
         return _table(read, _by_contract(read), None)
     signals = Signals(read, source)
     records = source.map.records
-    made = onrows.columns_of(signals) if records is None else oncycles.columns_of(signals, records)
-    return _table(read, made, Made(source.source, source.sha256, tuple(_together(signals.made))))
+    if records is None:
+        made = onrows.columns_of(signals)
+    else:
+        streams, edges = oncycles.streams_of(signals, records)
+        made = onrecords.columns_of(streams, records, edges) or oncycles.columns_of(streams, records, edges)
+    return _table(read, made, Made(source.source, source.sha256, tuple(_together(signals.made)), signals.sampled))
 
 
 def _together(said: Sequence[str]) -> list[str]:

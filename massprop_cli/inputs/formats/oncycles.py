@@ -20,9 +20,9 @@ LOST = 1.5
 """Times the usual interval: more is told of as a lost sample, even where it is no gap."""
 _LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle, begin them."""
-_SAME = 1e-3
+SAME = 1e-3
 """Part of a gyro sample by which instants may differ that are the same: clocks are rounded."""
-_STAMPED = 0.15
+STAMPED = 0.15
 """Of a cycle, by which stamps of commands may scatter that come once in each: a controller's commands act in step with its cycles."""
 AJAR = 0.1
 """A valve that is on is open farther than this, at least once in a recording."""
@@ -33,7 +33,7 @@ _EARLY = 0.25
 
 
 @dataclass(frozen=True)
-class _Command:
+class Command:
     """One commanded quantity."""
 
     signal: Signal
@@ -43,28 +43,64 @@ class _Command:
     """mean, on_time or share (of a cycle)."""
 
 
-def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
-    """The log's columns by the contract's names; :class:`massprop_cli.base.errors.InputError` where nothing was recorded in between."""
+@dataclass(frozen=True)
+class Streams:
+    """What a log is made of."""
+
+    gyro: Signal
+    accelerometer: Signal
+    kinds: tuple[resample.Values, resample.Values]
+    commands: Sequence[Command]
+    attitude: Signal | None
+    instants: Sequence[tuple[Signal, str]]
+    signals: Signals
+
+    @property
+    def slow(self) -> list[Signal]:
+        """Those that are read off at records' ends."""
+        return [*([] if self.attitude is None else [self.attitude]), *(signal for signal, _ in self.instants)]
+
+    def beside(self, time_s: Array, cycle_s: float) -> dict[str, Array]:
+        """Columns of what is read off at records' ends (n,)."""
+        made: dict[str, Array] = {}
+        said = self.signals.map.attitude
+        if self.attitude is not None and said is not None:
+            times = self.attitude.times
+            turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), said.world)
+            made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
+            self.signals.made.append(f"attitude: every {times.step_s:.6g} s, interpolated to the records' ends")
+        for signal, column in self.instants:
+            made[column] = np.interp(time_s, signal.times.s, signal.values[:, 0])
+            self.signals.made.append(f"{signal.key}: {_read_off(signal, cycle_s)}")
+        return made
+
+
+def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
+    """What the map names, and its records' edges; :class:`massprop_cli.base.errors.InputError` where nothing was recorded."""
     said = signals.map
     gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
     accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
-    commands, instants = _commands(signals, attitude), _instants(signals)
-    slow = [*([] if attitude is None else [attitude]), *(signal for signal, _ in instants)]
-    spans = [_Span(gyro, resample.knots(gyro.times.s, said.gyro.values))]
-    spans += [_Span(accelerometer, resample.knots(accelerometer.times.s, said.accelerometer.values))]
-    spans += [_Span(signal, signal.times.s) for signal in slow]
+    commands, kinds = _commands(signals, attitude), (said.gyro.values, said.accelerometer.values)
+    found = Streams(gyro, accelerometer, kinds, commands, attitude, _instants(signals), signals)
+    spans = [_Span(one, resample.knots(one.times.s, kind)) for one, kind in zip((gyro, accelerometer), kinds, strict=True)]
+    spans += [_Span(signal, signal.times.s) for signal in found.slow]
     spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in commands if each.signal.paths]
-    edges = _edges(signals, records, spans, commands)
-    _check(signals, edges, [gyro, accelerometer], slow)
+    return found, _edges(signals, records, spans, commands)
+
+
+def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
+    """The log's columns by the contract's names, summed over records between ``edges``."""
+    signals, gyro = streams.signals, streams.gyro
+    _check(signals, edges, [gyro, streams.accelerometer], streams.slow)
     zero = edges[0] if records.zero == "start" else 0.0
     made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
     length = median(np.diff(edges))
     if zero:
         signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
     for signal, kind, names in (
-        (gyro, said.gyro.values, columns.DELTA_THETA),
-        (accelerometer, said.accelerometer.values, columns.DELTA_V),
+        (gyro, streams.kinds[0], columns.DELTA_THETA),
+        (streams.accelerometer, streams.kinds[1], columns.DELTA_V),
     ):
         found = resample.increments(signal.values, signal.times.s, kind, edges)
         made |= dict(zip(names, found.T, strict=True))
@@ -72,15 +108,9 @@ def columns_of(signals: Signals, records: Records) -> dict[str, Array]:
             f"{signal.key}: {len(signal.values)} values ({kind}) every {signal.times.step_s:.6g} s by {signal.times.path!r}, "
             f"{'summed' if kind == 'increment' else 'integrated'} over {len(edges) - 1} records of {length:.6g} s"
         )
-    if attitude is not None and said.attitude is not None:
-        turned = resample.z_up(resample.attitude_at(attitude.values, attitude.times.s, edges[1:]), said.attitude.world)
-        made |= dict(zip(columns.QUATERNION, turned.T, strict=True))
-        signals.made.append(f"attitude: every {attitude.times.step_s:.6g} s, interpolated to the records' ends")
-    for signal, column in instants:
-        made[column] = np.interp(edges[1:], signal.times.s, signal.values[:, 0])
-        signals.made.append(f"{signal.key}: {_read_off(signal, length * records.per_cycle)}")
+    made |= streams.beside(edges[1:], length * records.per_cycle)
     cycles = edges[:: records.per_cycle]
-    for command in commands:
+    for command in streams.commands:
         values = _on_cycles(signals, command, cycles)
         made |= dict(zip(command.names, np.repeat(values, records.per_cycle, 0).T, strict=True))
     return made
@@ -98,7 +128,7 @@ def _read_off(signal: Signal, cycle_s: float) -> str:
     )
 
 
-def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
+def _commands(signals: Signals, attitude: Signal | None) -> list[Command]:
     found = []
     for key, wrench, known, names in wrenches(signals):
         signal = signals.wrench(key, wrench, known)
@@ -106,13 +136,13 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[_Command]:
             at = resample.attitude_at(attitude.values, attitude.times.s, signal.times.s)
             signal = replace(signal, values=resample.into_body(signal.values, at))
             signals.made.append(f"{key}: turned from world into body axes with the logged attitude at each command's time")
-        found.append(_Command(signal, wrench.holds, names, "mean"))
+        found.append(Command(signal, wrench.holds, names, "mean"))
     jets = [(jet, *signals.jet(name, jet)) for name, jet in signals.map.jets.items()]
     _check_open(signals, [signal for _, signal, share in jets if share])
     for name, (jet, signal, share) in zip(signals.map.jets, jets, strict=True):
         kind = "share" if share else "on_time" if signal.paths else "mean"
-        found.append(_Command(signal, jet.holds, (columns.jet(name),), kind))
-    found += [_Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
+        found.append(Command(signal, jet.holds, (columns.jet(name),), kind))
+    found += [Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
 
 
@@ -145,7 +175,7 @@ class _Span:
     at_s: Array
 
 
-def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[_Command]) -> Array:
+def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[Command]) -> Array:
     """Where records begin and end, whole control cycles of them within all streams; the gyro's span is the first."""
     gyro, knots = spans[0].signal, spans[0].at_s
     first, last = max(spans, key=lambda one: one.at_s[0]), min(spans, key=lambda one: one.at_s[-1])
@@ -165,7 +195,7 @@ def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands:
     cycle = length * records.per_cycle
     recorded = [one.signal.times for one in commands if one.signal.paths]
     driving = next((times for times in recorded if abs(times.step_s / cycle - 1) < _LIKE), None)
-    slack = _SAME * gyro.times.step_s
+    slack = SAME * gyro.times.step_s
     begun = None if driving is not None else _where_they_change(commands, start - slack, cycle)
     if driving is not None and (driving.s >= start - slack).any():
         start = _begun(driving.s[driving.s >= start - slack], start - slack, cycle)
@@ -225,7 +255,7 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequ
             )
 
 
-def _on_cycles(signals: Signals, command: _Command, cycles: Array) -> Array:
+def _on_cycles(signals: Signals, command: Command, cycles: Array) -> Array:
     """(K, n) the command of each control cycle."""
     signal, step, length = command.signal, command.signal.times.step_s, median(np.diff(cycles))
     said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
@@ -276,7 +306,7 @@ def _astray(count: int) -> str:
     return f'{lost}; stamps that are times of arrival want "even = true", and a clock that drifts its scale, under the clock of [jets]'
 
 
-def _where_they_change(commands: Sequence[_Command], least_s: float, cycle_s: float) -> float | None:
+def _where_they_change(commands: Sequence[Command], least_s: float, cycle_s: float) -> float | None:
     """When cycles begin of commands that stand in several records of each: as far into a cycle as most of their changes come together.
 
     A valve's pulses begin there and end anywhere, so that of jets what rises counts alone. None where they come together nowhere.
@@ -294,12 +324,12 @@ def _where_they_change(commands: Sequence[_Command], least_s: float, cycle_s: fl
     if len(into) < _CHANGES:
         return None
     around = np.concatenate([into, into + cycle_s])
-    together = np.searchsorted(around, into + max(step, _SAME * cycle_s), side="left") - np.arange(len(into))
+    together = np.searchsorted(around, into + max(step, SAME * cycle_s), side="left") - np.arange(len(into))
     most = int(np.argmax(together))
     if together[most] < _TOGETHER * len(into):
         return None
     begun = median(around[most : most + together[most]]) % cycle_s
-    return least_s + (begun if cycle_s - begun > _SAME * cycle_s else 0.0)
+    return least_s + (begun if cycle_s - begun > SAME * cycle_s else 0.0)
 
 
 def _differing(values: Array, first: IntArray, count: IntArray) -> BoolArray:
@@ -321,7 +351,7 @@ def _begun(times_s: Array, least_s: float, cycle_s: float) -> float:
     first = float(times_s[0])
     off = (times_s - first + cycle_s / 2) % cycle_s - cycle_s / 2
     usual = median(off)
-    if abs(usual) < _SAME * cycle_s or float(np.abs(off - usual).max()) > _STAMPED * cycle_s:
+    if abs(usual) < SAME * cycle_s or float(np.abs(off - usual).max()) > STAMPED * cycle_s:
         return first
     return first + usual if first + usual >= least_s else first + usual + cycle_s
 
@@ -337,13 +367,13 @@ def _in_step(times_s: Array, cycles: Array) -> tuple[Array, float]:
     into = times_s[first] - cycles[:-1]
     usual, length = median(into), median(np.diff(cycles))
     scatter = float(np.abs(into - usual).max())
-    if scatter > _STAMPED * length:
+    if scatter > STAMPED * length:
         return times_s, 0.0
-    chance = max(4 * float(into.std()) / len(into) ** 0.5, _SAME * length)
+    chance = max(4 * float(into.std()) / len(into) ** 0.5, SAME * length)
     even = times_s.copy()
     even[first] = cycles[:-1] + (usual if abs(usual) > chance else 0.0)
     # those before and after follow on, where they are of the same kind
     for edge, beyond, step in ((first[0], first[0] - 1, -length), (first[-1], first[-1] + 1, length)):
-        if 0 <= beyond < len(even) and abs(times_s[beyond] - times_s[edge] - step) < 2 * _STAMPED * length:
+        if 0 <= beyond < len(even) and abs(times_s[beyond] - times_s[edge] - step) < 2 * STAMPED * length:
             even[beyond] = even[edge] + step
-    return even, scatter if scatter > _SAME * length else 0.0
+    return even, scatter if scatter > SAME * length else 0.0

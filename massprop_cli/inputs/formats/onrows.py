@@ -15,15 +15,13 @@ def columns_of(signals: Signals) -> dict[str, Array]:
     gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
     accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
     made: dict[str, Array] = {columns.TIME: gyro.times.s}
+    signals.sampled = said.gyro.values == "sample", said.accelerometer.values == "sample"
     for signal, kind, rates, increments in (
         (gyro, said.gyro.values, columns.GYRO, columns.DELTA_THETA),
         (accelerometer, said.accelerometer.values, columns.ACCEL, columns.DELTA_V),
     ):
         values = _beside(gyro, signal, signals).values
-        if kind == "sample":
-            values = resample.own_increments(values, gyro.times.s)
-            signals.made.append(f"{signal.key}: samples integrated between their own times by the trapezoid rule")
-        made |= dict(zip(rates if kind == "mean" else increments, values.T, strict=True))
+        made |= dict(zip(increments if kind == "increment" else rates, values.T, strict=True))
     attitude = None
     if said.attitude is not None:
         attitude = _beside(gyro, signals.attitude(said.attitude), signals).values

@@ -19,16 +19,6 @@ WANDER = 50
 """Samples whose stamps' scatter is averaged."""
 
 
-def own_increments(values: Array, times_s: Array) -> Array:
-    """(n, 3) increments over the intervals that end at the samples of a rate, by the trapezoid rule.
-
-    The first, which has none before it, counts as a mean over a median interval.
-    """
-    steps = np.diff(times_s)
-    rest = (values[1:] + values[:-1]) / 2 * steps[:, None]
-    return np.concatenate([values[:1] * np.median(steps), rest])
-
-
 def even(stamps_s: Array) -> tuple[Array, float]:
     """(n,) times at even intervals, along the line through stamps that scatter; and by how many intervals the stamps wander from it.
 

@@ -43,6 +43,8 @@ class Signals:
         self.recording, self.map, self.source = recording, source.map, source.source
         self.made: list[str] = []
         """What was done, for whoever reads the result."""
+        self.sampled = False, False
+        """Whether what is handed on of gyro and accelerometer are samples at their times."""
         self._clocks: dict[tuple[Clock, bytes], Times] = {}
         self._gyro: Times | None = None
         self._zero = Fraction(0)

@@ -1,0 +1,90 @@
+"""A recording whose IMU and commands have clocks of their own: records are the IMU's, and commands have times.
+
+Nothing is put on another clock, so a step of thrust within a record stays where it was. Where records do fall on control cycles as a map
+states them, :mod:`massprop_cli.inputs.formats.oncycles` sums them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massprop_cli.base.arrays import Array, IntArray, median
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.formats import resample
+from massprop_cli.inputs.formats.mapfile import Records
+from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, Command, Streams
+from massprop_cli.inputs.formats.signals import Signal
+
+LIKE = 0.2
+"""Commands that come as often as control cycles, to this part of a cycle."""
+
+
+def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
+    """The log's columns; None where records fall on cycles of these ``edges``, or commands are not one row each."""
+    signals, gyro, accelerometer, kinds = streams.signals, streams.gyro, streams.accelerometer, streams.kinds
+    together = gyro.times is accelerometer.times or np.array_equal(gyro.times.s, accelerometer.times.s)
+    if not together or ("sample" not in kinds and _on(resample.knots(gyro.times.s, kinds[0]), edges, gyro.times.step_s)):
+        return None
+    issued_s = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
+    if issued_s is None:
+        return None
+    time_s = gyro.times.s
+    within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
+    time_s = time_s[within]
+    own = (issued_s > time_s[0] - gyro.times.step_s) & (issued_s <= time_s[-1])
+    rows = np.searchsorted(time_s, issued_s[own])
+    if len(rows) < 2 or (np.diff(rows) < 1).any():
+        return None
+    zero = edges[0] if records.zero == "start" else 0.0
+    made: dict[str, Array] = {columns.TIME: time_s - zero, columns.COMMAND_TIME: _in_rows(issued_s[own] - zero, rows, len(time_s))}
+    if zero:
+        signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
+    signals.sampled = kinds[0] == "sample", kinds[1] == "sample"
+    for signal, kind, rates, increments in (
+        (gyro, kinds[0], columns.GYRO, columns.DELTA_THETA),
+        (accelerometer, kinds[1], columns.ACCEL, columns.DELTA_V),
+    ):
+        made |= dict(zip(increments if kind == "increment" else rates, signal.values[within].T, strict=True))
+        signals.made.append(
+            f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"
+        )
+    for command in streams.commands:
+        values = command.signal.values
+        values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
+        made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
+    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times")
+    return made | streams.beside(time_s, median(np.diff(issued_s)))
+
+
+def _on(knots: Array, edges: Array, step_s: float) -> bool:
+    """Whether each edge is at a knot."""
+    after = np.clip(np.searchsorted(knots, edges), 1, len(knots) - 1)
+    away = np.minimum(np.abs(knots[after] - edges), np.abs(knots[after - 1] - edges))
+    return bool((away < SAME * step_s).all())
+
+
+def _issued(commands: Sequence[Command], interval_s: float, per_cycle: int) -> Array | None:
+    """When commands were issued, where all are one row each: at even times if their stamps scatter about these by little."""
+    recorded: list[Signal] = []
+    for command in commands:
+        if not command.signal.paths:
+            continue
+        if command.kind == "share" or command.holds != "until_next":
+            return None
+        recorded.append(command.signal)
+    if not recorded or any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
+        return None
+    stamps, step_s = recorded[0].times.s, recorded[0].times.step_s
+    if interval_s and abs(step_s / (interval_s * per_cycle) - 1) > LIKE:
+        return None
+    line, _ = resample.even(stamps)
+    return line if np.abs(line - stamps).max() < STAMPED * step_s else stamps
+
+
+def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
+    """(count,) values in these rows, and nothing in the others."""
+    found = np.full(count, np.nan)
+    found[rows] = values
+    return found
