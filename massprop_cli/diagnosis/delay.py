@@ -7,6 +7,7 @@ A coarse search asks which whole delay and which lag let commands explain the mo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,10 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.fit import PASSES, Extra, fit, response
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
+from massprop_cli.inputs.equipment import Imu
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
@@ -34,8 +38,6 @@ LAGS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Cycles of lag searched."""
 LEAST = 30
 """Cycles that a search needs beyond those whose commands it doesn't know."""
-STEP = 0.02
-"""Cycles; half the difference behind the derivative."""
 PRIOR = 1.0
 """Cycles; one sigma of what a single step may change."""
 LEAP = 0.5
@@ -47,6 +49,9 @@ MORE_STEPS = 20
 """Most steps for a delay, and for a lag: the two look alike, so that they creep."""
 SETTLED = 1e-3
 """Cycles."""
+CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
+"""Of low-passes searched."""
+SENSORS = ("gyro", "accel")
 MISMATCH = 0.1
 """Cycles by which a stated delay may be off and what the log says of it still be linear."""
 
@@ -62,39 +67,101 @@ class Found:
     """Mean squared residual over stated noise of the fit there."""
     chi_square_before: float
     """The same where the search began."""
-    correlation: float = 0.0
-    """Of the errors of delay and lag, where both were sought."""
+    unknown: tuple[str, ...] = ("delay",)
+    """Error parameters that were sought, ..."""
+    covariance: Array = field(default_factory=lambda: np.zeros((1, 1)))
+    """(n, n) of their errors, cycles²."""
+    imu: Imu | None = None
+    """With the low-passes as found; None: as stated."""
+
+    def correlation(self, one: str, other: str) -> float:
+        """Of the errors of two, where both were sought."""
+        if not {one, other} <= set(self.unknown):
+            return 0.0
+        both = [self.unknown.index(name) for name in (one, other)]
+        part = self.covariance[np.ix_(both, both)]
+        return float(part[0, 1] / np.sqrt(part[0, 0] * part[1, 1])) if part[0, 0] * part[1, 1] > 0 else 0.0
+
+    def between(self, moved: Array, covariance: Array, given: Setup) -> Found:
+        """What the log and what was ``given`` come to: that moved by so much, cycles."""
+        setup = shifted(given, self.unknown, moved)
+        return replace(
+            self,
+            at=setup.timing,
+            sigma=_sigmas(self.unknown, covariance),
+            covariance=covariance,
+            imu=None if self.imu is None else setup.vehicle.imu,
+        )
+
+
+def _sigmas(unknown: Sequence[str], covariance: Array) -> Timing:
+    found = dict(zip(unknown, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    return Timing(found.get("delay", 0.0), found.get("lag", 0.0))
+
+
+def shifted(setup: Setup, names: Sequence[str], steps: Sequence[float] | Array) -> Setup:
+    """With some error parameters changed by so many cycles each, as far as they may be."""
+    for name, step in zip(names, steps, strict=True):
+        setup = BY_NAME[name].apply(setup, np.array([float(step)])) or setup
+    return setup
+
+
+def cycles_of(setup: Setup, name: str) -> float:
+    """One of them, in cycles."""
+    value = float(setup.value(BY_NAME[name].key or "")[0])
+    return 1 / (2 * np.pi * value * setup.period_s) if name.endswith("_cutoff") else value / BY_NAME[name].scale(setup.vehicle)
 
 
 def detect(log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:
-    """The ``unknown`` entries of the timing, from ``start`` on, pooled over ``pieces`` (cycles of each phase).
+    """The ``unknown`` delay, lag and cutoffs, from ``start`` and the vehicle's on, pooled over ``pieces`` (cycles of each phase).
 
     None where the log can't tell.
     """
-    now, before = start, None
-    for _ in range(MORE_STEPS if "lag" in unknown else STEPS):
-        found = _move(log, vehicle, pieces, now, unknown)
+    now, before = Setup(log, vehicle, start), None
+    for _ in range(STEPS if unknown == ["delay"] else MORE_STEPS):
+        found = _move(now, pieces, unknown)
         if found is None:
             return None
         before = found.before if before is None else before
-        leap = [max(LEAP, LEAP * now.lag) if name == "lag" else LEAP for name in unknown]
-        then = now.moved(unknown, np.clip(found.steps, [-most for most in leap], leap))
-        still = max(abs(a - b) for a, b in zip(then, now, strict=True)) < SETTLED
+        at = [cycles_of(now, name) for name in unknown]
+        leap = [
+            LEAP if name == "delay" else max(LEAP, LEAP * own) if name == "lag" else LEAP * own
+            for name, own in zip(unknown, at, strict=True)
+        ]
+        then = shifted(now, unknown, np.clip(found.steps, [-most for most in leap], leap))
+        still = max(abs(cycles_of(then, name) - own) for name, own in zip(unknown, at, strict=True)) < SETTLED
         now = then
         if still:
             break
     else:
         return None
-    sigma = Timing(0.0, 0.0).moved(unknown, found.sigmas)
-    limits = [PRIOR / 2 * max(1.0, now.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    return Found(now, sigma, found.after, before, found.correlation) if (found.sigmas < limits).all() else None
+    sigmas = np.sqrt(np.diag(found.covariance))
+    limits = [PRIOR / 2 * max(1.0, now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
+    imu = now.vehicle.imu if any(name.endswith("_cutoff") for name in unknown) else None
+    if not (sigmas < limits).all():
+        return None
+    return Found(now.timing, _sigmas(unknown, found.covariance), found.after, before, tuple(unknown), found.covariance, imu)
+
+
+def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str], pieces: Sequence[slice] | None = None) -> Vehicle:
+    """The vehicle with those of :data:`CUTOFFS_HZ` by which commands explain most, for sensors whose cutoff is to be found."""
+    for sensor in automatic:
+        key, costs = f"imu.{sensor}_filter.cutoff_hz", []
+        for cutoff in CUTOFFS_HZ:
+            tried = Setup(log, vehicle, timing).having(key, np.array([cutoff])).vehicle
+            made = impulses(log, tried, timing.delay, timing.lag_s(tried))
+            motion = _motion(timing.of(log, tried, made), tried)
+            whole = [slice(int(np.argmax(made.usable)), log.cycles)] if pieces is None else pieces
+            costs.append(sum(_unexplained(motion, made, piece)[SENSORS.index(sensor)] for piece in whole))
+        vehicle = Setup(log, vehicle, timing).having(key, np.array([CUTOFFS_HZ[int(np.argmin(costs))]])).vehicle
+    return vehicle
 
 
 def near(stated: Timing, later: float, sigma: float, before: float, after: float) -> Found | None:
     """A delay ``later`` than stated by so many cycles, ± ``sigma``; None where the log can't tell."""
     if not SHARPEST < sigma < PRIOR / 2:
         return None
-    return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before)
+    return Found(stated._replace(delay=stated.delay + later), Timing(sigma, 0.0), after, before, covariance=np.array([[sigma**2]]))
 
 
 def search(
@@ -117,7 +184,7 @@ def search(
             costs.append(np.inf)
             continue
         whole = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [_unexplained(motion, made, piece) for piece in whole if piece.stop - piece.start > LEAST]
+        parts = [sum(_unexplained(motion, made, piece)) for piece in whole if piece.stop - piece.start > LEAST]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return candidates[int(np.argmin(costs))] if np.isfinite(costs).any() else None
 
@@ -137,8 +204,8 @@ def _motion(samples: Samples, vehicle: Vehicle) -> _Motion:
     return _Motion(samples.rate_rad_s, (samples.up_b[:-1] + samples.up_b[1:]) / 2, acceleration(samples, vehicle))
 
 
-def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> float:
-    """Log of what is left of rate growth and acceleration when both are regressed on impulses, with nothing known of the body."""
+def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> tuple[float, float]:
+    """Log of what is left of rate growth, and of acceleration, when regressed on impulses, with nothing known of the body."""
     rate, up = motion.rate[piece], motion.up[piece]
     products = rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]]
     if made.stored is not None:
@@ -146,7 +213,7 @@ def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> float:
     rising, falling, whole = (part[piece] for part in (made.rising, made.falling, made.whole))
     impulse = rising[:-1] + falling[1:]
     load = (products[1:] + products[:-1]) / 2
-    cost = 0.0
+    cost = []
     for moved, causes in (
         (np.diff(rate, axis=0), np.hstack([impulse, load, (up[1:] + up[:-1]) / 2, np.ones((len(load), 1))])),
         (motion.acceleration[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
@@ -154,16 +221,15 @@ def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> float:
         size = np.sqrt((causes**2).sum(0))
         basis, _ = np.linalg.qr(causes[:, size > 0] / size[size > 0])
         left = moved - basis @ (basis.T @ moved)
-        cost += len(moved) * float(np.log((left**2).mean(0) + 1e-300).sum())
-    return cost
+        cost.append(len(moved) * float(np.log((left**2).mean(0) + 1e-300).sum()))
+    return cost[0], cost[1]
 
 
 class _Move(NamedTuple):
-    """By how much a fit would move the unknowns, and one sigma of each, cycles; chi-square before and after."""
+    """By how much a fit would move the unknowns, cycles, and the covariance of that; chi-square before and after."""
 
     steps: Array
-    sigmas: Array
-    correlation: float
+    covariance: Array
     before: float
     after: float
 
@@ -176,31 +242,33 @@ def _first(samples: Samples, cycles: slice, vehicle: Vehicle) -> Reference | Non
         return None
 
 
-def _move(log: Log, vehicle: Resolved, pieces: Sequence[slice], now: Timing, unknown: Sequence[str]) -> _Move | None:
-    """The move from ``now`` that fits best, pooled over pieces; None where no piece can tell."""
-    size = len(unknown)
-    sides = [tuple(now.moved([name], [sign * STEP]) for sign in (-1, 1)) for name in unknown]
+def _move(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str]) -> _Move | None:
+    """The move that fits best, pooled over pieces; None where no piece can tell."""
+    size, vehicle = len(unknown), setup.vehicle
+    assert isinstance(vehicle, Resolved)
+    pairs = [tuple(shifted(setup, [name], [sign * BY_NAME[name].difference]) for sign in (-1, 1)) for name in unknown]
     try:
-        at = {timing: timing.of(log, vehicle) for timing in {now, *(side for pair in sides for side in pair)}}
+        stated, sides = _samples(setup), [(_samples(low), _samples(high)) for low, high in pairs]
     except InputError:
         return None
-    first = max(int(np.argmax(samples.executed.usable)) for samples in at.values())
+    apart = [cycles_of(high, name) - cycles_of(low, name) for name, (low, high) in zip(unknown, pairs, strict=True)]
+    first = max(int(np.argmax(samples.executed.usable)) for samples in (stated, *(one for pair in sides for one in pair)))
     information, moment = np.zeros((size, size)), np.zeros(size)
     before = after = 0.0
     rows = 0
     for piece in pieces:
         cycles = slice(max(piece.start, first), piece.stop)
-        reference = _first(at[now], cycles, vehicle)
+        reference = _first(stated, cycles, vehicle)
         if reference is None:
             continue
-        plain = fit(at[now], cycles, reference, vehicle, passes=PASSES)
+        plain = fit(stated, cycles, reference, vehicle, passes=PASSES)
         if plain is None:
             continue  # a response that runs away tells nothing
-        changes = [_change(at[low], at[high], (low, high), cycles, plain.reference, vehicle) for low, high in sides]
-        jets = _of_jets(log, at[now], cycles, plain.reference, vehicle)
+        changes = [_change(*pair, by, cycles, plain.reference, vehicle) for pair, by in zip(sides, apart, strict=True)]
+        jets = _of_jets(setup.log, stated, cycles, plain.reference, vehicle)
         growth, force = (np.concatenate([*each, own], -1) for each, own in zip(zip(*changes, strict=True), jets, strict=True))
         extra = Extra(growth, force, np.repeat([PRIOR, 1.0], [size, growth.shape[-1] - size]))
-        moved = fit(at[now], cycles, plain.reference, vehicle, extra, passes=0)
+        moved = fit(stated, cycles, plain.reference, vehicle, extra, passes=0)
         if moved is None:
             continue
         spread = moved.extra_covariance[:size, :size] * max(moved.chi_square, 1.0)
@@ -214,9 +282,11 @@ def _move(log: Log, vehicle: Resolved, pieces: Sequence[slice], now: Timing, unk
     if rows == 0:
         return None
     covariance = np.linalg.inv(information)
-    sigmas = np.sqrt(np.diag(covariance))
-    correlation = float(covariance[0, 1] / (sigmas[0] * sigmas[1])) if size == 2 else 0.0
-    return _Move(covariance @ moment, sigmas, correlation, before / rows, after / rows)
+    return _Move(covariance @ moment, covariance, before / rows, after / rows)
+
+
+def _samples(setup: Setup) -> Samples:
+    return setup.timing.of(setup.log, setup.vehicle)
 
 
 def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, vehicle: Resolved) -> tuple[Array, Array]:
@@ -231,10 +301,7 @@ def _of_jets(log: Log, samples: Samples, cycles: slice, reference: Reference, ve
     return wrench_columns(samples, cycles, reference, vehicle, lifted(samples, cycles, reference, vehicle), changes)
 
 
-def _change(
-    early: Samples, late: Samples, between: tuple[Timing, Timing], cycles: slice, reference: Reference, vehicle: Vehicle
-) -> tuple[Array, Array]:
-    """Derivative of the response, (K − 1, 3, 1) and (K, 3, 1), per cycle of what differs between two timings."""
-    step = sum(between[1]) - sum(between[0])
+def _change(early: Samples, late: Samples, step: float, cycles: slice, reference: Reference, vehicle: Vehicle) -> tuple[Array, Array]:
+    """Derivative of the response, (K − 1, 3, 1) and (K, 3, 1), per cycle of what differs between two readings by ``step``."""
     (growth_early, push_early), (growth_late, push_late) = (response(s, cycles, reference, vehicle) for s in (early, late))
     return (growth_late - growth_early)[..., None] / step, (push_late - push_early)[..., None] / step

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.diagnosis import outliers
 from massprop_cli.diagnosis.alternatives import uncertain
 from massprop_cli.diagnosis.delay import Found
-from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_timing
+from massprop_cli.diagnosis.resolve import found_timing, stated_timing, uncertain_timing, with_phase, with_timing
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
@@ -51,7 +51,7 @@ class Ready(NamedTuple):
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
-    source = replace(source, vehicle=finer(log, source.vehicle))
+    source = replace(source, vehicle=with_phase(log, finer(log, source.vehicle)))
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
     stated = with_timing(source.vehicle, detected)

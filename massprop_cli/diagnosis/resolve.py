@@ -6,7 +6,6 @@ As stated; as found in the log, where the vehicle file says "auto"; or between t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,10 +14,11 @@ from massprop_cli.base.errors import UntoldError
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import Found
 from massprop_cli.errorparameters.setup import Setup
-from massprop_cli.errorparameters.table import TABLE
+from massprop_cli.errorparameters.table import BY_NAME, TABLE
 from massprop_cli.estimate import noiselevels
 from massprop_cli.estimate.history import phases_of
 from massprop_cli.estimate.phases import Progress
+from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -26,39 +26,87 @@ from massprop_cli.model.sensitivity import Consider, variant
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-_NAMES = {"delay": "command delay", "lag": "thrust lag"}
+_NAMES = {"delay": "command delay", "lag": "thrust lag", "gyro_cutoff": "gyro's cutoff", "accel_cutoff": "accelerometer's cutoff"}
+REMEDIES = {
+    "delay": "the delay in cycles (cycle.command_delay_cycles)",
+    "lag": "the lag in seconds (thrust.lag_s)",
+    "gyro_cutoff": "the gyro's cutoff (imu.gyro_filter.cutoff_hz)",
+    "accel_cutoff": "the accelerometer's cutoff (imu.accel_filter.cutoff_hz)",
+}
+PHASE = 0.1
+"""Part of a record: one sigma of when an IMU on a clock of its own takes its samples by the commands' clock, unless it is stated."""
 LONGEST = 4800
 """Cycles that delay and lag are looked for in: beyond, they are known to a ten-thousandth of a cycle, and fits hold all cycles at once."""
+SOUGHT = ("delay", "lag", "gyro_cutoff", "accel_cutoff")
+"""Error parameters that a vehicle file may leave to be found."""
+PAIRS = (
+    ("delay", "lag"),
+    ("gyro_cutoff", "delay"),
+    ("accel_cutoff", "delay"),
+    ("gyro_cutoff", "lag"),
+    ("accel_cutoff", "lag"),
+    ("gyro_cutoff", "accel_cutoff"),
+)
+"""Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
+FIRST_HZ = 50.0
+"""Cutoff that the search for one begins with."""
 OPEN = 1e4
 """Cycles; one sigma of what is to be found."""
 NARROWER, FARTHEST = 0.5, 4.0
 """Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
 
 
+def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
+    """With an uncertain delay, where IMU and commands have clocks of their own and no uncertainty of it is stated."""
+    apart = log.command_s is not None or any(log.sampled)
+    if not apart or vehicle.cycle.command_delay_cycles == "auto" or "command_delay_sigma_cycles" in vehicle.cycle.model_fields_set:
+        return vehicle
+    sigma = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s
+    return vehicle.model_copy(update={"cycle": vehicle.cycle.model_copy(update={"command_delay_sigma_cycles": sigma})})
+
+
 def with_timing(stated: Vehicle, detected: Found | None) -> Vehicle:
-    """The vehicle with the sigmas of a timing that was found in the log."""
+    """The vehicle with the values and sigmas of a timing that was found in the log."""
     if detected is None:
         return stated
+    found = dict(zip(detected.unknown, np.sqrt(np.diag(detected.covariance)).tolist(), strict=True))
     cycle, thrust = {}, {}
     if detected.sigma.delay > 0:
         cycle["command_delay_sigma_cycles"] = detected.sigma.delay
     if detected.sigma.lag > 0:
         thrust["lag_sigma_s"] = detected.sigma.lag_s(stated)
+    pairs = [detected.correlation(*pair) for pair in PAIRS]
     if cycle and thrust:
-        thrust["lag_delay_correlation"] = detected.correlation
-    return stated.model_copy(update={"cycle": stated.cycle.model_copy(update=cycle), "thrust": stated.thrust.model_copy(update=thrust)})
+        thrust["lag_delay_correlation"] = pairs[0]
+    used = stated.model_copy(update={"cycle": stated.cycle.model_copy(update=cycle), "thrust": stated.thrust.model_copy(update=thrust)})
+    if detected.imu is None:
+        return used
+    low_passes: dict[str, object] = {"filter_correlation": tuple(pairs[1:])}
+    for sensor in delay.SENSORS:
+        own: LowPass | None = getattr(detected.imu, f"{sensor}_filter")
+        if own is not None and f"{sensor}_cutoff" in found:
+            hertz = BY_NAME[f"{sensor}_cutoff"].scale(used.model_copy(update={"imu": detected.imu}))
+            low_passes[f"{sensor}_filter"] = own.model_copy(update={"cutoff_sigma_hz": hertz * found[f"{sensor}_cutoff"]})
+    return used.model_copy(update={"imu": used.imu.model_copy(update=low_passes)})
 
 
 def uncertain_timing(setup: Setup, samples: Stream) -> Consider:
     """Delay, lag and the sensors' low-passes where they are uncertain."""
     uncertain = [one for one in TABLE if one.considered and one.sigma(setup.vehicle) > 0]
     found = {one.name: changed for one in uncertain if (changed := variant(one, setup, samples)) is not None}
-    sigma = np.diag([one.sigma(setup.vehicle) for one in uncertain if one.name in found])
-    names, correlation = list(found), np.eye(len(found))
-    if {"delay", "lag"} <= found.keys():
-        both = names.index("delay"), names.index("lag")
-        correlation[both] = correlation[both[::-1]] = setup.vehicle.thrust.lag_delay_correlation
-    return Consider(tuple(found.values()), sigma @ correlation @ sigma)
+    return Consider(tuple(found.values()), _stated_covariance(setup.vehicle, list(found)))
+
+
+def _stated_covariance(vehicle: Vehicle, names: Sequence[str]) -> Array:
+    """(n, n) of the errors of what is stated to be uncertain, cycles²."""
+    sigma, correlation = np.diag([BY_NAME[name].sigma(vehicle) for name in names]), np.eye(len(names))
+    stated = dict(zip(PAIRS, (vehicle.thrust.lag_delay_correlation, *(vehicle.imu.filter_correlation or (0.0,) * 5)), strict=True))
+    for pair, value in stated.items():
+        if set(pair) <= set(names):
+            both = names.index(pair[0]), names.index(pair[1])
+            correlation[both] = correlation[both[::-1]] = value
+    found: Array = sigma @ correlation @ sigma
+    return found
 
 
 def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing:  # noqa: B008  a constant
@@ -69,27 +117,43 @@ def stated_timing(stated: Vehicle, found: Timing = Timing(0.0, 0.0)) -> Timing: 
 
 def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None:
     """What the vehicle file leaves to be found ("auto"), or states to be uncertain; None where it is to be as stated."""
-    automatic = {"delay": source.vehicle.cycle.command_delay_cycles == "auto", "lag": source.vehicle.thrust.lag_s == "auto"}
+    vehicle = source.vehicle
+    automatic = {"delay": vehicle.cycle.command_delay_cycles == "auto", "lag": vehicle.thrust.lag_s == "auto"}
+    open_ = [sensor for sensor in delay.SENSORS if _open(getattr(vehicle.imu, f"{sensor}_filter"))]
+    automatic |= {f"{sensor}_cutoff": True for sensor in open_}
     unknown = [name for name, auto in automatic.items() if auto]
     if not unknown:
-        return _narrowed(log, source.vehicle, say)
-    say("finding delay and lag", 0.0)
-    given = stated_timing(source.vehicle)
+        return _narrowed(log, vehicle, say)
+    say("finding delay, lag and low-passes", 0.0)
+    # whatever it is, to begin with
+    vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).vehicle
+    for sensor in open_:
+        vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.cutoff_hz", np.array([FIRST_HZ])).vehicle
+    given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
-    part, pieces = segment.bounded(log, source.vehicle, latest, [slice(0, log.cycles)], LONGEST)
-    coarse = delay.search(part, source.vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
-    found = None
-    if coarse is not None:
-        found = _beside_stated(log, source.vehicle, coarse, automatic) or _detected(log, source.vehicle, coarse, unknown)
+    part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONGEST)
+    found, coarse = None, given
+    if automatic["delay"] or automatic["lag"]:
+        searched = delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
+        coarse = searched or given
+        unable = searched is None
+    else:
+        unable = False
+    if not unable:
+        vehicle = delay.cutoffs(part, vehicle, coarse, open_)
+        found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
     if found is None:
-        remedy = {"delay": "the delay in cycles (cycle.command_delay_cycles)", "lag": "the lag in seconds (thrust.lag_s)"}
         raise UntoldError(
             f"{log.path}: {' and '.join(f'the {_NAMES[name]}' for name in unknown)} can't be told from this log; its commands explain too "
-            f"little of its motion. State {' and '.join(remedy[name] for name in unknown)}; of commands that are stamped after they act "
+            f"little of its motion. State {' and '.join(REMEDIES[name] for name in unknown)}; of commands that are stamped after they act "
             "bring the clocks together first (clock.offset_s of a map)"
         )
     return found
+
+
+def _open(low_pass: LowPass | None) -> bool:
+    return low_pass is not None and low_pass.cutoff_hz == "auto"
 
 
 def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str]) -> Found | None:
@@ -97,7 +161,7 @@ def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str])
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
     part, within = segment.bounded(log, vehicle, start, pieces, LONGEST)
-    return delay.detect(part, used, within, start, unknown)
+    return delay.detect(part, used, within, start, list(unknown))
 
 
 def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> Found | None:
@@ -105,14 +169,20 @@ def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping
 
     Held at what is stated it would move the other as far as it is off itself.
     """
-    sigmas = _sigmas(vehicle)._asdict()
-    unknown = [name for name, auto in automatic.items() if auto or sigmas[name] > 0]
+    sigmas = _stated_sigmas(vehicle)
+    unknown = [name for name in SOUGHT if automatic.get(name) or sigmas[name] > 0]
     if len(unknown) == sum(automatic.values()):
         return None
     found = _detected(log, vehicle, start, unknown)
-    given = start if found is None else start._replace(**{name: getattr(found.at, name) for name, auto in automatic.items() if auto})
-    stated = Timing(*(OPEN if automatic[name] else sigma for name, sigma in sigmas.items()))
-    return None if found is None else _between(found, given, stated, unknown, 0.0)
+    if found is None:
+        return None
+    # given: what is stated as stated, what is to be found as found
+    at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
+    moved = [
+        0.0 if automatic.get(name) else delay.cycles_of(at, name) - delay.cycles_of(Setup(log, vehicle, start), name) for name in unknown
+    ]
+    given = delay.shifted(at, unknown, [-step for step in moved])
+    return _between(found, given, np.array(moved), np.diag([OPEN if automatic.get(name) else sigmas[name] for name in unknown]) ** 2)
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
@@ -121,41 +191,30 @@ def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:
     None where nothing is uncertain, where the log can't tell or tells little beside it (so a timing that was found in this very log is not
     found again), and where it tells another: then the stated one is what is judged.
     """
-    given, sigmas = stated_timing(vehicle), _sigmas(vehicle)
-    unknown = [name for name, sigma in sigmas._asdict().items() if sigma > 0]
+    given, sigmas = Setup(log, vehicle, stated_timing(vehicle)), _stated_sigmas(vehicle)
+    unknown = [name for name, sigma in sigmas.items() if sigma > 0]
     if not unknown:
         return None
-    say("finding delay and lag", 0.0)
-    found = _detected(log, vehicle, given, unknown)
-    return None if found is None else _between(found, given, sigmas, unknown, vehicle.thrust.lag_delay_correlation)
+    say("finding delay, lag and low-passes", 0.0)
+    found = _detected(log, vehicle, given.timing, unknown)
+    if found is None:
+        return None
+    at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
+    moved = np.array([delay.cycles_of(at, name) - delay.cycles_of(given, name) for name in unknown])
+    return _between(found, given, moved, _stated_covariance(vehicle, unknown))
 
 
-def _sigmas(vehicle: Vehicle) -> Timing:
-    """By which delay and lag are stated to be uncertain, cycles."""
-    return Timing(vehicle.cycle.command_delay_sigma_cycles, vehicle.thrust.lag_sigma_s / vehicle.cycle.period_s)
+def _stated_sigmas(vehicle: Vehicle) -> dict[str, float]:
+    """By which delay, lag and cutoffs are stated to be uncertain, cycles."""
+    return {name: BY_NAME[name].sigma(vehicle) for name in SOUGHT}
 
 
-def _between(found: Found, given: Timing, sigmas: Timing, unknown: Sequence[str], correlation: float) -> Found | None:
+def _between(found: Found, given: Setup, moved: Array, stated: Array) -> Found | None:
     """What a stated timing t_P ± √P and what the log alone shows, t_S ± √S, come to: t_P + P (P + S)⁻¹ (t_S − t_P)."""
-    own = [Timing._fields.index(name) for name in unknown]
-    moved = np.subtract(found.at, given)[own]
-    stated, shown = _covariance(sigmas, own, correlation), _covariance(found.sigma, own, found.correlation)
+    shown = found.covariance
     sharper = np.linalg.eigvals(np.linalg.solve(stated, shown)).real.min() < NARROWER**2
     if not sharper or moved @ np.linalg.solve(stated + shown, moved) > FARTHEST**2:
         return None
     gain = stated @ np.linalg.inv(stated + shown)
     between = gain @ shown
-    left = np.sqrt(np.diag(between))
-    return replace(
-        found,
-        at=given.moved(unknown, gain @ moved),
-        sigma=Timing(0.0, 0.0).moved(unknown, left),
-        correlation=float(between[0, 1] / left.prod()) if len(own) == 2 else 0.0,
-    )
-
-
-def _covariance(sigmas: Timing, own: list[int], correlation: float) -> Array:
-    """(n, n) of those that are uncertain, cycles²."""
-    sigma = np.array(sigmas)[own]
-    found: Array = np.outer(sigma, sigma) * np.where(np.eye(len(own)) > 0, 1.0, correlation)
-    return found
+    return found.between(gain @ moved, (between + between.T) / 2, given)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.errorparameters.setup import Setup, stated
+from massprop_cli.errorparameters.setup import Setup, has_table, stated
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.equipment import Jet
 from massprop_cli.inputs.vehicle import Vehicle
@@ -244,6 +244,8 @@ class ErrorParameter:
 
     def apply(self, setup: Setup, error: Array) -> Setup | None:
         """Log and vehicle file with the error in place; None where the value is out of range or neither can take it."""
+        if self.key is not None and not has_table(setup.vehicle, self.key):
+            return None
         if self.change is not None:
             return self.change(setup, error)
         if self.key is None:
@@ -285,10 +287,16 @@ def _known(key: str | None) -> bool:
     """Whether the vehicle file has a key, ``section.name``."""
     if key is None:
         return True
-    section, _, name = key.partition(".")
+    section, *names = key.split(".")
     field = Vehicle.model_fields.get(section)
-    kind = {"jets": Jet, "wheels": Wheel}.get(section) or (None if field is None else field.annotation)
-    return name in getattr(kind, "model_fields", ())
+    kind: Any = {"jets": Jet, "wheels": Wheel}.get(section) or (None if field is None else field.annotation)
+    for name in names:
+        # an optional table is its model or None
+        kind = next((one for one in (kind, *get_args(kind)) if hasattr(one, "model_fields")), None)
+        if kind is None or name not in kind.model_fields:
+            return False
+        kind = kind.model_fields[name].annotation
+    return True
 
 
 def vector(values: Array, unit: float = 1.0) -> str:

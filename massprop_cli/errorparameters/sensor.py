@@ -12,7 +12,11 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
+from massprop_cli.inputs.equipment import LowPass
+from massprop_cli.inputs.vehicle import Vehicle
 
+FINE, SHORTEST = 0.005, 0.05
+"""Cycles behind derivatives by a low-pass that is shorter than a cycle; part of its time constant below which none gets."""
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
@@ -114,6 +118,51 @@ def _lowpass(sensor: str) -> ErrorParameter:
     )
 
 
+def _slower(sensor: str, setup: Setup, error: Array) -> Setup:
+    """A low-pass with a time constant 1 / (2π f) that is so many cycles longer; never of the other sign."""
+    key, cycle_s = f"imu.{sensor}_filter.cutoff_hz", 2 * np.pi * setup.period_s
+    lag = 1 / (float(setup.value(key)[0]) * cycle_s)
+    return setup.having(key, np.array([1 / (max(lag + float(error[0]), SHORTEST * lag) * cycle_s)]))
+
+
+def _hertz(sensor: str, vehicle: Vehicle) -> float:
+    """Hz of cutoff to a cycle of time constant."""
+    low_pass: LowPass | None = getattr(vehicle.imu, f"{sensor}_filter")
+    return 1.0 if low_pass is None or low_pass.cutoff_hz == "auto" else 2 * np.pi * low_pass.cutoff**2 * vehicle.cycle.period_s
+
+
+def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
+    """What a low-pass that the vehicle file states may have otherwise."""
+    table = f"imu.{sensor}_filter"
+    return (
+        ErrorParameter(
+            f"{sensor}_cutoff",
+            f"{sensor}-filter",
+            f"time constant of the {WORDS[sensor]}'s low-pass, 1 / (2π cutoff)",
+            "cycles",
+            key=f"{table}.cutoff_hz",
+            sigma_key=f"{table}.cutoff_sigma_hz",
+            scale=lambda vehicle: _hertz(sensor, vehicle),
+            change=lambda setup, error: _slower(sensor, setup, error),
+            bends="always",
+            redone="commands",
+            difference=FINE,
+        ),
+        ErrorParameter(
+            f"{sensor}_latency",
+            f"{sensor}-filter",
+            f"latency of the {WORDS[sensor]} beyond its low-pass",
+            "cycles",
+            key=f"{table}.latency_s",
+            sigma_key=f"{table}.latency_sigma_s",
+            scale=lambda vehicle: vehicle.cycle.period_s,
+            bends="always",
+            redone="commands",
+            difference=FINE,
+        ),
+    )
+
+
 PARAMETERS = (
     _scale("gyro"),
     _scale("accel"),
@@ -122,6 +171,8 @@ PARAMETERS = (
     _bias("accel", "m/s²", 0.5, ()),
     _lowpass("gyro"),
     _lowpass("accel"),
+    *_stated_lowpass("gyro"),
+    *_stated_lowpass("accel"),
 )
 _SCALE_COLUMNS = "mend the log, or scale its columns under [columns]"
 _TWICE = "its gyro columns were turned into radians twice"

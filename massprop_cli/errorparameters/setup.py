@@ -43,13 +43,13 @@ class Setup(NamedTuple):
             return self._replace(timing=self.timing._replace(delay=float(value[0])))
         if key == LAG:
             return self._replace(timing=self.timing._replace(lag=float(value[0]) / self.period_s))
-        section, name = key.split(".")
+        section, _, name = key.partition(".")
         if section == "jets":
             pairs = zip(self.vehicle.jets, self.value(key), value, strict=True)
             changed: Any = tuple(jet if np.array_equal(a, b) else jet.model_copy(update={name: _plain(b)}) for jet, a, b in pairs)
         else:
-            scalar = not isinstance(getattr(getattr(self.vehicle, section), name), tuple)
-            changed = getattr(self.vehicle, section).model_copy(update={name: _plain(value[0] if scalar else value)})
+            scalar = not isinstance(_of(self.vehicle, key), tuple)
+            changed = _with(getattr(self.vehicle, section), name, _plain(value[0] if scalar else value))
         # constructed anew: a copy would keep what was computed of the jets before
         used = type(self.vehicle).model_construct(self.vehicle.model_fields_set, **{**dict(self.vehicle), section: changed})
         return self._replace(vehicle=used)
@@ -57,10 +57,35 @@ class Setup(NamedTuple):
 
 def stated(vehicle: Vehicle, key: str) -> Array:
     """The value of a key as :meth:`Setup.value` has it, of a vehicle file alone."""
-    section, name = key.split(".")
+    section, _, name = key.partition(".")
     if section == "jets":
         return np.array([getattr(jet, name) for jet in vehicle.jets])
-    return np.atleast_1d(np.array(getattr(getattr(vehicle, section), name), dtype=float))
+    return np.atleast_1d(np.array(_of(vehicle, key), dtype=float))
+
+
+def has_table(vehicle: Vehicle, key: str) -> bool:
+    """Whether the vehicle has the table in which a dotted key stands: a sensor without a low-pass has none of it."""
+    section, *inner = key.split(".")[:-1]
+    found: Any = getattr(vehicle, section)
+    for name in inner:
+        found = getattr(found, name)
+    return found is not None
+
+
+def _of(vehicle: Vehicle, key: str) -> Any:
+    """The value of a dotted key; 0 in a table that is not stated."""
+    found: Any = vehicle
+    for name in key.split("."):
+        found = getattr(found, name)
+        if found is None:
+            return 0.0
+    return found
+
+
+def _with(section: Any, key: str, value: Any) -> Any:
+    """A section with another value of a key in it, which may be dotted."""
+    name, _, inner = key.partition(".")
+    return section.model_copy(update={name: _with(getattr(section, name), inner, value) if inner else value})
 
 
 def _plain(value: Any) -> Any:

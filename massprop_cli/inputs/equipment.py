@@ -70,6 +70,11 @@ class Imu(Section):
     )
     gyro_filter: LowPass | None = None
     accel_filter: LowPass | None = None
+    filter_correlation: Annotated[tuple[FiniteFloat, ...], Field(min_length=5, max_length=5)] | None = Field(
+        None,
+        description="of the errors of time constants, 1 / (2 pi cutoff): gyro's and accelerometer's with the delay, the same with the lag, "
+        "the two with each other",
+    )
     gyro_range_rad_s: Positive | None = None
     accel_range_m_s2: Positive | None = None
     gyro_outliers_s: tuple[FiniteFloat, ...] | None = Field(

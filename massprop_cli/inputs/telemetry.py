@@ -172,6 +172,9 @@ def read(table: Table, vehicle: Vehicle) -> Log:
             f"{vehicle.cycle.period_s:g} s; record longer, or mend cycle.period_s"
         )
     n = cycles * records
+    if command_s is not None and source.issued is not None:
+        source.issued = source.issued[source.issued < n]
+        command_s = command_s[: len(source.issued)]
     theta = source.increments(DELTA_THETA, GYRO, interval_s)
     velocity = source.increments(DELTA_V, ACCEL, interval_s)
     for names, rates, increments in ((DELTA_THETA, GYRO, theta), (DELTA_V, ACCEL, velocity)):

@@ -95,6 +95,8 @@ class Aligned:
     """(K, 2) whose gyro, whose accelerometer is not used."""
     stored: Stored | None = None
     """What momentum devices hold, where there are any."""
+    late_s: tuple[float, float] = (0.0, 0.0)
+    """By how much the motion that gyro and accelerometer show is later than cycles are labelled."""
 
     @property
     def end_s(self) -> Array:
@@ -275,11 +277,13 @@ def align(
     channels = Channels(made.rising, made.falling, made.whole, wrench, made.thrusting)
     together = wrenches(made.integral, made.moment, duration, channels.windows, wrench)
     each = slice(of.start * records, of.stop * records)
+    # an increment is over what the commands' clock shows, a rate is one by any clock
+    over = [duration if named[0].startswith("delta") else duration / pace(vehicle) for named in (log.rate_columns, log.force_columns)]
     return Aligned(
         start_s=frozen(made.labelled_s),
         duration_s=frozen(duration),
-        rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / duration[:, None]),
-        specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / duration[:, None]),
+        rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / over[0][:, None]),
+        specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / over[1][:, None]),
         attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
         **{name: frozen(part) for name, part in together._asdict().items()},
         channels=channels,
@@ -288,7 +292,15 @@ def align(
         usable=made.usable,
         ignored=np.zeros((len(duration), 2), dtype=bool) if log.ignored is None else log.ignored[of],
         stored=made.stored,
+        late_s=shown_late_s(log, vehicle),
     )
+
+
+def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
+    """By how much the motion that gyro and accelerometer show is later than cycles are labelled: samples at records' ends half a record."""
+    half_s = float(np.mean(log.interval_s)) / 2
+    gyro, accelerometer = (half_s * one.instant - one.delay_s for one in sensors(log, vehicle))
+    return gyro, accelerometer
 
 
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:

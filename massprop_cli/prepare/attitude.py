@@ -20,6 +20,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import cross, times
+from massprop_cli.inputs.vehicle import Vehicle
 
 FELT = 0.02
 """Part of gravity's that specific force is taken to scatter by, with all that thrust and rotation make an IMU feel. With less a push at the
@@ -51,6 +52,12 @@ def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | N
         reach *= 2
     unit: Array = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
     return unit
+
+
+def at_first(vehicle: Vehicle, rate_rad_s: Array, late_s: float) -> Array:
+    """(4,) attitude where the motion begins that a gyro shows ``late_s`` later than it is labelled, the stated one being at the label."""
+    found: Array = quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate_rad_s * late_s))
+    return found
 
 
 def quaternion_of(rotation_vector: Array) -> Array:

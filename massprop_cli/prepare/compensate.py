@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.rigidbody import lever_arm, times
+from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.attitude import (
     BiasSeen,
+    at_first,
     attitude_error,
     bias_seen,
     freed,
@@ -189,13 +190,17 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
             attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
             carried = turns / aligned.duration_s[:, None]
         up = world_up_b(attitude)
+    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2
+    apart_s = aligned.late_s[1] - aligned.late_s[0]
+    if apart_s and vehicle.on_air_bearing:  # the weight as it was when the gyro's motion was
+        force = force - apart_s * vehicle.environment.gravity_m_s2 * cross((up[:-1] + up[1:]) / 2, rate)
     return Samples(
         executed=aligned,
         rate_rad_s=frozen(rate),
         rate_step_rad_s=frozen(np.diff(rate, axis=0, prepend=rate[:1] if before is None else before.rate_rad_s[None])),
         carried_rad_s=frozen(carried),
         attitude_error_rad=frozen(error),
-        specific_force_m_s2=frozen(times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2),
+        specific_force_m_s2=frozen(force),
         up_b=frozen(up),
     )
 
@@ -231,7 +236,7 @@ def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array, before: 
         back = quaternion_product(aligned.attitude_wxyz[0], quaternion_of(-turns[0]))
         return np.vstack([back if before is None else before.attitude_wxyz, aligned.attitude_wxyz])
     if before is None:
-        return integrate_attitude(np.array(vehicle.environment.initial_attitude_wxyz), turns)
+        return integrate_attitude(at_first(vehicle, rate[0], aligned.late_s[0]), turns)
     return integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
 
 

@@ -13,8 +13,8 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.actuators import capability, channel_wrench
-from massprop_cli.prepare.align import Aligned, align, first_usable_s
-from massprop_cli.prepare.attitude import BiasSeen, bias_seen, integrate_attitude
+from massprop_cli.prepare.align import Aligned, align, first_usable_s, shown_late_s
+from massprop_cli.prepare.attitude import BiasSeen, at_first, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, check_attitude, compensate, felt
 from massprop_cli.prepare.sums import of_records
@@ -58,7 +58,8 @@ class Stream:
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
         self.attitude_logged = self.log.attitude_wxyz is not None
-        self._edges = [(np.array(vehicle.environment.initial_attitude_wxyz), BiasSeen.none(), 0.0)]
+        begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
+        self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held = slice(0, 0)
         self._samples: Samples | None = None
         self._last: tuple[slice, Samples] | None = None

@@ -62,7 +62,8 @@ def test_a_reason_stands_for_a_missing_key() -> None:
 
 def setup() -> Setup:
     flown = flight.standard()
-    keys = ["imu.gyro_lag_s=0.01", "imu.accel_lag_s=0.01", "thrust.droop=0.02", "thrust.cycle_droop=0.02"]
+    low_passes = [f"imu.{sensor}_filter.{key}" for sensor in ("gyro", "accel") for key in ("order=2", "cutoff_hz=30")]
+    keys = [*low_passes, "imu.gyro_lag_s=0.01", "imu.accel_lag_s=0.01", "thrust.droop=0.02", "thrust.cycle_droop=0.02"]
     return Setup(flown.log(), changed(flown.used, keys), Timing(2.0, 0.3), tuple(range(len(flown.used.jets))), (10.0, 20.0))
 
 
@@ -87,6 +88,19 @@ def test_a_value_grows_by_the_error_in_its_keys_unit_and_stays_in_range(one: Err
         assert (below.value(one.key) == one.lowest).all()
     if np.isfinite(one.highest):
         assert one.apply(stated, error + 100.0) is None
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_a_low_pass_grows_by_its_time_constant_and_never_turns_round(sensor: str) -> None:
+    stated, one = setup(), BY_NAME[f"{sensor}_cutoff"]
+    longer, shorter = (one.apply(stated, np.array([by])) for by in (0.1, -100.0))
+    assert longer is not None
+    assert shorter is not None
+    key = f"imu.{sensor}_filter.cutoff_hz"
+    lag_s = 1 / (2 * np.pi * 30.0)
+    assert longer.value(key)[0] == pytest.approx(1 / (2 * np.pi * (lag_s + 0.1 * stated.period_s)))
+    assert 30.0 < shorter.value(key)[0] < 1000.0
+    assert one.apply(stated._replace(vehicle=changed(flight.standard().used, [])), np.array([0.1])) is None
 
 
 def test_a_factor_and_a_direction_leave_other_jets_as_they_are() -> None:
