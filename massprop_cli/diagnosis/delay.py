@@ -49,6 +49,8 @@ MORE_STEPS = 20
 """Most steps for a delay, and for a lag: the two look alike, so that they creep."""
 SETTLED = 1e-3
 """Cycles."""
+LITTLE = 0.05
+"""Sigmas of a cutoff."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Of low-passes searched."""
 SENSORS = ("gyro", "accel")
@@ -112,35 +114,45 @@ def cycles_of(setup: Setup, name: str) -> float:
     return 1 / (2 * np.pi * value * setup.period_s) if name.endswith("_cutoff") else value / BY_NAME[name].scale(setup.vehicle)
 
 
-def detect(log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str]) -> Found | None:
+def detect(
+    log: Log, vehicle: Resolved, pieces: Sequence[slice], start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None
+) -> Found | None:
     """The ``unknown`` delay, lag and cutoffs, from ``start`` and the vehicle's on, pooled over ``pieces`` (cycles of each phase).
 
-    None where the log can't tell.
+    ``prior``: one sigma of what is stated of each, cycles; 0: nothing is. None where the log can't tell.
     """
-    now, before = Setup(log, vehicle, start), None
-    for _ in range(STEPS if unknown == ["delay"] else MORE_STEPS):
+    begun = now = Setup(log, vehicle, start)
+    before, last = None, np.zeros(len(unknown))
+    sharp = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
+    first = np.array([cycles_of(begun, name) for name in unknown])
+    for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
         found = _move(now, pieces, unknown)
         if found is None:
             return None
         before = found.before if before is None else before
-        at = [cycles_of(now, name) for name in unknown]
-        leap = [
-            LEAP if name == "delay" else max(LEAP, LEAP * own) if name == "lag" else LEAP * own
-            for name, own in zip(unknown, at, strict=True)
-        ]
-        then = shifted(now, unknown, np.clip(found.steps, [-most for most in leap], leap))
-        still = max(abs(cycles_of(then, name) - own) for name, own in zip(unknown, at, strict=True)) < SETTLED
-        now = then
-        if still:
+        at = np.array([cycles_of(now, name) for name in unknown])
+        information = np.linalg.inv(found.covariance) + np.diag(sharp)
+        covariance = np.linalg.inv(information)
+        steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
+        # two that look alike go to and fro
+        steps = steps / 2 if steps @ last < 0 else steps
+        most = np.array([LEAP * {"delay": 1.0, "lag": max(1.0, own)}.get(name, own) for name, own in zip(unknown, at, strict=True)])
+        last = np.clip(steps, -most, most)
+        now = shifted(now, unknown, last)
+        moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
+        sigmas = np.sqrt(np.diag(covariance))
+        if (
+            moved
+            < np.maximum(SETTLED, [LITTLE * own if name.endswith("cutoff") else 0.0 for name, own in zip(unknown, sigmas, strict=True)])
+        ).all():
             break
     else:
         return None
-    sigmas = np.sqrt(np.diag(found.covariance))
     limits = [PRIOR / 2 * max(1.0, now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    imu = now.vehicle.imu if any(name.endswith("_cutoff") for name in unknown) else None
     if not (sigmas < limits).all():
         return None
-    return Found(now.timing, _sigmas(unknown, found.covariance), found.after, before, tuple(unknown), found.covariance, imu)
+    imu = now.vehicle.imu if any(name.endswith("_cutoff") for name in unknown) else None
+    return Found(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
 
 
 def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str], pieces: Sequence[slice] | None = None) -> Vehicle:

@@ -156,12 +156,12 @@ def _open(low_pass: LowPass | None) -> bool:
     return low_pass is not None and low_pass.cutoff_hz == "auto"
 
 
-def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str]) -> Found | None:
+def _detected(log: Log, vehicle: Vehicle, start: Timing, unknown: Sequence[str], prior: Sequence[float] | None = None) -> Found | None:
     samples = Stream.of(log, vehicle, start)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
     part, within = segment.bounded(log, vehicle, start, pieces, LONGEST)
-    return delay.detect(part, used, within, start, list(unknown))
+    return delay.detect(part, used, within, start, list(unknown), prior)
 
 
 def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping[str, bool]) -> Found | None:
@@ -173,16 +173,14 @@ def _beside_stated(log: Log, vehicle: Vehicle, start: Timing, automatic: Mapping
     unknown = [name for name in SOUGHT if automatic.get(name) or sigmas[name] > 0]
     if len(unknown) == sum(automatic.values()):
         return None
-    found = _detected(log, vehicle, start, unknown)
+    prior = [0.0 if automatic.get(name) else sigmas[name] for name in unknown]
+    found = _detected(log, vehicle, start, unknown, prior)
     if found is None:
         return None
-    # given: what is stated as stated, what is to be found as found
+    begun = Setup(log, vehicle, start)
     at = Setup(log, vehicle if found.imu is None else vehicle.model_copy(update={"imu": found.imu}), found.at)
-    moved = [
-        0.0 if automatic.get(name) else delay.cycles_of(at, name) - delay.cycles_of(Setup(log, vehicle, start), name) for name in unknown
-    ]
-    given = delay.shifted(at, unknown, [-step for step in moved])
-    return _between(found, given, np.array(moved), np.diag([OPEN if automatic.get(name) else sigmas[name] for name in unknown]) ** 2)
+    away = [abs(delay.cycles_of(at, name) - delay.cycles_of(begun, name)) for name in unknown]
+    return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(away, prior, strict=True)) else None
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> Found | None:

@@ -43,6 +43,8 @@ def beyond(vehicle: Vehicle, timing: Timing, shortest_s: float) -> str:
         return "imu.clock_drift_ppm is not 0, and the kernel knows one clock"
     if vehicle.imu.gyro_lag_s != 0 or vehicle.imu.accel_lag_s != 0:
         return "imu.gyro_lag_s or imu.accel_lag_s is not 0, and the kernel knows no low-pass"
+    if vehicle.imu.measures == "sample" or vehicle.imu.gyro_filter is not None or vehicle.imu.accel_filter is not None:
+        return 'imu.measures is "sample" or a filter of the IMU is stated, and the kernel takes increments as they are'
     if timing.lag != 0:
         return "thrust.lag_s is not 0, and the kernel knows no lag"
     if vehicle.thrust.droop != 0 or vehicle.thrust.cycle_droop != 0:
