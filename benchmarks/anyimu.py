@@ -166,6 +166,7 @@ def fly(
     on[:, : int(1.0 / period_s)] = 0
     command_s = period_s * np.arange(cycles)
     record_s = 1 / imu.rate_hz
+    lasting_s = record_s / (1 + 1e-6 * imu.ppm)  # by the commands' clock
     labels = imu.offset_s + record_s * np.arange(1, int((duration_s - abs(imu.offset_s) - 0.1) / record_s))
     taken = labels / (1 + 1e-6 * imu.ppm) - imu.latency_s  # on the commands' clock
     edges = np.concatenate([(command_s[:, None] + tick * np.arange(parts)).ravel() + delay_s])
@@ -235,7 +236,7 @@ def fly(
             sum((w * one for w, one in zip(weights, lagged, strict=True)), np.zeros(1)).real if len(lags) else np.concatenate([rate, f1], 1)
         )
         while at < len(taken) and taken[at] <= end + 1e-10:
-            found[at] = shown if imu.measures == "sample" else (summed - previous) / record_s
+            found[at] = shown if imu.measures == "sample" else (summed - previous) / lasting_s
             previous = summed
             if at == FIRST - 1:
                 begun_q = q.copy()
@@ -243,5 +244,5 @@ def fly(
     found, labels = found[FIRST:], labels[FIRST:]
     made = found + noise * rng.normal(size=found.shape) * np.repeat([imu.gyro_noise, imu.accel_noise], 3)
     made = made.transpose(1, 0, 2)
-    factor = record_s if imu.measures == "increment" else 1.0
+    factor = lasting_s if imu.measures == "increment" else 1.0
     return Flown(labels, made[..., :3] * factor, made[..., 3:] * factor, command_s, on * tick, begun_q)

@@ -84,8 +84,8 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
         found = flow.examine(telemetry.read(table, source.vehicle), source)
     if found.log.command_s is not None or any(found.log.sampled):
         raise InputError(
-            f"{log_path}: its commands have times of their own, or its IMU was sampled, and the kernel takes increments over control cycles; "
-            "give a log of these"
+            f"{log_path}: its commands have times of their own, or its IMU was sampled, and the kernel takes increments over control "
+            "cycles; give a log of these"
         )
     log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())

@@ -37,6 +37,8 @@ SATURATED = ("gyro-saturated", "accelerometer-saturated")
 """Codes of notices that a sensor was at the end of its range."""
 VOID = (*SATURATED, "cycle-period")
 """Codes of notices beside which no value holds, and which nothing mends."""
+LONGEST_S = 0.06
+"""s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
 PACE = 0.0025
 """Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
 JITTER = 0.02
@@ -163,7 +165,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         records = _records_per_cycle(source, time_s, interval_s, vehicle.cycle.period_s)
         notices += _pace(records * interval_s, vehicle.cycle.period_s)
     else:
-        records = max(round(vehicle.cycle.period_s / median(interval_s)), 1)
+        records = _group(vehicle.cycle.period_s / median(interval_s), median(interval_s))
         notices += _pace(np.diff(command_s), vehicle.cycle.period_s)
     cycles = table.rows // records
     if cycles < 2:
@@ -206,6 +208,11 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         sampled=_sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
     )
+
+
+def _group(records: float, interval_s: float) -> int:
+    """How many records are taken together, where so many come in a control cycle: of all of it, or an equal part of a long one."""
+    return max(round(records / np.ceil(records * interval_s / LONGEST_S)), 1)
 
 
 def _command_times(source: LogTable, time_s: Array) -> Array | None:
