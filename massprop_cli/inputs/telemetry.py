@@ -6,6 +6,7 @@ later stages trust the arrays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -212,7 +213,7 @@ def read(table: Table, vehicle: Vehicle) -> Log:
 
 def _group(records: float, interval_s: float) -> int:
     """How many records are taken together, where so many come in a control cycle: of all of it, or an equal part of a long one."""
-    return max(round(records / np.ceil(records * interval_s / LONGEST_S)), 1)
+    return max(round(records / math.ceil(records * interval_s / LONGEST_S)), 1)
 
 
 def _command_times(source: LogTable, time_s: Array) -> Array | None:
