@@ -23,8 +23,8 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.signal import Signal
 
-APART = 1e-3
-"""Part by which two lags differ at least: the same lag twice has no form in parallel, and this one is the same to a millionth."""
+APART = 1e-5
+"""Part by which two lags differ at least: the same lag twice has no form in parallel, and this has its response to some millionths."""
 FORGOTTEN = 1e-18
 """What a lag keeps that is below the last digit of anything."""
 ROUNDED_S = 1e-9

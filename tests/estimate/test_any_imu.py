@@ -1,0 +1,66 @@
+"""IMUs that are sampled, low-pass filtered and on clocks of their own, against motion that is integrated apart (tests/anyimu.py).
+
+Over many of them: benchmarks/imus.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from tests import anyimu
+
+pytestmark = pytest.mark.numerical
+
+
+def found_of(
+    seed: int, imu: anyimu.Imu, period_s: float, auto: bool = False, noise: float = 1.0, **kind: bool
+) -> list[tuple[Analysis, Array]]:
+    """Estimates of two bodies, and their deviations in sigmas; without noise, which is stated then, what is systematic of them."""
+    rng = np.random.default_rng(seed)
+    own = anyimu.bodies(rng, 2, **kind)
+    flown, found = anyimu.fly(rng, own, imu, period_s, 16.0, 2 * period_s, noise=noise), []
+    for body in range(2):
+        used = anyimu.vehicle_of(own, body, flown, imu, period_s, 2 * period_s, auto, stated=noise == 0)
+        answer = flow.examine(anyimu.log_of(flown, body, imu, used), VehicleSource(used, "any-imu", ""))
+        told = answer.conclusions[0].estimates
+        value, sigma = (np.array([getattr(told[name], part) for name in QUANTITIES], dtype=float) for part in ("value", "sigma"))
+        found.append((answer, (value - anyimu.truth_of(own, body)) / sigma))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("imu", "period_s", "most"),
+    [
+        pytest.param(anyimu.Imu(measures="mean"), 1 / 30, 0.05, marks=pytest.mark.thorough),
+        pytest.param(anyimu.Imu(measures="sample", offset_s=0.0037, ppm=50.0), 0.05, 0.5, marks=pytest.mark.thorough),
+        (anyimu.Imu(measures="sample", order=1, rate_hz=97.0), 0.05, 0.2),
+        pytest.param(anyimu.Imu(measures="mean", order=2, cutoff_hz=25.0, latency_s=0.003), 0.025, 0.1, marks=pytest.mark.thorough),
+    ],
+)
+def test_without_noise_nothing_is_left(imu: anyimu.Imu, period_s: float, most: float) -> None:
+    for answer, deviation in found_of(3, imu, period_s, noise=0.0):
+        assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
+        assert np.abs(deviation).max() < most
+
+
+@pytest.mark.thorough
+def test_on_a_bearing_the_weight_is_where_the_sensors_show_it() -> None:
+    """Gyro and accelerometer are a few milliseconds late; so is the attitude that the gyro carries."""
+    for _, deviation in found_of(5, anyimu.Imu(measures="sample", order=2, cutoff_hz=30.0), 0.05, noise=0.0, bearing=True):
+        assert np.abs(deviation).max() < 0.3
+
+
+def test_a_cutoff_is_found_with_its_sigma() -> None:
+    imu = anyimu.Imu(measures="sample", order=2, cutoff_hz=45.0, offset_s=0.002)
+    for answer, deviation in found_of(7, imu, 0.05, auto=True):
+        assert not [notice.code for notice in answer.notices if not notice.code.startswith("noise")]
+        assert np.abs(deviation).max() < 4.5
+        for low_pass in (answer.vehicle.imu.gyro_filter, answer.vehicle.imu.accel_filter):
+            assert low_pass is not None
+            assert 0 < low_pass.cutoff_sigma_hz < 15
+            assert abs(low_pass.cutoff - 45.0) < 4.5 * low_pass.cutoff_sigma_hz
