@@ -135,8 +135,8 @@ class _Plant:
         if not own.bearing:
             turned: Array = np.einsum("vij,vj->vi", self.inverse, about)
             centre = force / own.mass[:, None]
-            arm = own.imu_position - own.cg
-            return turned, centre + _cross(turned, arm) + _cross(rate, _cross(rate, arm))
+            lever = own.imu_position - own.cg
+            return turned, centre + _cross(turned, lever) + _cross(rate, _cross(rate, lever))
         up = _turn(q)[:, 2]  # the world's vertical in body axes
         level = np.eye(3) - up[:, :, None] * up[:, None, :]
         m, total = own.mass[:, None], (own.mass + own.bearing_mass)[:, None]
@@ -146,7 +146,7 @@ class _Plant:
         known = m * (np.einsum("vij,vj->vi", level, force - m * swung) / total + swung + GRAVITY * up) - force
         matrix = own.inertia - self.skew @ kernel @ self.skew
         turned = np.linalg.solve(matrix, (about - _cross(own.cg, known))[..., None])[..., 0]
-        pushed = np.einsum("vij,vj->vi", level, force - m * (_cross(turned, own.cg) + swung)) / total
+        pushed: Array = np.einsum("vij,vj->vi", level, force - m * (_cross(turned, own.cg) + swung)) / total
         arm = own.imu_position
         return turned, pushed + GRAVITY * up + _cross(turned, arm) + _cross(rate, _cross(rate, arm))
 

@@ -162,19 +162,9 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     time_s = source.required("time_s")
     interval_s, notices = _intervals(source, time_s)
     command_s = _command_times(source, time_s)
-    if command_s is None:
-        records = _records_per_cycle(source, time_s, interval_s, vehicle.cycle.period_s)
-        notices += _pace(records * interval_s, vehicle.cycle.period_s)
-    else:
-        records = _group(vehicle.cycle.period_s / median(interval_s), median(interval_s))
-        notices += _pace(np.diff(command_s), vehicle.cycle.period_s)
-    cycles = table.rows // records
-    if cycles < 2:
-        raise InputError(
-            f"{table.path}: {table.rows} rows of {median(interval_s):g} s are not two control cycles of "
-            f"{vehicle.cycle.period_s:g} s; record longer, or mend cycle.period_s"
-        )
-    n = cycles * records
+    records, paced = _grouped(source, time_s, interval_s, command_s, vehicle.cycle.period_s)
+    notices += paced
+    n = table.rows // records * records
     if command_s is not None and source.issued is not None:
         source.issued = source.issued[source.issued < n]
         command_s = command_s[: len(source.issued)]
@@ -209,6 +199,22 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         sampled=_sampled(source, vehicle),
         spinning=commands.momentum(source, vehicle, records, n),
     )
+
+
+def _grouped(source: LogTable, time_s: Array, interval_s: Array, command_s: Array | None, period_s: float) -> tuple[int, list[Notice]]:
+    """How many records are taken together: those of a control cycle, or of a group where commands have times of their own."""
+    if command_s is None:
+        records = _records_per_cycle(source, time_s, interval_s, period_s)
+        notices = _pace(records * interval_s, period_s)
+    else:
+        records = _group(period_s / median(interval_s), median(interval_s))
+        notices = _pace(np.diff(command_s), period_s)
+    if len(time_s) < 2 * records:
+        raise InputError(
+            f"{source.table.path}: {len(time_s)} rows of {median(interval_s):g} s are not two control cycles of {period_s:g} s; record "
+            "longer, or mend cycle.period_s"
+        )
+    return records, notices
 
 
 def _group(records: float, interval_s: float) -> int:

@@ -23,12 +23,12 @@ schema = 1
 [gyro]
 paths = ["wx", "wy", "wz"]
 unit = "rad/s"
-values = "sample"
+values = "mean"
 clock = { path = "t"UNIT }
 [accelerometer]
 paths = ["ax", "ay", "az"]
 unit = "m/s^2"
-values = "sample"
+values = "mean"
 clock = { path = "t"UNIT }
 [torque]
 paths = ["tx", "ty", "tz"]
@@ -47,12 +47,12 @@ BEGUN = pd.Timestamp("2024-05-01T23:59:55.25")
 
 
 def frames() -> tuple[pd.DataFrame, pd.DataFrame]:
-    """An IMU at 200 Hz and commands at 20 Hz, each with its own times in s."""
+    """An IMU at 200 Hz, of means of sines over its records, and commands at 20 Hz, each with its own times in s."""
     streams = motion()
     t, issued = (np.asarray(streams[path][0]) for path in ("imu/t", "cmd/t"))
-    imu = (
-        {"t": t} | {f"w{a}": np.sin((n + 1) * t) for n, a in enumerate("xyz")} | {f"a{a}": np.cos((n + 1) * t) for n, a in enumerate("xyz")}
-    )
+    step = t[1] - t[0]
+    turned = {f"w{a}": (np.cos((n + 1) * (t - step)) - np.cos((n + 1) * t)) / ((n + 1) * step) for n, a in enumerate("xyz")}
+    imu = {"t": t} | turned | {f"a{a}": np.cos((n + 1) * t) for n, a in enumerate("xyz")}
     commands = {"tc": issued} | {path[4:]: np.asarray(said[0]) for path, said in streams.items() if re.fullmatch("cmd/[tf][xyz]", path)}
     return pd.DataFrame(imu), pd.DataFrame(commands)
 
@@ -66,7 +66,13 @@ def mapped(path: Path, unit: str = ', unit = "s"', *changes: tuple[str, str]) ->
 
 
 def numbers(table: Table) -> dict[str, np.ndarray]:
-    return {name: table.columns[name].numbers() for name in ("time_s", *columns.DELTA_THETA, *columns.DELTA_V, *columns.WRENCH)}
+    return {name: cells.numbers() for name, cells in table.columns.items()}
+
+
+def issued(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Commands and their times, of the rows that have them."""
+    rows = np.isfinite(found["command_time_s"])
+    return {name: found[name][rows] for name in ("command_time_s", *columns.WRENCH)}
 
 
 @pytest.fixture(scope="module")
@@ -84,13 +90,16 @@ def same(table: Table, plain: dict[str, np.ndarray], atol: float = 1e-9) -> None
 
 
 def test_two_streams_side_by_side_are_what_was_recorded(plain: dict[str, np.ndarray]) -> None:
-    _, commands = frames()
-    cycles = len(plain["time_s"]) // 5
+    imu, commands = frames()
+    told, begun = issued(plain), commands["tc"][0]
+    count = len(told["command_time_s"])
+    np.testing.assert_allclose(told["command_time_s"], commands["tc"].to_numpy()[:count] - begun, atol=1e-9)
     for name, own in zip(columns.WRENCH, ("tx", "ty", "tz", "fx", "fy", "fz"), strict=True):
-        np.testing.assert_allclose(plain[name][::5], commands[own].to_numpy()[:cycles], atol=1e-12)
-    edges = commands["tc"][0] + 0.01 * np.arange(len(plain["time_s"]) + 1)
-    whole = np.diff(-np.cos(edges))
-    np.testing.assert_allclose(plain["delta_theta_x_rad"], whole, atol=1e-5)
+        np.testing.assert_array_equal(told[name], commands[own].to_numpy()[:count])
+    # records are the IMU's own, from the one in which the first command was issued on
+    first = int(np.searchsorted(imu["t"], begun))
+    np.testing.assert_allclose(plain["time_s"], imu["t"].to_numpy()[first : first + len(plain["time_s"])] - begun, atol=1e-9)
+    np.testing.assert_array_equal(plain["gyro_x_rad_s"], imu["wx"].to_numpy()[first : first + len(plain["time_s"])])
 
 
 def test_streams_merged_on_their_times_are_the_same(plain: dict[str, np.ndarray], tmp_path: Path) -> None:
@@ -125,7 +134,7 @@ def test_the_draft_of_merged_streams_puts_them_on_records_and_can_be_followed(tm
         )
         assert draft.count('clock = { path = "t", unit = "?" }') == 1
         answered = (
-            draft.replace('values = "?"', 'values = "sample"')
+            draft.replace('values = "?"', 'values = "mean"')
             .replace('frame = "?"', 'frame = "body"')
             .replace("per_cycle = 10", "per_cycle = 5")
         )
@@ -182,7 +191,11 @@ def test_timestamps_of_parquet_are_clocks_with_a_unit(unit: str, plain: dict[str
         stamped.append(frame.assign(**{name: at.astype(f"datetime64[{unit}]")}))
     path = tmp_path / "log.parquet"
     pd.concat(stamped, axis=1).to_parquet(path)
-    same(mapped(path, ""), plain, atol={"ns": 2e-6, "us": 4e-6, "ms": 2e-3}[unit])
+    if unit == "ms":  # commands are stamped with samples of the IMU then, on whose records cycles begin
+        found, count = numbers(mapped(path, "")), len(issued(plain)["cmd_force_x_n"]) - 1
+        np.testing.assert_allclose(found["cmd_force_x_n"][::5][:count], issued(plain)["cmd_force_x_n"][:count], atol=1e-12)
+    else:
+        same(mapped(path, ""), plain, atol={"ns": 2e-6, "us": 4e-6}[unit])
     with pytest.raises(InputError, match="the map says unit 's', the file"):
         mapped(path, ', unit = "s"')
 
@@ -266,13 +279,16 @@ def test_stamps_of_commands_that_scatter_move_no_impulse(jitter_s: float, plain:
     path = tmp_path / "log.csv"
     pd.concat((imu, commands.assign(tc=scattered)), axis=1).to_csv(path, index=False)
     table = mapped(path)
-    found = numbers(table)
+    found, exact = issued(numbers(table)), issued(plain)
+    # times count from the first cycle, which may begin before or after the first stamp
+    first = int(np.argmin(np.abs(exact["cmd_force_x_n"][:2] - found["cmd_force_x_n"][0])))
+    count = min(len(found["command_time_s"]), len(exact["command_time_s"]) - first)
     for name in columns.WRENCH:
-        # the first cycle may begin before the first stamp: then it isn't whole
-        np.testing.assert_allclose(found[name], plain[name][-len(found[name]) :], atol=1e-12, err_msg=name)
-    assert len(found["time_s"]) >= len(plain["time_s"]) - 5
+        np.testing.assert_array_equal(found[name][:count], exact[name][first : first + count], err_msg=name)
+    np.testing.assert_allclose(np.diff(found["command_time_s"]), 0.05, atol=1e-2 * jitter_s)
+    assert count >= len(exact["command_time_s"]) - 2
     assert table.made is not None
-    assert any("one in each control cycle, whose stamps scatter by up to" in line for line in table.made.said)
+    assert any("stamps scatter by up to" in line for line in table.made.said)
 
 
 def test_commands_that_are_stamped_a_little_into_each_cycle_act_from_there_on(tmp_path: Path) -> None:

@@ -27,9 +27,10 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     together = gyro.times is accelerometer.times or np.array_equal(gyro.times.s, accelerometer.times.s)
     if not together or ("sample" not in kinds and _on(resample.knots(gyro.times.s, kinds[0]), edges, gyro.times.step_s)):
         return None
-    issued_s = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
-    if issued_s is None:
+    issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
+    if issued is None:
         return None
+    issued_s, scatter_s = issued
     time_s = gyro.times.s
     within = slice(*np.searchsorted(time_s, [edges[0] + SAME * gyro.times.step_s, edges[-1] + SAME * gyro.times.step_s]).tolist())
     time_s = time_s[within]
@@ -54,7 +55,7 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
         values = command.signal.values
         values = values[own] if command.signal.paths else np.repeat(values[:1], len(rows), 0)
         made |= dict(zip(command.names, (_in_rows(column, rows, len(time_s)) for column in values.T), strict=True))
-    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times")
+    signals.made.append(f"commands: {len(rows)} every {median(np.diff(issued_s)):.6g} s, at their own times{_evened(scatter_s)}")
     return made | streams.beside(time_s, median(np.diff(issued_s)))
 
 
@@ -65,8 +66,12 @@ def _on(knots: Array, edges: Array, step_s: float) -> bool:
     return bool((away < SAME * step_s).all())
 
 
-def _issued(commands: Sequence[Command], interval_s: float, per_cycle: int) -> Array | None:
-    """When commands were issued, where all are one row each: at even times if their stamps scatter about these by little."""
+def _evened(scatter_s: float) -> str:
+    return f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
+
+
+def _issued(commands: Sequence[Command], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
+    """When commands were issued, where all are one row each, and by how much their stamps scatter about even times, if these are taken."""
     recorded: list[Signal] = []
     for command in commands:
         if not command.signal.paths:
@@ -80,7 +85,10 @@ def _issued(commands: Sequence[Command], interval_s: float, per_cycle: int) -> A
     if interval_s and abs(step_s / (interval_s * per_cycle) - 1) > LIKE:
         return None
     line, _ = resample.even(stamps)
-    return line if np.abs(line - stamps).max() < STAMPED * step_s else stamps
+    scatter_s = float(np.abs(line - stamps).max())
+    if scatter_s > STAMPED * step_s:
+        return stamps, 0.0
+    return line, scatter_s if scatter_s > SAME * step_s else 0.0
 
 
 def _in_rows(values: Array, rows: IntArray, count: int) -> Array:
