@@ -135,7 +135,7 @@ def detect(
         covariance = np.linalg.inv(information)
         steps = covariance @ (information @ found.steps - sharp * (found.steps + at - first))
         # two that look alike go to and fro
-        steps = steps / 2 if steps @ last < 0 else steps
+        steps = steps / 2 if len(unknown) > 1 and steps @ last < 0 else steps
         most = np.array([LEAP * {"delay": 1.0, "lag": max(1.0, own)}.get(name, own) for name, own in zip(unknown, at, strict=True)])
         last = np.clip(steps, -most, most)
         now = shifted(now, unknown, last)
