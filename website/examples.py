@@ -191,6 +191,7 @@ WARNINGS: dict[str, Example] = {
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),
+    "empty-columns": Example(partial(_flown, "planar", "sensors.gyro_noise_rad_s=0"), "rate-fit", (0,)),
     "fuel-use": Example(partial(_flown, "free-flyer", "fuel.specific_impulse_s=4", "vehicle.imu.accel_noise_m_s2=0.002"), *FORCE),
     "phase-over-docking": Example(partial(_simulated, "free-flyer", *DOCKS)),
     "plan-saturates": Example(partial(_simulated, "free-flyer", STRONG)),

@@ -32,6 +32,7 @@ from massprop_cli.model.layout import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_names
+from massprop_cli.prepare.sensed import force_axes
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
@@ -139,9 +140,12 @@ def examined(
         None if history.reference is None else respond(samples, history.cycles, history.reference, vehicle, consider) for history in settled
     ]
     mounting = np.array(vehicle.imu.body_from_imu)
+    turned = force_axes(log, vehicle)
+    felt = mounting if turned is None else turned @ mounting
 
     def by_imu(history: History) -> tuple[Array, int]:
-        parts = [((np.hstack([z[:, :3] @ mounting, z[:, 3:] @ mounting]) ** 2).sum(0), z.size) for z in history.whitened()]
+        read = int((~history.unread).sum())
+        parts = [((np.hstack([z[:, :3] @ mounting, z[:, 3:] @ felt]) ** 2).sum(0), read * len(z)) for z in history.whitened()]
         return np.sum([power for power, _ in parts], 0), sum(count for _, count in parts)
 
     noise, counts = zip(*map(by_imu, settled), strict=True)

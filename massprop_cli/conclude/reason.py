@@ -13,6 +13,8 @@ VerdictReason = Literal[
     "no-part",
     "unweighed",
     "no-motion-informs",
+    "sensor-absent",
+    "sensor-absent-mass",
     "estimate-ended",
     "hardly-informed",
     "drowned",
@@ -71,6 +73,11 @@ SENTENCES: dict[Code, str] = {
         "along the table"
     ),
     "no-motion-informs": "no motion of this vehicle can inform it by this method; it wants {wants}, which its commands don't give",
+    "sensor-absent": "the log has no {absent}, and without it no motion of this vehicle informs it; log the {absent}",
+    "sensor-absent-mass": (
+        "the log has no {absent}, and without it no motion of this vehicle informs the mass; log the {absent}, or weigh the vehicle and "
+        "state known.mass"
+    ),
     "estimate-ended": (
         "an estimate stood until {until_s:.6g} s and none after: its numbers came too far apart; check units and noise levels"
     ),

@@ -191,7 +191,7 @@ def _estimate(
     verdict: Verdict
     if not history.observable[i]:
         verdict, told = "unobservable", False
-        reason = Reason.of("no-motion-informs", wants=WANTED[QUANTITIES[i]])
+        reason = _unobservable(history, i)
     elif not np.isfinite(value) and (stood := np.isfinite(history.values[:, i])).any():
         verdict, until = "not_converged", history.time_s[len(stood) - 1 - int(np.argmax(stood[::-1]))]
         reason = Reason.of("estimate-ended", until_s=float(until))
@@ -210,6 +210,15 @@ def _estimate(
     if verdict == "converged" and latched:
         final_at = float(history.time_s[latched[0]]) if thesis else _settled(history, i, latched[0], tolerance)
     return Estimate(value if told else None, sigma if told else None, UNITS[QUANTITIES[i]], verdict, final_at, reason)
+
+
+def _unobservable(history: History, i: int) -> Reason:
+    """Why no motion informs a quantity: for want of a sensor, or of commands."""
+    if not history.unsensed[i]:
+        return Reason.of("no-motion-informs", wants=WANTED[QUANTITIES[i]])
+    gone = [axis for axis, unread in zip("XYZ", history.unread[3:], strict=True) if unread]
+    absent = "accelerometer" if len(gone) == 3 else f"accelerometer along body {' and '.join(gone)}"
+    return Reason.of("sensor-absent-mass" if QUANTITIES[i] == "mass" else "sensor-absent", absent=absent)
 
 
 def _steady(history: History, vehicle: Vehicle, limits: Array) -> tuple[BoolArray, BoolArray]:

@@ -83,4 +83,4 @@ def left(normalised: Array) -> tuple[Array, Array, int]:
     power = np.maximum((clipped**2).sum(0), TINY)
     along = np.array([(clipped[lag:] * clipped[:-lag]).sum(0) / power for lag in LAGS])
     along[0, :3] = 0.0
-    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0), TINY) ** 2 - 3, count
+    return along, (rows**4).mean(0) / np.maximum((rows**2).mean(0) ** 2, TINY) - 3, count

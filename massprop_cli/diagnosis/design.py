@@ -166,7 +166,7 @@ class Designs:
             samples.specific_force_m_s2[cycles],
             cycle_s,
             np.eye(3) - up.T @ up / len(up),
-            ~samples.executed.ignored[cycles],
+            np.asarray(~samples.executed.ignored[cycles].reshape(-1, 2, 3).all(2)),
             (float(middle_s.mean()) - log.origin_s, float(np.ptp(middle_s))),
             (acted.rising[cycles][:, fired], acted.falling[cycles][:, fired], acted.whole[cycles][:, fired]),
             samples.executed.start_s[cycles],

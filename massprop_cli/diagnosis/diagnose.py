@@ -27,7 +27,7 @@ from massprop_cli.diagnosis.phaseboundary import border
 from massprop_cli.diagnosis.refit import Refit, beyond, corrected_alone, helped, hopeless, refined, tried
 from massprop_cli.diagnosis.screening import CLEAR, Screening, about_its_body, beside_a_torque, busiest, screened
 from massprop_cli.diagnosis.search import codes, same, searched
-from massprop_cli.diagnosis.wording import DEAD, TRIED, UNANSWERED, alone, words_of
+from massprop_cli.diagnosis.wording import ABSENT, DEAD, TRIED, UNANSWERED, alone, words_of
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.telemetry import JITTER, Log, Notice, jitter
@@ -96,6 +96,8 @@ def diagnose(log: Log, vehicle: Resolved, timing: Timing, pieces: Sequence[slice
 
     Noise levels must be set in ``vehicle``, and no disturbance beyond what it states.
     """
+    if not all(log.axes):
+        return Diagnosis(unknown=ABSENT)
     case = Case(log, vehicle, timing, Designs())
     screenings = [screening for piece in pieces if (screening := screened(*busiest(case, piece))) is not None]
     if not screenings:

@@ -103,7 +103,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     system = linearise(samples, cycles, reference, vehicle)
     layout = Layout.of(samples, vehicle)
     count = 0 if extra is None else extra.growth.shape[-1]
-    used = ~samples.part(cycles).executed.ignored.repeat(3, 1)
+    used = ~samples.part(cycles).executed.ignored
     stacked = _stacked(system, vehicle, extra, used)
     if stacked is None:
         return None

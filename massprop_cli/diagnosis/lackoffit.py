@@ -151,10 +151,10 @@ def _rows(samples: Source, cycles: slice, reference: Reference, vehicle: Resolve
         growth -= times(system.transition[:, RATE, block], tilt[:-1])
         felt -= times(system.observation[:, 3:, block], tilt)
     turning, pushing = _weights(here, system.moment_to_rate, reference, vehicle)
-    ignored = here.executed.ignored
     rates = _Rows.of_all(system.transition[:, RATE, PARAMETERS], growth, _probes(samples, cycles, _window)[:-1])
     forces = _Rows.of_all(system.observation[:, 3:, PARAMETERS], felt, _probes(samples, cycles, _whole))
-    steps, whole = _held(ignored[1:, 0] | ignored[:-1, 0]), _held(ignored[:, 1])
+    out, away = np.split(here.executed.ignored & ~samples.unread, 2, 1)
+    steps, whole = _held(np.asarray((out[1:] | out[:-1]).any(1))), _held(np.asarray(away.any(1)))
     return (rates.of(steps), turning[:, steps]), (forces.of(whole), pushing[:, whole])
 
 

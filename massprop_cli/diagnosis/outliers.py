@@ -145,6 +145,8 @@ def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]
             wide = slice(max(start - BEGUN - 1, 0), min(stop + 2, piece.stop))
             own = slice(start, stop)
             for sensor, find in enumerate((_of_gyro, _of_accelerometer)):
+                if np.split(samples.unread, 2)[sensor].all():
+                    continue
                 found = find(samples.part(wide), noise[sensor], max(max(usable, piece.start) - wide.start, 0))
                 sizes[sensor][own] = found[own.start - wide.start : own.stop - wide.start]
     return _judged(sizes[0], log.rows), _judged(sizes[1], log.rows)

@@ -14,6 +14,7 @@ TRIED = (
     "units, scales, biases, low-pass and mounting of gyro and accelerometer, IMU position, attitude at the start, steady and "
     "rate-proportional torque, fuel use, a change of the mass properties, a phase's borders, a jet that fails for a time, and pairs"
 )
+ABSENT = "log and vehicle file don't fit; causes are looked for only in logs with all three axes of gyro and accelerometer"
 DEAD = "the gyro or the accelerometer reads 0 in every cycle: it is not recorded, or dead"
 UNANSWERED = (
     "log and vehicle file don't fit, cause unknown: the motion is no noise, and hardly follows the commands; are they this recording's, on "

@@ -93,7 +93,7 @@ PARAMETERS = (
         difference=1e-3,
         uncertain=("imu-position", "the IMU sits where it is stated to within imu.position_sigma_m"),
         wording=Wording("the IMU sits {mm} mm away from imu.position_m", "mend it"),
-        step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place),
+        step=Step("imu-position", 1e-3, "1 mm along {axis}", _stated_place, lambda setup: any(setup.log.axes[3:])),
     ),
     _turn("gyro"),
     _turn("accel"),
@@ -115,7 +115,7 @@ PARAMETERS = (
         wording=Wording(
             "imu.body_from_imu is {words}{rows}, {away:.3g} degrees away from what is stated", "look at the IMU's mounting", _from_stated
         ),
-        step=Step("imu-mounting", DEGREE, "1 degree about {axis}", _stated_turn),
+        step=Step("imu-mounting", DEGREE, "1 degree about {axis}", _stated_turn, most=1.0),
     ),
 )
 SPECIAL_CASES = (

@@ -66,7 +66,14 @@ def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
             "calibrate it, or scale its columns under [columns] ({inverse:.6g})",
             _factor(sensor),
         ),
-        step=Step(code, 0.01, "1 %", lambda _: f"the {word}'s scale{{along}} is taken as exact", by_axis=by_axis),
+        step=Step(
+            code,
+            0.01,
+            "1 %",
+            lambda _: f"the {word}'s scale{{along}} is taken as exact",
+            lambda setup: any(setup.log.axes[:3] if sensor == "gyro" else setup.log.axes[3:]),
+            by_axis=by_axis,
+        ),
     )
 
 

@@ -26,10 +26,11 @@ TOLD = 131
 """Numbers that come back of each."""
 
 
-def holds(vehicle: Vehicle, consider: Consider) -> bool:
-    """Whether the compiled kernel is there and knows all that this vehicle asks for."""
+def holds(samples: Source, vehicle: Vehicle, consider: Consider) -> bool:
+    """Whether the compiled kernel is there and knows all that this vehicle asks for, and a log whose sensors are whole or absent."""
     return (
         kernel().library is not None
+        and all(sensor.all() or not sensor.any() for sensor in np.split(samples.unread, 2))
         and not consider.variants
         and not consider.scales
         and not consider.kinds

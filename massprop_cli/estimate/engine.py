@@ -33,11 +33,11 @@ def replay(
     What is uncertain in ``consider`` enters every sigma. ``progress`` is told the part done, 0 to 1, on the way. Where the compiled kernel
     holds all that the vehicle asks for it runs instead of what stands here, which it follows decision by decision.
     """
-    if compiled.holds(vehicle, consider):
+    if compiled.holds(samples, vehicle, consider):
         # what is too large to be squared is no cycle to the kernel; here it becomes nothing that can be said
         with suppress(StatusError):
             return _compiled(samples, cycles, phase, vehicle, progress)
-    causal, told = Causal(samples, cycles, vehicle, consider), Told(cycles, vehicle)
+    causal, told = Causal(samples, cycles, vehicle, consider), Told(samples, cycles, vehicle)
     while causal.run.at < cycles.stop:
         if progress is not None:
             progress((causal.run.at - cycles.start) / (cycles.stop - cycles.start))
@@ -47,15 +47,15 @@ def replay(
         except np.linalg.LinAlgError:
             # an estimate so far astray that its numbers end: nothing more can be said
             told.add(Rows.untold(cycles.stop - cycles.start - told.count))
-            return told.history(samples, phase, None)
+            return told.history(phase, None)
         if causal.run.at == begun:
             break  # a block at the log's end is what it would have been in a longer log
-    return told.history(samples, phase, causal.run.estimate if causal.started else None)
+    return told.history(phase, causal.run.estimate if causal.started else None)
 
 
 def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, progress: Callable[[float], None] | None) -> History:
     """The same, by the compiled kernel."""
-    told = Told(cycles, vehicle)
+    told = Told(samples, cycles, vehicle)
     if isinstance(samples, Stream) and flown.holds(samples):
         parts, reference = flown.replayed(samples, cycles, vehicle, progress)
     else:
@@ -63,4 +63,4 @@ def _compiled(samples: Source, cycles: slice, phase: Phase, vehicle: Resolved, p
         parts, reference = aligned.rows(progress), aligned.reference
     for rows in parts:
         told.add(rows)
-    return told.history(samples, phase, reference())
+    return told.history(phase, reference())

@@ -163,7 +163,8 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
 
     count = part.stop - part.start
     attitude = np.zeros((count, 4)) if log.attitude_wxyz is None else log.attitude_wxyz[each][records - 1 :: records]
-    ignored = np.zeros((count, 2)) if log.ignored is None else log.ignored[part]
+    ignored = np.tile([not any(log.axes[:3]), not any(log.axes[3:])], (count, 1))
+    ignored = ignored if log.ignored is None else ignored | log.ignored[part]
     cycle = np.arange(part.start, part.stop)
     unused = (cycle < used.start) | (cycle >= used.stop)
     turned, felt = (of_records(one[each], records) for one in (log.delta_theta_imu_rad, log.delta_v_imu_m_s))

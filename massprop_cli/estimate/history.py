@@ -46,7 +46,7 @@ class History:
     innovation_sigma: Array
     """(K, 6) what the filter expected of them."""
     normalised: Array
-    """(K, 6) innovations in rate and specific force, whitened: independent standard normal if the model holds."""
+    """(K, 6) innovations in rate and specific force, whitened: independent standard normal if the model holds; 0 of channels unread."""
     natural_sizes: Array
     """(10,) the size that each quantity has by nature: trace (inertia), sqrt(trace/mass) (CG), mass."""
     information_share: Array
@@ -59,6 +59,10 @@ class History:
     """(10,) and (10, 10) the last row by the log alone: without what is known from elsewhere and without the thrust's common scale."""
     reference: Reference | None = None
     """About which the last row was linearised, where it was."""
+    unsensed: BoolArray = field(default_factory=lambda: np.zeros(10, dtype=bool))
+    """(10,) quantities that would be observable if the log had all channels."""
+    unread: BoolArray = field(default_factory=lambda: np.zeros(6, dtype=bool))
+    """(6,) channels that the log doesn't have."""
     notices: tuple[Notice, ...] = ()
     belied: Mapping[str, str] = field(default_factory=dict)
     """Known quantities that the log contradicts, each with why."""

@@ -42,7 +42,7 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     load: Array = impulse[:, 3:]
     products = _mean_step(rate[:, [0, 0, 0, 1, 1, 2]] * rate[:, [0, 1, 2, 1, 2, 2]], duration)
     if plant.pivoted:
-        load = _mean_step(_force_at(plant.pivot, here, vehicle), duration)
+        load = _mean_step(_gravity(here, vehicle) if here.unread[3:].any() else _force_at(plant.pivot, here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
     mu = _mu(here, torque, vehicle)
     if scale is None:
@@ -136,6 +136,12 @@ def _force_at(point: Array, samples: Samples, vehicle: Vehicle) -> Array:
     rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
     moved: Array = samples.specific_force_m_s2 - lever_arm(samples.rate_rad_s, rate_dot, np.array(vehicle.imu.position_m) - point)
     return moved
+
+
+def _gravity(samples: Samples, vehicle: Vehicle) -> Array:
+    """(K, 3) what a vehicle that stands still feels."""
+    found: Array = vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
+    return found
 
 
 def _mean_step(values: Array, duration: Array) -> Array:

@@ -32,6 +32,8 @@ LEAST = 30
 """Cycles of which anything is said."""
 MEDIAN = 0.6745
 """The median of a normal deviate's size, in sigmas."""
+ABSENT = 1.0
+"""Noise level of a sensor that the log doesn't have: it weighs nothing."""
 
 
 def with_noise_levels(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> tuple[Resolved, list[Notice]]:
@@ -53,8 +55,12 @@ def _level(
     stated: float | None = getattr(vehicle.imu, key)
     if stated:
         return stated, []
+    axes = ~np.split(samples.unread, 2)[sensor]
+    if not axes.any():
+        return stated or ABSENT, []
     every = slice(0, len(samples))
-    signal, read = gathered(samples, every, found_of), ~gathered(samples, every, _ignored)[:, sensor]
+    signal, unused = gathered(samples, every, found_of)[:, axes], np.split(gathered(samples, every, _ignored), 2, 1)[sensor]
+    read = np.asarray(~unused[:, axes].any(1))
     floor = FLOOR * float(np.sqrt((signal**2).mean())) or FLOOR
     white, count = white_level(signal, cycles, read), sum(piece.stop - piece.start for piece in cycles)
     # what no mass properties explain tells noise the better, unless it holds more than that
@@ -104,10 +110,10 @@ def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
         if reference is None or piece.stop - piece.start < LEAST:
             continue
         growth = residual_growth(samples, piece, reference, vehicle)
-        if growth.read.sum() >= LEAST:
-            rate.append(float(growth.variance.mean() - 2 * growth.lagged.mean()) / 4)
+        if growth.read.any(1).sum() >= LEAST:
+            rate.append(float(growth.variance[growth.axes].mean() - 2 * growth.lagged[growth.axes].mean()) / 4)
         left = unfelt(samples, piece, reference, vehicle)
-        if left.read.sum() >= LEAST:
-            force.append(float(left.stepped.mean()) / 2)
+        if left.read.any(1).sum() >= LEAST:
+            force.append(float(left.stepped[left.axes].mean()) / 2)
     gyro = float(np.mean(rate)) if rate else -1.0
     return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)

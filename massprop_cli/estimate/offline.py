@@ -60,14 +60,14 @@ def settle(
     """
     regression = Regression(samples, cycles, vehicle, consider)
     last = _last_pass(regression, reference, passes, bound)
-    told, left = Told(cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
+    told, left = Told(samples, cycles, vehicle, every=vehicle.estimator.refine), Residual.empty(cycles.stop - cycles.start)
     for before, taken, after in last.held or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, bound=last.run.bound)
         rows = regression.rows(about, taken, regression.posed(about, taken)) if told.every else regression.innovations(about, taken)
         part = slice(before.at - cycles.start, after.at - cycles.start)
         left.value[part], left.sigma[part] = residual(regression, before, taken, last.run)
         told.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
-    return Settled(replace(told.history(samples, phase, last.run.estimate), residual=left), last.stands, last.run.bound)
+    return Settled(replace(told.history(phase, last.run.estimate), residual=left), last.stands, last.run.bound)
 
 
 def value(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, passes: int) -> Array:

@@ -66,7 +66,10 @@ class AsStated(NamedTuple):
         """Whether rates vary about an axis so much less than is stated that they may be in another unit, and a misfit drown in it."""
         left = [fit.history.moments() for fit in self.fits if fit is not None]
         count = sum(of_one.count for of_one in left)
-        return count > 0 and bool((np.sum([of_one.count * of_one.variance[:3] for of_one in left], 0) < QUIET * count).any())
+        if count == 0:
+            return False
+        read = ~next(fit.history.unread[:3] for fit in self.fits if fit is not None)
+        return bool((np.sum([of_one.count * of_one.variance[:3] for of_one in left], 0) < QUIET * count)[read].any())
 
 
 class Estimates(NamedTuple, Generic[Used]):

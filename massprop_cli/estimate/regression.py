@@ -317,8 +317,8 @@ class Regression(Triangle):
         innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
         if before.state is None:  # nothing was expected of the first cycle
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan
-        for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
-            innovation[ignored, part], sigma[ignored, part], normalised[ignored, part] = np.nan, np.nan, np.nan
+        for found in (innovation, sigma, normalised):
+            found[executed.ignored] = np.nan
         return innovation, sigma, normalised
 
     def _sensed(self, run: Run, theta: Array, scale: Array, triangles: Array) -> Told:

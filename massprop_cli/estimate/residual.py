@@ -49,6 +49,6 @@ def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> R
     sigma = np.sqrt(((taken.root @ spread) ** 2).sum(2))
     if before.state is None:
         value[0], sigma[0] = np.nan, np.nan
-    ignored = regression.samples.part(slice(before.at, before.at + len(each))).executed.ignored.repeat(3, 1)
+    ignored = regression.samples.part(slice(before.at, before.at + len(each))).executed.ignored
     value[ignored], sigma[ignored] = np.nan, np.nan
     return Residual(value, sigma)

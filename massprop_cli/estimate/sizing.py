@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.estimate.initial import beginning
 from massprop_cli.estimate.whitening import Disturbance, Driven, each, independent
 from massprop_cli.model.lift import Lift
@@ -124,7 +124,8 @@ def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     rate = here.rate_rad_s - np.concatenate([np.zeros((1, 3)), np.cumsum(known, 0)])
     noise = vehicle.imu.gyro_noise_rad_s
     # of columns that are sums of others rounding leaves some, and of it other CPUs another; those that are left are none
-    driven = independent(Driven(step, rate, ~here.executed.ignored[:, 0], 0.0, held=True))
+    used: BoolArray = np.asarray((~here.executed.ignored[:, :3]).any(1))
+    driven = independent(Driven(step, rate, used, 0.0, held=True))
     return _Piece(driven, _weights(reference, median(here.executed.duration_s), noise), noise)
 
 

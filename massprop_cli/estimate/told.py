@@ -25,8 +25,8 @@ from massprop_cli.prepare.compensate import Source
 class Told:
     """What every cycle's estimate comes to, block by block; or of an off-line fit the last one's, and every cycle's innovations."""
 
-    def __init__(self, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
-        self.cycles, self.vehicle, self.every = cycles, vehicle, every
+    def __init__(self, samples: Source, cycles: slice, vehicle: Resolved, every: bool = True) -> None:
+        self.samples, self.cycles, self.vehicle, self.every = samples, cycles, vehicle, every
         count = cycles.stop - cycles.start
         self.normalised = spill.empty(count, 6)
         self.values, self.sigmas = (spill.empty(count if every else 1, 10) for _ in range(2))
@@ -39,6 +39,9 @@ class Told:
             return
         part = slice(self.count, self.count + len(rows.mean))
         self.normalised[part] = rows.normalised
+        unread = self.samples.unread
+        if unread.any():
+            self.normalised[part, unread] = np.where(np.isfinite(rows.normalised[:, ~unread]).all(1), 0.0, np.nan)[:, None]
         self.count, self.last = part.stop, rows.last().parameters
         here, own = (part, slice(None)) if self.every else (slice(None), slice(-1, None))
         values, full = quantities(rows.parameters if self.every else self.last, self.vehicle)
@@ -49,9 +52,9 @@ class Told:
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
         spill.give_back()
 
-    def history(self, samples: Source, phase: Phase, reference: Reference | None) -> History:
+    def history(self, phase: Phase, reference: Reference | None) -> History:
         """All of it; ``reference`` is the estimate at the end, None where there is none. What could be told is not looked at yet."""
-        vehicle, cycles = self.vehicle, self.cycles
+        vehicle, cycles, samples = self.vehicle, self.cycles, self.samples
         if self.count != cycles.stop - cycles.start:
             raise RuntimeError(f"{self.count} cycles were estimated from, not {cycles.stop - cycles.start}")
         _, full = quantities(self.last, vehicle)
@@ -77,6 +80,7 @@ class Told:
             observable=np.ones(10, dtype=bool),
             bare=(bare[0][0], bare[1][0]),
             reference=reference,
+            unread=samples.unread,
             belied=against,
             notices=notices,
         )
@@ -88,6 +92,7 @@ def informed(passes: Sequence[History], samples: Source, vehicle: Resolved) -> l
     if not about:
         return list(passes)
     share, drowned = excitation(samples, passes[-1].cycles, about[-1], vehicle)
-    seen = observable(samples.capability, about[-1], vehicle)
+    seen = observable(samples.capability, about[-1], vehicle, samples.unread)
     seen[MU] |= "mass" in vehicle.known
-    return [replace(history, information_share=share, drowned=drowned, observable=seen) for history in passes]
+    unsensed = observable(samples.capability, about[-1], vehicle) & ~seen if samples.unread.any() else np.zeros(10, dtype=bool)
+    return [replace(one, information_share=share, drowned=drowned, observable=seen, unsensed=unsensed) for one in passes]

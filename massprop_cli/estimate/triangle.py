@@ -83,7 +83,7 @@ class Triangle:
         known = vehicle.known.get("mass")
         self.weighed = 1 / known.value if known is not None and self.lift.plant.pivoted else None
         """1/kg, of a mass that is known from elsewhere, on a bearing."""
-        self.in_kernel = lift is None and compiled.holds(vehicle, consider)
+        self.in_kernel = lift is None and compiled.holds(samples, vehicle, consider)
         """Whether the compiled kernel takes the cycles in, as in flight."""
         self._begun: tuple[Reference, Array, Array] | None = None
 

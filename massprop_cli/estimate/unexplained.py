@@ -26,25 +26,27 @@ class Left(NamedTuple):
     rest: Array
     """(n, 3), 0 where nothing was read."""
     read: BoolArray
-    """(n,)"""
+    """(n, 3)"""
+
+    @property
+    def axes(self) -> BoolArray:
+        """(3,) of which anything was read."""
+        return np.asarray(self.read.any(0))
 
     @property
     def variance(self) -> Array:
         """(3,) mean square of what was read."""
-        found: Array = (self.rest**2).sum(0) / max(np.count_nonzero(self.read), 1)
-        return found
+        return _mean(self.rest**2, self.read)
 
     @property
     def lagged(self) -> Array:
         """(3,) mean product of neighbours that were both read."""
-        found: Array = (self.rest[1:] * self.rest[:-1]).sum(0) / max(np.count_nonzero(self._both), 1)
-        return found
+        return _mean(self.rest[1:] * self.rest[:-1], self._both)
 
     @property
     def stepped(self) -> Array:
         """(3,) mean squared difference of the same."""
-        found: Array = (np.diff(self.rest, axis=0)[self._both] ** 2).sum(0) / max(np.count_nonzero(self._both), 1)
-        return found
+        return _mean(np.diff(self.rest, axis=0) ** 2, self._both)
 
     @property
     def _both(self) -> BoolArray:
@@ -56,12 +58,18 @@ class Left(NamedTuple):
         return Left(np.concatenate([rest for rest, _ in parts]), np.concatenate([read for _, read in parts]))
 
 
+def _mean(values: Array, read: BoolArray) -> Array:
+    """(3,) of those of (n, 3) that were read."""
+    found: Array = (values * read).sum(0) / np.maximum(np.count_nonzero(read, 0), 1)
+    return found
+
+
 def unfelt(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle) -> Left:
     """Of K cycles, specific force that no mass properties near ``reference`` explain, m/s²; each stretch of the log has its own."""
     found = []
     for stretch in _stretches(cycles):
         system = linearise(samples, stretch, reference, vehicle)
-        used = ~samples.part(stretch).executed.ignored[:, 1]
+        used = ~samples.part(stretch).executed.ignored[:, 3:]
         found.append((_fit(system.observation[:, 3:, _told(samples, vehicle)], system.felt, used)[1], used))
     return Left.of(found)
 
@@ -74,8 +82,8 @@ def _stretches(cycles: slice) -> list[slice]:
 
 
 def _fit(regressors: Array, target: Array, used: BoolArray) -> tuple[Array, Array]:
-    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K,) rows."""
-    regressors, target = regressors * used[:, None, None], target * used[:, None]
+    """Least squares of ``target`` (K, 3) on ``regressors`` (K, 3, 10): (10,) coefficients and (K, 3) the rest, of ``used`` (K, 3) rows."""
+    regressors, target = regressors * used[..., None], target * used
     rows = regressors.reshape(-1, regressors.shape[-1])
     size = np.sqrt((rows**2).sum(0))
     size = np.where(size > 0, size, 1.0)
@@ -93,7 +101,7 @@ def residual_growth(samples: Source, cycles: slice, reference: Reference, vehicl
     for stretch in _stretches(slice(cycles.start, cycles.stop - 1)):
         piece, near = slice(stretch.start, stretch.stop + 1), reference
         here = samples.part(piece)
-        growth, read = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, 0]
+        growth, read = np.diff(here.rate_rad_s, axis=0), ~here.executed.ignored[:, :3]
         used = read[1:] & read[:-1]
         for _ in range(2):
             system = linearise(samples, piece, near, vehicle)

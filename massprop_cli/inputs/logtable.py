@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,8 +16,19 @@ from massprop_cli.inputs.columns import COMMAND_TIME, FIXED, TIME, Column
 from massprop_cli.inputs.section import LEAST
 from massprop_cli.inputs.tablefile import Table
 
+ALIKE = 0.75
+"""Ratio of matching characters (:mod:`difflib`) from which on a column's name may be another's, misspelt."""
+SENSORS = "acc(?:el(?:eration|erometer)?)?|delta_?v|gyro?(?:scope)?|delta_?theta|omega"
+"""What names of IMU columns hold in other programs."""
 GAP, LONG = 2.5, 1.5
 """Times the median interval: a record that is longer than that is a gap, or has lost one before it."""
+
+
+def alike(column: str, other: str) -> bool:
+    """Whether another column's name looks like an IMU column's: misspelt, or with a sensor and the same axis in it."""
+    axis = re.search("_([xyz])_", column)
+    named = axis and re.search(rf"(?:{SENSORS})(?:.*[^a-z])?{axis[1]}(?![a-z])|(?:^|_)[agw]_?{axis[1]}(?![a-z])", other.lower())
+    return bool(named) or difflib.SequenceMatcher(None, column, other.lower()).ratio() >= ALIKE
 
 
 class LogTable:
@@ -57,8 +70,7 @@ class LogTable:
         """The column, scaled, with NaN for null."""
         name = self.name(column)
         if name not in self.table.columns:
-            used = {self.name(known) for known in FIXED if self.has(known)} | {n for n in self.table.columns if n.startswith("jet_")}
-            spare = [present for present in self.table.columns if present not in used - {name}]
+            spare = self._spare()
             hint = nearest(name, spare, "the nearest that is not in use is")
             cure = "rename it, or map it under [columns] of the vehicle file, or add it" if spare else "no other is left to be it; add it"
             cure += ", with 0 in each row if that jet never fired" * name.startswith("jet_")
@@ -78,14 +90,32 @@ class LogTable:
             raise self.error(int(bad[0]), column, f"{cell} is not a finite number; mend or cut the record")
         return values
 
-    def increments(self, names: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
-        """(n, 3) increments, or rates times the interval where the increments are absent."""
-        as_rates = not any(self.has(name) for name in names) and any(self.has(name) for name in rates)
-        found = self.stacked(rates if as_rates else names)
-        if as_rates:
+    def increments(self, columns: Sequence[str], rates: Sequence[str], interval_s: Array) -> Array:
+        """(n, 3) increments: of each axis its column, times the interval where it is one of ``rates``; zeros where it is absent."""
+        found = spill.empty(self.table.rows, len(columns))
+        for axis, column in enumerate(columns):
+            values = self.required(column) if self.has(column) else None
             for part in spill.parts(len(found)):
-                found[part] *= interval_s[part, None]
+                found[part, axis] = 0.0 if values is None else values[part] * interval_s[part] if column in rates else values[part]
         return found
+
+    def sensed(self, names: Sequence[str], rates: Sequence[str]) -> tuple[str, ...]:
+        """(3,) the column of each axis, that of its rate where there is no increment; of an absent axis the first of them.
+
+        :class:`InputError` where another column looks like one that is absent.
+        """
+        found = tuple(rate if self.has(rate) and not self.has(name) else name for name, rate in zip(names, rates, strict=True))
+        absent = [column for column in found if not self.has(column)]
+        like = next(((name, other) for name in absent for other in self._spare() if alike(name, other)), None)
+        if like is not None:
+            cure = "rename it, or map it under [columns] of the vehicle file; if it is no reading of the IMU, leave it out of the log"
+            raise InputError(f"{self.table.path}: column {like[0]!r} is missing; the nearest that is not in use is {like[1]!r}; {cure}")
+        return found
+
+    def _spare(self) -> list[str]:
+        """Columns that stand for nothing yet."""
+        used = {self.name(known) for known in FIXED if self.has(known)}
+        return [present for present in self.table.columns if present not in used and not present.startswith("jet_")]
 
     def stacked(self, columns: Sequence[str]) -> Array:
         """(n, columns) required columns side by side."""

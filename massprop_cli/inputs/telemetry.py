@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,8 @@ LONGEST_S = 0.06
 """s that are taken together where commands have times of their own: a body turns by little in them, and a pulse still stands out."""
 PACE = 0.0025
 """Part by which recorded cycles may be longer or shorter than stated: with increments and a wrench, inertia follows its square."""
+YAW = 0.01
+"""Part of the yaw rate's square that gyro axes on a table may miss, being absent."""
 JITTER = 0.02
 """Part of the usual interval that intervals may scatter by: each counts with its own length, commands do not."""
 ROBUST = 1.4826
@@ -84,6 +87,10 @@ class Log:
     """The contract's names of the columns that the gyro's increments came from."""
     force_columns: tuple[str, ...] = DELTA_V
     """The same of the accelerometer's."""
+    axes: tuple[bool, ...] = (True,) * 6
+    """Which IMU axes were logged: gyro x y z, accelerometer x y z; the increments of the others are zeros."""
+    empty: tuple[str, ...] = ()
+    """The contract's names of columns of absent axes that hold 0 in every row."""
     made: Made | None = None
     """How a map made it of another recording."""
     ignored: BoolArray | None = None
@@ -168,11 +175,9 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     if command_s is not None and source.issued is not None:
         source.issued = source.issued[source.issued < n]
         command_s = command_s[: len(source.issued)]
-    theta = source.increments(DELTA_THETA, GYRO, interval_s)
-    velocity = source.increments(DELTA_V, ACCEL, interval_s)
-    for names, rates, increments in ((DELTA_THETA, GYRO, theta), (DELTA_V, ACCEL, velocity)):
-        _check_magnitude(source, names if source.has(names[0]) else rates, increments, interval_s)
-    _check_gravity(source, vehicle, velocity, interval_s)
+    imu = _imu(source, vehicle, interval_s)
+    theta, velocity = imu.theta, imu.velocity
+    notices += _emptiness(source, imu.empty)
     kind, command = commands.commands(source, vehicle, records, n)
     attitude = _attitude(source)
     _check_outliers(source, vehicle, time_s, interval_s)
@@ -192,8 +197,10 @@ def read(table: Table, vehicle: Vehicle) -> Log:
         command=frozen(command),
         attitude_wxyz=None if attitude is None else frozen(attitude[:n]),
         notices=tuple(notices),
-        rate_columns=DELTA_THETA if source.has(DELTA_THETA[0]) else GYRO,
-        force_columns=DELTA_V if source.has(DELTA_V[0]) else ACCEL,
+        rate_columns=imu.rates,
+        force_columns=imu.forces,
+        axes=imu.axes,
+        empty=imu.empty,
         made=table.made,
         command_s=command_s,
         sampled=_sampled(source, vehicle),
@@ -262,6 +269,79 @@ def _sampled(source: LogTable, vehicle: Vehicle) -> tuple[bool, bool]:
             "leave imu.measures out, or log samples as gyro_x_rad_s … and accel_x_m_s2 …"
         )
     return sampled, sampled
+
+
+class _Imu(NamedTuple):
+    """What the IMU's columns hold."""
+
+    theta: Array
+    """(n, 3) rad"""
+    velocity: Array
+    """(n, 3) m/s"""
+    rates: tuple[str, ...]
+    """(3,) columns of the gyro."""
+    forces: tuple[str, ...]
+    axes: tuple[bool, ...]
+    empty: tuple[str, ...]
+
+
+def _imu(source: LogTable, vehicle: Vehicle, interval_s: Array) -> _Imu:
+    """Read gyro and accelerometer, and check them; zeros of axes that are absent."""
+    rates, forces = source.sensed(DELTA_THETA, GYRO), source.sensed(DELTA_V, ACCEL)
+    theta, velocity = source.increments(rates, GYRO, interval_s), source.increments(forces, ACCEL, interval_s)
+    axes, empty = _axes(source, vehicle, (*rates, *forces), (theta, velocity))
+    if vehicle.estimator.method == "thesis" and not all(axes):
+        raise InputError(
+            f'{source.table.path}: estimator.method = "thesis" needs all three axes of gyro and accelerometer; take the default method'
+        )
+    _by_yaw(theta, vehicle, axes[:3])
+    for names, increments in ((rates, theta), (forces, velocity)):
+        _check_magnitude(source, names, increments, interval_s)
+    if all(axes[3:]):
+        _check_gravity(source, vehicle, velocity, interval_s)
+    return _Imu(theta, velocity, rates, forces, axes, empty)
+
+
+def _axes(
+    source: LogTable, vehicle: Vehicle, names: Sequence[str], increments: tuple[Array, Array]
+) -> tuple[tuple[bool, ...], tuple[str, ...]]:
+    """Which IMU axes were logged, and columns without a reading; :class:`InputError` where a rate is needed and absent.
+
+    On a table the rate about body Z alone is needed, and the other axes of a gyro may be empty; elsewhere one that shows no rate reads 0.
+    """
+    planar = vehicle.environment.kind == "planar"
+    yaw = np.array(vehicle.imu.body_from_imu)[2]
+    may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]
+    logged = [source.has(name) for name in names]
+    empty = [
+        has and may and not one.any() for has, may, one in zip(logged, may_be_empty, (*increments[0].T, *increments[1].T), strict=True)
+    ]
+    axes = tuple(has and not none for has, none in zip(logged, empty, strict=True))
+    missing = [name for name, has in zip(names, axes[:3], strict=False) if not has]
+    if float((yaw[list(axes[:3])] ** 2).sum()) < 1 - YAW if planar else missing:
+        needed = "the rate about body Z" if planar else 'all three axes of the gyro (only environment.kind = "planar" needs one alone)'
+        raise InputError(
+            f"{source.table.path}: column {source.name(missing[0])!r} is missing; a log needs {needed}. Add it, or map it under [columns] "
+            "of the vehicle file"
+        )
+    return axes, tuple(name for name, none in zip(names, empty, strict=True) if none)
+
+
+def _emptiness(source: LogTable, empty: Sequence[str]) -> list[Notice]:
+    if not empty:
+        return []
+    said = f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, mend its logging"
+    return [Notice("empty-columns", said)]
+
+
+def _by_yaw(theta: Array, vehicle: Vehicle, logged: Sequence[bool]) -> None:
+    """Gyro axes that are absent on a table show what the yaw makes of them: an IMU's Z may be a little askew. In place."""
+    yaw, read = np.array(vehicle.imu.body_from_imu)[2], np.array(logged)
+    if read.all():
+        return
+    for part in spill.parts(len(theta)):
+        turned = theta[part][:, read] @ yaw[read] / (yaw[read] ** 2).sum()
+        theta[part, ~read] = turned[:, None] * yaw[~read]
 
 
 def _intervals(source: LogTable, time_s: Array) -> tuple[Array, list[Notice]]:

@@ -71,7 +71,7 @@ def packed(samples: Samples, vehicle: Vehicle) -> Array:
     parts = (
         *(samples.end_s[:, None], executed.duration_s[:, None], samples.rate_rad_s, samples.rate_step_rad_s, samples.carried_rad_s),
         *(samples.specific_force_m_s2, samples.up_b[:-1], samples.up_b[1:], executed.rising, executed.falling),
-        *(executed.whole, executed.ignored, executed.impulse_bins, executed.skew_bins, *pulses),
+        *(executed.whole, executed.ignored[:, ::3], executed.impulse_bins, executed.skew_bins, *pulses),
     )
     return np.concatenate([part.reshape(count, -1) for part in parts], 1, dtype=float)
 

@@ -79,7 +79,7 @@ def lifted(
     plant, layout, here = plant_of(vehicle), Layout.of(samples, vehicle), samples.part(cycles)
     lift = Lift(plant)
     if compiled(vehicle):
-        return _compiled(here, layout, lift, reference, vehicle, onto)
+        return _as_read(_compiled(here, layout, lift, reference, vehicle, onto), here)
     within = motion_within(here, reference, lift) if rebuilt is None else rebuilt
     step, whole, known = integrals(here, lift, within.theta, within)
     coupling = _coupling(here, lift, within, reference)
@@ -93,7 +93,23 @@ def lifted(
         steps = steps + coupling.own @ about.scaling.step @ reference.scale
     transition, drive = _rotation(about, step, known, onto)
     observation, measured = _translation(about, whole, vehicle, onto)
-    return Lifted(transition, observation, coupling.to_rate, steps, drive, measured)
+    return _as_read(Lifted(transition, observation, coupling.to_rate, steps, drive, measured), here)
+
+
+def _as_read(found: Lifted, here: Samples) -> Lifted:
+    """With specific force along the axes that it is measured along, and nothing in channels that the log doesn't have."""
+    for part in (found.observation, found.measured):
+        as_read(part, here)
+    return found
+
+
+def as_read(rows: Array, here: Samples) -> Array:
+    """The same of rows (K, 6, ...) along body axes, in place."""
+    if here.executed.force_axes is not None:
+        rows[:, 3:] = np.einsum("ij,kj...->ki...", here.executed.force_axes, rows[:, 3:])
+    if here.unread.any():
+        rows[:, here.unread] = 0.0
+    return rows
 
 
 class _Coupling(NamedTuple):

@@ -17,12 +17,15 @@ from massprop_cli.prepare.compensate import Source, blocks
 
 DROWNED = 1 / 3
 """A channel tells nothing where disturbances exceed this part of the power that commands and mass properties explain in it."""
+NONE: BoolArray = np.zeros(6, dtype=bool)
 _MOTIONS = 60
 _RANK = 1e-9
 
 
-def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> BoolArray:
+def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread: BoolArray = NONE) -> BoolArray:
     """(10,) whether any motion of this vehicle informs each quantity (thesis eq. 3.17: rank of the stacked regressors).
+
+    ``unread`` (6,): channels that the log doesn't have.
 
     Motions without a pattern, with commands from the span of ``capability`` (r, 6), stand for all motions; a quantity is observable if it
     does not enter the null space of what they show.
@@ -42,7 +45,7 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle) -> Boo
         rows[:, :3, 9] = 0.0
     else:
         rows = plant_of(vehicle).shown(reference, rate, rate_dot, force, _directions(drawn[:, 3:6]))
-    return _in_row_space(rows.reshape(-1, 10))
+    return _in_row_space(rows[:, ~unread].reshape(-1, 10))
 
 
 def _patternless(columns: int) -> Array:
@@ -102,4 +105,4 @@ def excitation(samples: Source, cycles: slice, reference: Reference, vehicle: Re
     coloured = np.concatenate([variance[:3] + 2 * np.minimum(lagged[:3], 0.0), np.maximum(lagged[3:], 0.0)])
     noise = np.concatenate([np.full(3, 2 * gyro**2), np.full(3, plain**2)])
     significant = (coloured > 0.5 * np.minimum(noise, variance)) & (coloured > 5 * variance / np.sqrt(felt.count))
-    return share, (coloured > DROWNED * explained) & significant
+    return share, (coloured > DROWNED * explained) & significant & ~samples.unread

@@ -26,10 +26,10 @@ from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.handed import packed
 from massprop_cli.model.layout import Layout
 from massprop_cli.model.lift import Lift
-from massprop_cli.model.lifted import Lifted, beyond, compiled, lifted, reference_numbers
+from massprop_cli.model.lifted import Lifted, as_read, beyond, compiled, lifted, reference_numbers
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
-from massprop_cli.prepare.compensate import Source
+from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
 
 
@@ -59,6 +59,10 @@ class Reading:
     """(3, 3) derivative of the rate by an assumption's unit, body axes."""
     force: Array
     """(3, 3) of the specific force."""
+
+    def shown(self, read: Samples) -> Array:
+        """(K, 6) of what was read."""
+        return as_read(np.hstack([times(self.rate, read.rate_rad_s), times(self.force, read.specific_force_m_s2)]), read)
 
 
 def reads_alone(vehicle: Vehicle) -> bool:
@@ -186,7 +190,7 @@ def fed(
     def add(variant: Variant | Reading) -> None:
         if isinstance(variant, Reading):
             driven.append(np.zeros(here.drive.shape[:2]))
-            measured.append(np.hstack([times(variant.rate, part.rate_rad_s), times(variant.force, part.specific_force_m_s2)]))
+            measured.append(variant.shown(part))
             return
         low, high = of(variant.low), of(variant.high)
         driven.append((high[0] - low[0]) / variant.distance)
@@ -199,7 +203,7 @@ def fed(
         if seen_by_scale is not None:
             seen[:, 3:, :3] = seen_by_scale
         driven.extend(np.moveaxis(drive, -1, 0))
-        measured.extend(np.moveaxis(seen, -1, 0))
+        measured.extend(np.moveaxis(as_read(seen, part), -1, 0))
 
     for variant in consider.variants:
         add(variant.variant(samples, vehicle) if isinstance(variant, Restated) else variant)
@@ -207,7 +211,7 @@ def fed(
         mounting = np.array(vehicle.imu.body_from_imu)
         whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench
         columns = wrench_columns(samples, cycles, reference, vehicle, here, Wrenches(np.arange(len(of_each)), of_each))
-        push(*columns, mounting * (whole @ mounting)[:, None, :])
+        push(*columns, mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :])
     for change in consider.imu:
         add(change.variant(samples, vehicle))
     if consider.jets.kinds:
@@ -264,7 +268,8 @@ def _expected(side: Side, state: Array, cycles: slice, reference: Reference, veh
     if compiled(vehicle):
         if id(samples) not in shared.cycles:
             shared.cycles[id(samples)] = packed(samples.part(cycles), vehicle)
-        return beyond(Layout.of(samples, vehicle), vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
+        driven, measured = beyond(Layout.of(samples, vehicle), vehicle, about, phi, shared.cycles[id(samples)], state[:, :3])
+        return driven, as_read(measured, samples.part(cycles))
     same = id(samples), within
     if same not in shared.moved:
         shared.moved[same] = motion_within(samples.part(cycles), reference, lift)

@@ -144,13 +144,23 @@ def _noise(here: Samples, layout: Layout, reference: Reference, vehicle: Resolve
         roots.append(walk)
     measurement = np.zeros((len(duration), 6, 6))
     measurement[:] = np.diag(vehicle.noise)
+    partly = here.unread[3:].any() and not here.unread[3:].all()
     if executed.pulse_covariance is not None:
         roots += [_in_rate(root, states) for root in _pulse_roots(executed.pulse_covariance, reference, vehicle, free)]
     if vehicle.environment.disturbance_torque_n_m > 0 or executed.pulse_covariance is not None:
-        measurement[:, 3:, 3:] = np.linalg.cholesky(measurement[:, 3:, 3:] ** 2 + felt_noise(here, reference, vehicle))
-    for part, ignored in zip((slice(0, 3), slice(3, 6)), executed.ignored.T, strict=True):
-        measurement[ignored, part, part] *= DEAF
-    return roots, measurement
+        covariance = measurement[:, 3:, 3:] ** 2 + felt_noise(here, reference, vehicle)
+        measurement[:, 3:, 3:] = np.linalg.cholesky(_apart(covariance, here) if partly else covariance)
+    elif partly:
+        measurement[:, 3:, 3:] = np.linalg.cholesky(_apart(measurement[:, 3:, 3:] ** 2, here))
+    return roots, np.where((executed.ignored & ~here.unread)[:, :, None], DEAF, 1.0) * measurement
+
+
+def _apart(covariance: Array, here: Samples) -> Array:
+    """(K, 3, 3) covariance of specific force along the axes that it is measured along, independent along axes that are absent."""
+    if here.executed.force_axes is not None:
+        covariance = here.executed.force_axes @ covariance @ here.executed.force_axes.T
+    absent = here.unread[3:]
+    return np.where((absent[:, None] | absent) & ~np.eye(3, dtype=bool), 0.0, covariance)
 
 
 def _in_rate(block: Array, states: int) -> Array:

@@ -21,7 +21,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare import actuators
+from massprop_cli.prepare import actuators, sensed
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
 from massprop_cli.prepare.sensor import Sensor, Shown, sensors, shown
@@ -92,7 +92,13 @@ class Aligned:
     usable: BoolArray
     """(K,) false where the executing command was issued before the log began."""
     ignored: BoolArray
-    """(K, 2) whose gyro, whose accelerometer is not used."""
+    """(K, 6) readings of each channel that are not used: rate x y z, specific force x y z."""
+    axes: tuple[bool, ...]
+    """Which IMU axes the log has: gyro x y z, accelerometer x y z."""
+    unread: BoolArray
+    """(6,) channels that the log doesn't have (:mod:`massprop_cli.prepare.sensed`)."""
+    force_axes: Array | None
+    """(3, 3) axes, in its rows, along which specific force is measured; None: the body's."""
     stored: Stored | None = None
     """What momentum devices hold, where there are any."""
     late_s: tuple[float, float] = (0.0, 0.0)
@@ -290,7 +296,10 @@ def align(
         pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
         usable=made.usable,
-        ignored=np.zeros((len(duration), 2), dtype=bool) if log.ignored is None else log.ignored[of],
+        ignored=sensed.ignored(log, vehicle, of),
+        axes=log.axes,
+        unread=sensed.unread(log, vehicle),
+        force_axes=sensed.force_axes(log, vehicle),
         stored=made.stored,
         late_s=shown_late_s(log, vehicle),
     )

@@ -53,6 +53,10 @@ class Source(Protocol):
         """Whether the log itself holds the attitude."""
 
     @property
+    def unread(self) -> BoolArray:
+        """(6,) channels that the log doesn't have: rate x y z, specific force x y z."""
+
+    @property
     def end_s(self) -> Array:
         """(K,) end of each cycle."""
 
@@ -98,6 +102,11 @@ class Samples:
     def attitude_logged(self) -> bool:
         """Whether the log itself holds the attitude."""
         return self.executed.attitude_wxyz is not None
+
+    @property
+    def unread(self) -> BoolArray:
+        """(6,) channels that the log doesn't have: rate x y z, specific force x y z."""
+        return self.executed.unread
 
     @property
     def end_s(self) -> Array:
@@ -190,7 +199,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
             attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
             carried = turns / aligned.duration_s[:, None]
         up = world_up_b(attitude)
-    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - vehicle.environment.steady_force_m_s2
+    force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
     apart_s = aligned.late_s[1] - aligned.late_s[0]
     if apart_s and vehicle.on_air_bearing:  # the weight as it was when the gyro's motion was
         force = force - apart_s * vehicle.environment.gravity_m_s2 * cross((up[:-1] + up[1:]) / 2, rate)
@@ -205,10 +214,17 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     )
 
 
+def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
+    """(3,) of what carries the weight of a vehicle on a table, body axes, as the IMU's axes that were logged feel it."""
+    axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
+    found: Array = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
+    return found
+
+
 def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle) -> Array:
-    """(K, 3) specific force over gravity's, body axes; zeros where the accelerometer is ignored."""
+    """(K, 3) specific force over gravity's, body axes; zeros where a part of it is ignored, (K, 6)."""
     body = times(np.array(vehicle.imu.body_from_imu), specific_force_imu_m_s2) / vehicle.environment.gravity_m_s2
-    return np.where(ignored[:, 1:], 0.0, body)
+    return np.where(ignored[:, 3:].any(1, keepdims=True), 0.0, body)
 
 
 def acceleration(samples: Samples, vehicle: Vehicle) -> Array:

@@ -17,6 +17,7 @@ from massprop_cli.prepare.align import Aligned, align, first_usable_s, shown_lat
 from massprop_cli.prepare.attitude import BiasSeen, at_first, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, check_attitude, compensate, felt
+from massprop_cli.prepare.sensed import force_axes, ignored, unread
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 
@@ -57,7 +58,7 @@ class Stream:
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
-        self.attitude_logged = self.log.attitude_wxyz is not None
+        self.attitude_logged, self.unread = self.log.attitude_wxyz is not None, unread(self.log, vehicle)
         begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held = slice(0, 0)
@@ -95,7 +96,7 @@ class Stream:
     def _compensated(self, cycles: slice) -> Samples:
         spill.give_back()
         aligned = self.alignment.part(cycles)
-        scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s)
+        scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s, force_axes=force_axes(self.log, self.vehicle))
         return compensate(scaled, self.vehicle, self._before(cycles.start))
 
     def _before(self, cycle: int) -> Before | None:
@@ -123,8 +124,7 @@ class Stream:
         """(K, 3) what :func:`massprop_cli.prepare.attitude.bias_seen` takes, and (K,) the length of each cycle."""
         records, (_, duration) = self.log.records_per_cycle, cycle_edges(self.log, cycles)
         velocity = of_records(self.log.delta_v_imu_m_s[cycles.start * records : cycles.stop * records], records)
-        ignored = np.zeros((len(duration), 2), dtype=bool) if self.log.ignored is None else self.log.ignored[cycles]
-        return felt(velocity / duration[:, None], ignored, self.vehicle), duration
+        return felt(velocity / duration[:, None], ignored(self.log, self.vehicle, cycles), self.vehicle), duration
 
     def _motion(self, cycles: slice) -> tuple[Array, Array]:
         """(K, 3) mean body rate, and the angle that it makes."""

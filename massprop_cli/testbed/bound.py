@@ -82,7 +82,7 @@ def noise_free(source: ScenarioSource) -> ScenarioSource:
 
 
 def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, values: Array, start: int, beside: Array) -> Array:
-    """(S, 13 + n, K N, 6) whitened change of each record.
+    """(S, 13 + n, K N, a) whitened change of each record, of the axes that are logged.
 
     By one unit of each of the ten quantities (S, 10) and the rate at cycle ``start``, and by one sigma of what is ``beside`` them (n, 4).
     """
@@ -103,7 +103,7 @@ def _sensitivities(source: ScenarioSource, seeds: Sequence[int], issued: Array, 
             flown.delta_v_m_s / _sigma(scenario.sensors.accel_noise_m_s2, scenario.vehicle.imu.accel_noise_m_s2),
         ],
         -1,
-    ).reshape(members, 2, unknowns, -1, 6) / (np.sqrt(records) * period / records)
+    ).reshape(members, 2, unknowns, -1, 6)[..., list(scenario.sensors.axes)] / (np.sqrt(records) * period / records)
     found: Array = (whitened[:, 0] - whitened[:, 1]) / (2 * np.array(sizes)[:, :, None, None])
     return found
 

@@ -67,7 +67,14 @@ class Sensors(Section):
     accel_bias_m_s2: Vector = Field(ZERO, description="IMU axes")
     gyro_quantum_rad: NonNegative = Field(0.0, description="smallest angle increment; what is left over goes into the next record")
     accel_quantum_m_s: NonNegative = Field(0.0, description="smallest velocity increment")
+    gyro_axes: tuple[Literal["x", "y", "z"], ...] = Field(("x", "y", "z"), description="IMU axes that are logged")
+    accel_axes: tuple[Literal["x", "y", "z"], ...] = Field(("x", "y", "z"), description="IMU axes that are logged; [] for no accelerometer")
     log_attitude: bool = Field(False, description="write quat_w … quat_z")
+
+    @property
+    def axes(self) -> tuple[bool, ...]:
+        """Which of gyro x y z and accelerometer x y z are logged."""
+        return tuple(axis in logged for logged in (self.gyro_axes, self.accel_axes) for axis in "xyz")
 
 
 class Actuators(Section):

@@ -198,8 +198,8 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
     names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)[: commanded.shape[1]]
     blocks = [
         ([columns.TIME], flight.time_s[:, None]),
-        (list(columns.DELTA_THETA), flight.delta_theta_rad[member]),
-        (list(columns.DELTA_V), flight.delta_v_m_s[member]),
+        _logged(columns.DELTA_THETA, flight.delta_theta_rad[member], flight.axes[:3]),
+        _logged(columns.DELTA_V, flight.delta_v_m_s[member], flight.axes[3:]),
         (names, _in_first_record(commanded, records)),
         *(([name], values[member][:, None]) for name, values in flight.columns.items()),
     ]
@@ -212,6 +212,10 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
         happened = {cycle * records: kind for cycle, kind in flight.events}
         found[columns.EVENT] = arrow.text([happened.get(row) for row in range(len(flight.time_s))])
     return pa.table(found)
+
+
+def _logged(names: Sequence[str], increments: Any, axes: Sequence[bool]) -> tuple[list[str], Any]:
+    return [name for name, logged in zip(names, axes, strict=True) if logged], increments[:, np.array(axes)]
 
 
 def _in_first_record(issued: Any, records: int) -> Any:

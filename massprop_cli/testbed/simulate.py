@@ -38,6 +38,8 @@ class Flight:
     """As the log's users get it, with the phases that events make."""
     seeds: tuple[int, ...]
     logs_attitude: bool
+    axes: tuple[bool, ...]
+    """Which of gyro x y z and accelerometer x y z are logged; the increments of the others are there all the same."""
     time_s: Array
     """(K N,) end of each record."""
     delta_theta_rad: Array
@@ -79,7 +81,10 @@ class Flight:
         """One member's log, as reading its file gives it."""
         records = len(self.time_s) // self.issued.shape[1]
         interval = np.diff(self.time_s, prepend=0.0)
-        theta, velocity = self.delta_theta_rad[member], self.delta_v_m_s[member]
+        theta, velocity = (
+            np.where(axes, increments[member], 0.0)
+            for axes, increments in ((self.axes[:3], self.delta_theta_rad), (self.axes[3:], self.delta_v_m_s))
+        )
         path = Path(f"seed-{self.seeds[member]}")
         return Log(
             path=path,
@@ -88,8 +93,9 @@ class Flight:
             records_per_cycle=records,
             time_s=self.time_s,
             interval_s=frozen(interval),
-            delta_theta_imu_rad=theta,
-            delta_v_imu_m_s=velocity,
+            delta_theta_imu_rad=frozen(theta),
+            delta_v_imu_m_s=frozen(velocity),
+            axes=self.axes,
             command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
             command=self.commanded(member),
             spinning=self._spinning(path, member),
@@ -131,6 +137,7 @@ def fly(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
         logs_attitude=scenario.sensors.log_attitude,
+        axes=scenario.sensors.axes,
         time_s=frozen(_record_ends(scenario)),
         delta_theta_rad=frozen(_flat(flying.gyro.increments)),
         delta_v_m_s=frozen(_flat(flying.accelerometer.increments)),

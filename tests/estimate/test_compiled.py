@@ -51,7 +51,7 @@ class _Both:
         consider: Consider,
         *_: object,
     ) -> History:
-        assert compiled.holds(vehicle, consider), "NumPy would be compared with itself"
+        assert compiled.holds(samples, vehicle, consider), "NumPy would be compared with itself"
         own = replayed(samples, cycles, phase, vehicle, consider)
         with pytest.MonkeyPatch.context() as numpy_alone:
             numpy_alone.setattr(compiled, "holds", lambda *_: False)

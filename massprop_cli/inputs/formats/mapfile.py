@@ -168,7 +168,7 @@ class MapFile(Section):
     schema_: Literal[1] = Field(alias="schema")
     clock: Clock = Field(Clock(), description="of all streams that have none of their own")
     gyro: Sensor
-    accelerometer: Sensor
+    accelerometer: Sensor | None = Field(None, description="absent: nothing was recorded of it")
     torque: Wrench | None = None
     force: Wrench | None = None
     jets: dict[str, Jet] = Field({}, description="by their names in the vehicle file")

@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs import columns
-from massprop_cli.inputs.formats import resample, units
+from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.clocks import GAP
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.onrows import wrenches
@@ -47,13 +47,17 @@ class Command:
 class Streams:
     """What a log is made of."""
 
-    gyro: Signal
-    accelerometer: Signal
-    kinds: tuple[resample.Values, resample.Values]
+    imu: Sequence[tuple[Signal, resample.Values]]
+    """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
     commands: Sequence[Command]
     attitude: Signal | None
     instants: Sequence[tuple[Signal, str]]
     signals: Signals
+
+    @property
+    def gyro(self) -> Signal:
+        """The first of them."""
+        return self.imu[0][0]
 
     @property
     def slow(self) -> list[Signal]:
@@ -78,30 +82,25 @@ class Streams:
 def streams_of(signals: Signals, records: Records) -> tuple[Streams, Array]:
     """What the map names, and its records' edges; :class:`massprop_cli.base.errors.InputError` where nothing was recorded."""
     said = signals.map
-    gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
-    accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
+    imu = signals.imu()
     attitude = None if said.attitude is None else signals.attitude(said.attitude)
-    commands, kinds = _commands(signals, attitude), (said.gyro.values, said.accelerometer.values)
-    found = Streams(gyro, accelerometer, kinds, commands, attitude, _instants(signals), signals)
-    spans = [_Span(one, resample.knots(one.times.s, kind)) for one, kind in zip((gyro, accelerometer), kinds, strict=True)]
+    found = Streams(imu, _commands(signals, attitude), attitude, _instants(signals), signals)
+    spans = [_Span(sensor, resample.knots(sensor.times.s, kind)) for sensor, kind in imu]
     spans += [_Span(signal, signal.times.s) for signal in found.slow]
-    spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in commands if each.signal.paths]
-    return found, _edges(signals, records, spans, commands)
+    spans += [_Span(each.signal, resample.span(each.signal.times.s, each.holds)) for each in found.commands if each.signal.paths]
+    return found, _edges(signals, records, spans, found.commands)
 
 
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array]:
     """The log's columns by the contract's names, summed over records between ``edges``."""
     signals, gyro = streams.signals, streams.gyro
-    _check(signals, edges, [gyro, streams.accelerometer], streams.slow)
+    _check(signals, edges, [sensor for sensor, _ in streams.imu], streams.slow)
     zero = edges[0] if records.zero == "start" else 0.0
     made: dict[str, Array] = {columns.TIME: edges[1:] - zero}
     length = median(np.diff(edges))
     if zero:
         signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
-    for signal, kind, names in (
-        (gyro, streams.kinds[0], columns.DELTA_THETA),
-        (streams.accelerometer, streams.kinds[1], columns.DELTA_V),
-    ):
+    for (signal, kind), names in zip(streams.imu, (columns.DELTA_THETA, columns.DELTA_V), strict=False):
         found = resample.increments(signal.values, signal.times.s, kind, edges)
         made |= dict(zip(names, found.T, strict=True))
         signals.made.append(

@@ -15,7 +15,7 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.mapfile import Records
 from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, Command, Streams
-from massprop_cli.inputs.formats.signals import Signal
+from massprop_cli.inputs.formats.signals import Signal, sampled
 
 LIKE = 0.2
 """Commands that come as often as control cycles, to this part of a cycle."""
@@ -23,8 +23,8 @@ LIKE = 0.2
 
 def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Array] | None:
     """The log's columns; None where records fall on cycles of these ``edges``, or commands are not one row each."""
-    signals, gyro, accelerometer, kinds = streams.signals, streams.gyro, streams.accelerometer, streams.kinds
-    together = gyro.times is accelerometer.times or np.array_equal(gyro.times.s, accelerometer.times.s)
+    signals, gyro, kinds = streams.signals, streams.gyro, [kind for _, kind in streams.imu]
+    together = all(one.times is gyro.times or np.array_equal(gyro.times.s, one.times.s) for one, _ in streams.imu)
     if not together or ("sample" not in kinds and _on(resample.knots(gyro.times.s, kinds[0]), edges, gyro.times.step_s)):
         return None
     issued = _issued(streams.commands, records.interval_s or 0.0, records.per_cycle)
@@ -42,11 +42,9 @@ def columns_of(streams: Streams, records: Records, edges: Array) -> dict[str, Ar
     made: dict[str, Array] = {columns.TIME: time_s - zero, columns.COMMAND_TIME: _in_rows(issued_s[own] - zero, rows, len(time_s))}
     if zero:
         signals.made.append(f"time_s counts from {edges[0] + gyro.times.zero_s:.13g} s by {gyro.times.path!r}")
-    signals.sampled = kinds[0] == "sample", kinds[1] == "sample"
-    for signal, kind, rates, increments in (
-        (gyro, kinds[0], columns.GYRO, columns.DELTA_THETA),
-        (accelerometer, kinds[1], columns.ACCEL, columns.DELTA_V),
-    ):
+    signals.sampled = sampled(streams.imu)
+    sensors = (columns.GYRO, columns.DELTA_THETA), (columns.ACCEL, columns.DELTA_V)
+    for (signal, kind), (rates, increments) in zip(streams.imu, sensors, strict=False):
         made |= dict(zip(increments if kind == "increment" else rates, signal.values[within].T, strict=True))
         signals.made.append(
             f"{signal.key}: {len(time_s)} values ({kind}) every {gyro.times.step_s:.6g} s by {gyro.times.path!r}, as recorded"

@@ -6,20 +6,18 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample, units
 from massprop_cli.inputs.formats.mapfile import Wrench
-from massprop_cli.inputs.formats.signals import Signal, Signals
+from massprop_cli.inputs.formats.signals import Signal, Signals, sampled
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:
     """The log's columns by the contract's names."""
     said = signals.map
-    gyro = signals.sensor("gyro", said.gyro, units.RATE, units.ANGLE)
-    accelerometer = signals.sensor("accelerometer", said.accelerometer, units.ACCELERATION, units.SPEED)
+    imu = signals.imu()
+    gyro = imu[0][0]
     made: dict[str, Array] = {columns.TIME: gyro.times.s}
-    signals.sampled = said.gyro.values == "sample", said.accelerometer.values == "sample"
-    for signal, kind, rates, increments in (
-        (gyro, said.gyro.values, columns.GYRO, columns.DELTA_THETA),
-        (accelerometer, said.accelerometer.values, columns.ACCEL, columns.DELTA_V),
-    ):
+    sensors = (columns.GYRO, columns.DELTA_THETA), (columns.ACCEL, columns.DELTA_V)
+    signals.sampled = sampled(imu)
+    for (signal, kind), (rates, increments) in zip(imu, sensors, strict=False):
         values = _beside(gyro, signal, signals).values
         made |= dict(zip(increments if kind == "increment" else rates, values.T, strict=True))
     attitude = None

@@ -67,6 +67,14 @@ class Signals:
             self._check_covering(found)
         return found
 
+    def imu(self) -> list[tuple[Signal, resample.Values]]:
+        """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
+        found = [(self.sensor("gyro", self.map.gyro, units.RATE, units.ANGLE), self.map.gyro.values)]
+        said = self.map.accelerometer
+        if said is not None:
+            found.append((self.sensor("accelerometer", said, units.ACCELERATION, units.SPEED), said.values))
+        return found
+
     def _check_covering(self, found: Signal) -> None:
         """Increments cover the time since the one before, where the file says what they cover."""
         length = covering.lengths(self.recording.streams, found.paths)
@@ -330,3 +338,9 @@ class Signals:
 def replace_clock(clock: Clock, path: str) -> Clock:
     """The clock with a path."""
     return clock.model_copy(update={"path": path})
+
+
+def sampled(imu: Sequence[tuple[Signal, resample.Values]]) -> tuple[bool, bool]:
+    """Whether records of gyro and accelerometer are samples at their times."""
+    gyro, *others = (kind == "sample" for _, kind in imu)
+    return gyro, others[0] if others else gyro

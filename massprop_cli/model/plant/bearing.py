@@ -197,8 +197,12 @@ class BearingBody(Whole):
         return moment, felt
 
     def shown(self, reference: Reference, rate: Array, rate_dot: Array, force: Array, up: Array) -> Array:
-        """(K, 6, 10) what torque and specific force tell of the parameters; the weight, not the lever arm, shows the CG."""
+        """(K, 6, 10) what torque and specific force tell of the parameters; the weight, not the lever arm, shows the CG.
+
+        A push moves the base, and so turns a body whose CG is off the bearing: a little of that is the mass.
+        """
         rows = turned_rows(rate, rate_dot)
+        rows[:, :3, 9] = cross(self.theta(reference)[MOMENT], level(up, force))
         rows[:, :3, 6:9] = -cross_matrix((self.gravity * up + force * reference.mu) / reference.mu)
         rows[:, 3:, 9] = force
         return rows
