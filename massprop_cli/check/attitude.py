@@ -27,7 +27,7 @@ def on_table(log: Log, vehicle: Vehicle) -> list[Finding]:
         return []
     mount, found = np.array(vehicle.imu.body_from_imu), []
     felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]).mean(0)
-    off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2]))
+    off = float(np.linalg.norm(felt - [0.0, 0.0, vehicle.environment.gravity_m_s2])) if all(log.axes[3:]) else 0.0
     if off > TILTED * vehicle.environment.gravity_m_s2:
         said = f"the accelerometer feels {', '.join(f'{x:.4g}' for x in felt)} m/s^2 along the body's X, Y and Z on the mean; Z points up"
         remedy = "mend imu.body_from_imu, the accelerometer's signs and unit, or environment.gravity_m_s2"
@@ -59,7 +59,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
         hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
         said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
         found.append(_finding("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
-    if vehicle.on_air_bearing:
+    if vehicle.on_air_bearing and all(log.axes[3:]):
         found += _gravity(log, mount)
     return found
 

@@ -140,7 +140,8 @@ def _too_quiet(told: Result, vehicle: Vehicle) -> list[Finding]:
     found = []
     for kind, key, part in (("gyro", "gyro_noise_rad_s", slice(0, 3)), ("accelerometer", "accel_noise_m_s2", slice(3, 6))):
         stated = getattr(vehicle.imu, key)
-        ratios = [float(np.mean(phase.innovations.channel_variance[part])) for phase in told.phases if phase.innovations is not None]
+        read = [phase.innovations.channel_variance[part] for phase in told.phases if phase.innovations is not None]
+        ratios = [float(np.mean(own)) for of_phase in read if (own := [ratio for ratio in of_phase if ratio is not None])]
         disturbed = any((vehicle.environment.disturbance_torque_n_m, vehicle.environment.disturbance_walk_n_m, vehicle.thrust.pulse_sigma))
         if not stated or disturbed or not ratios or max(ratios) >= QUIET:
             continue

@@ -42,8 +42,10 @@ def sensors(log: Log, vehicle: Vehicle, place: Place) -> list[Finding]:
                 "log each sample once, or with its own time",
             )
         )
-    for name, columns, increments, noise, limit in rates:
+    for (name, columns, increments, noise, limit), logged in zip(rates, (log.axes[:3], log.axes[3:]), strict=True):
         for axis, column in enumerate(columns):
+            if not logged[axis] and column not in log.empty:
+                continue
             values = increments[:, axis] / log.interval_s
             found += _channel(name, column, values, noise, limit, repeated, place)
         found += _coarse(name, increments / log.interval_s[:, None], noise, log.records_per_cycle)

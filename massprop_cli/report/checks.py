@@ -43,17 +43,15 @@ def innovations(found: Innovations) -> list[Check]:
 
     What commands and motion explain of a channel's innovations is 1 where it is no more than chance, so it has no allowance.
     """
-    n = found.cycles
-    checks = [Check("normalised innovation squared, all six channels", found.nis, 6.0, COUNT * np.sqrt(12 / n))]
-    checks += [Check(f"variance, {name}", v, 1.0, COUNT * np.sqrt(2 / n)) for name, v in zip(CHANNELS, found.channel_variance, strict=True)]
-    checks += [
-        Check(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0)
-        for name, factor in zip(CHANNELS, found.lack_of_fit, strict=True)
+    n, columns = found.cycles, zip(CHANNELS, found.channel_variance, found.lack_of_fit, found.lag_one_correlation, strict=True)
+    read = [(name, variance, factor, along) for name, variance, factor, along in columns if variance is not None and along is not None]
+    count = "six" if len(read) == len(CHANNELS) else str(len(read))
+    checks = [
+        Check(f"normalised innovation squared, all {count} channels", found.nis, float(len(read)), COUNT * np.sqrt(2 * len(read) / n))
     ]
-    return checks + [
-        Check(f"correlation from cycle to cycle, {name}", c, 0.0, COUNT / np.sqrt(n))
-        for name, c in zip(CHANNELS, found.lag_one_correlation, strict=True)
-    ]
+    checks += [Check(f"variance, {name}", variance, 1.0, COUNT * np.sqrt(2 / n)) for name, variance, _, _ in read]
+    checks += [Check(f"what commands and motion explain of its innovations, {name}", factor, 1.0, 0.0) for name, _, factor, _ in read]
+    return checks + [Check(f"correlation from cycle to cycle, {name}", along, 0.0, COUNT / np.sqrt(n)) for name, _, _, along in read]
 
 
 @dataclass(frozen=True)

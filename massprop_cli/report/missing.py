@@ -7,8 +7,8 @@ from massprop_cli.report import vocabulary
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
 
-NAMES_MOTION = ("no-motion-informs", "hardly-informed", "no-part")
-"""Reasons that name the motion which would inform a quantity, or that none does."""
+NAMES_MOTION = ("no-motion-informs", "sensor-absent", "sensor-absent-mass", "hardly-informed", "no-part")
+"""Reasons that name what would inform a quantity, or that nothing does."""
 
 
 def gaps(found: Result) -> list[str]:

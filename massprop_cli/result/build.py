@@ -194,11 +194,16 @@ def _innovations(history: History, factors: Array) -> Innovations | None:
     found = history.moments()
     if found.count < 3:
         return None
+    correlation = found.lagged / np.maximum(found.variance, 1e-300)
+
+    def read(values: Array) -> list[float | None]:
+        return [None if unread else float(value) for value, unread in zip(values, history.unread, strict=True)]
+
     return Innovations(
         cycles=found.count,
         nis=float(found.variance.sum()),
-        channel_variance=[float(v) for v in found.variance],
-        lag_one_correlation=[float(c) for c in found.lagged / np.maximum(found.variance, 1e-300)],
+        channel_variance=read(found.variance),
+        lag_one_correlation=read(correlation),
         lack_of_fit=[float(factor) for factor in factors],
     )
 

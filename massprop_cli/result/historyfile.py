@@ -32,7 +32,7 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     Beside the estimates stand the executed mean torque about O and force, the mean rate, and the acceleration of O (of the bearing, on
     one) with lever arm and gravity taken out; the specific force at the IMU; rate and specific force as the final values predict them
     from the commands, with the sigma of measured less predicted; the whitened innovations that the fit is judged by; and what each jet
-    executed. All in body axes.
+    executed. All in body axes; null of an axis that the log lacks.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -69,7 +69,9 @@ def _rows(analysis: Analysis, history: History, settled: History, part: slice) -
     """(K, columns) of part of a phase."""
     samples = analysis.samples.part(slice(history.cycles.start + part.start, history.cycles.start + part.stop))
     wrench = samples.executed.whole / samples.executed.duration_s[:, None]
-    measured = np.hstack([samples.rate_rad_s, samples.specific_force_m_s2])
+    measured = np.where(samples.unread, np.nan, np.hstack([samples.rate_rad_s, samples.specific_force_m_s2]))
+    moved = np.where(samples.unread[3:], np.nan, acceleration(samples, analysis.vehicle))
+    whitened = np.where(samples.unread, np.nan, settled.normalised[part])
     left, sigma = np.full((2, *measured.shape), np.nan)
     if settled.residual is not None:
         left, sigma = (values[part] for values in settled.residual)
@@ -80,7 +82,7 @@ def _rows(analysis: Analysis, history: History, settled: History, part: slice) -
                 history.time_s[part, None],
                 *(v[part] for v in (history.values, history.sigmas, history.innovation, history.innovation_sigma)),
             ),
-            *(wrench, samples.rate_rad_s, acceleration(samples, analysis.vehicle)),
-            *(measured[:, 3:], measured - left, sigma, settled.normalised[part], executed),
+            *(wrench, measured[:, :3], moved),
+            *(measured[:, 3:], measured - left, sigma, whitened, executed),
         ]
     )

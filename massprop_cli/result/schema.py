@@ -13,6 +13,7 @@ from massprop_cli.inputs.equipment import EnvironmentKind
 AXES = ("x", "y", "z")
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+SixRead = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 Matrix = list[list[float | None]]
 Matrix3 = Annotated[list[Annotated[list[float | None], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)]
 Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max_length=10)]], Field(min_length=10, max_length=10)]
@@ -142,9 +143,9 @@ class Innovations(Item):
     """Whitened innovations about the final estimate: independent standard normal where model and noise levels hold."""
 
     cycles: int
-    nis: float = Field(description="mean normalised innovation squared of a cycle, all six channels together; 6 is expected")
-    channel_variance: Six = Field(description="rate x y z, specific force x y z; 1 is expected")
-    lag_one_correlation: Six = Field(description="of each channel from one cycle to the next; 0 is expected")
+    nis: float = Field(description="mean normalised innovation squared of a cycle, all channels together; as many are expected")
+    channel_variance: SixRead = Field(description="rate x y z, specific force x y z; 1 is expected; null: the log has no such channel")
+    lag_one_correlation: SixRead = Field(description="of each channel from one cycle to the next; 0 is expected; null likewise")
     lack_of_fit: Six = Field(
         [1.0] * 6,
         description="by how much too small the sigmas are that each channel gives, as what commands and motion still explain of its "

@@ -27,7 +27,7 @@ from massprop_cli.report.figures import (
     whiteness,
 )
 from massprop_cli.report.figures.canvas import Kind
-from massprop_cli.report.figures.panel import Picture
+from massprop_cli.report.figures.panel import Picture, nothing
 from massprop_cli.report.figures.recording import only
 from massprop_cli.result.read import Recorded
 
@@ -68,7 +68,8 @@ def picture(name: str, recorded: Recorded, phase: str | None = None) -> Picture:
         nearest = difflib.get_close_matches(name, NAMES, n=1)
         meant = f" did you mean {nearest[0]}?" if nearest else ""
         raise UsageError(f"no figure {name!r};{meant} there are {', '.join(NAMES)}")
-    return _PICTURES[name][1](recorded if phase is None else only(recorded, phase))
+    found = _PICTURES[name][1](recorded if phase is None else only(recorded, phase))
+    return found if found.panels else Picture(found.caption, (nothing("the log lacks the sensor that this would show"),))
 
 
 def draw(name: str, recorded: Recorded, kind: Kind, phase: str | None = None) -> bytes:

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.prediction import channel, columns
-from massprop_cli.report.figures.recording import Covered, covered
+from massprop_cli.report.figures.recording import Covered, covered, sensed
 from massprop_cli.report.figures.series import padded
 from massprop_cli.result.historyfile import SIGNALS
 from massprop_cli.result.schema import AXES
@@ -56,7 +56,7 @@ def picture(recorded: Recorded) -> Picture:
     parts = covered(
         recorded, [*columns("rate"), *columns("specific_force"), *(f"{k}_{a}_{SIGNALS[k]}" for k in ("torque", "force") for a in AXES)]
     )
-    found = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in AXES}
+    found = {(kind, letter): against(parts, kind, letter) for kind in KINDS for letter in sensed(parts, kind)}
     panels = tuple(_panel(kind, letter, each) for (kind, letter), each in found.items())
     count = max(len(each.left) for each in found.values())
     thinned = f" Of {count} cycles one in {-(-count // POINTS)} is drawn; the means are of all." if count > POINTS else ""

@@ -9,9 +9,8 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
+from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
-from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from massprop_cli.result.read import Recorded
 
 UNITS = {"torque": "N m", "force": "N"}
+SENSORS = {"torque": "rate", "force": "acceleration"}
+"""The signal in which each shows."""
 BOUND = 2.0
 """Sigmas; 95.4 % of normal innovations lie within."""
 
@@ -26,11 +27,12 @@ BOUND = 2.0
 def picture(recorded: Recorded) -> Picture:
     """Three torque channels, three force channels, over all phases."""
     parts = covered(recorded)
-    ranges = {kind: [_limits(f"innovation_{kind}_{letter}", parts) for letter in AXES] for kind in UNITS}
+    letters = {kind: sensed(parts, sensor) for kind, sensor in SENSORS.items()}
+    ranges = {kind: [_limits(f"innovation_{kind}_{letter}", parts) for letter in letters[kind]] for kind in UNITS}
     panels = tuple(
         _panel(kind, letter, parts, limits, axis.power(found))
         for kind, found in ranges.items()
-        for letter, limits in zip(AXES, found, strict=True)
+        for letter, limits in zip(letters[kind], found, strict=True)
     )
     caption = (
         "Line: measured less predicted, each cycle, before that cycle was used; body axes. Dashed lines: ± 2 sigma as the filter expected. "

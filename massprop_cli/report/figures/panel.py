@@ -41,3 +41,13 @@ class Picture:
     panels: tuple[Panel, ...]
     columns: int = 3
     """Of panels side by side where there is room."""
+
+
+def nothing(why: str) -> Panel:
+    """A panel that says why it shows nothing."""
+
+    def paint(axes: Axes) -> None:
+        axes.axis("off")
+        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center")
+
+    return Panel("nothing", why, paint, (2 * LENGTH, HEIGHT / 2), 0.0)

@@ -11,7 +11,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Columns, Covered, covered, extent
+from massprop_cli.report.figures.recording import Columns, Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, span, thin
 from massprop_cli.result.historyfile import PREDICTED
 from massprop_cli.result.schema import AXES
@@ -64,14 +64,14 @@ def channel(number: int, found: Columns, kind: str, letter: str) -> Channel:
 def picture(recorded: Recorded, kind: str) -> Picture:
     """X, Y and Z over all phases: overlaid, and below each what is left."""
     parts = covered(recorded, columns(kind))
-    found = {letter: [channel(number, each, kind, letter) for number, _, each in parts] for letter in AXES}
-    largest = max(float(np.nanmax(np.abs(one.measured), initial=0.0)) for each in found.values() for one in each)
+    found = {letter: [channel(number, each, kind, letter) for number, _, each in parts] for letter in sensed(parts, kind)}
+    largest = max((float(np.nanmax(np.abs(one.measured), initial=0.0)) for each in found.values() for one in each), default=0.0)
     overlaid = {letter: _overlaid(each, NOTHING * largest) for letter, each in found.items()}
     left = {letter: _symmetric(each) for letter, each in found.items()}
     powers = axis.power(overlaid.values()), axis.power(left.values())
-    panels = []
+    panels = list[Panel]()
     for letter, each in found.items():
-        panels.append(_overlay(kind, letter, each, overlaid[letter], powers[0], parts))
+        panels.append(_overlay(kind, letter, each, overlaid[letter], powers[0], parts, first=not panels))
         panels.append(_residual(kind, letter, each, left[letter], powers[1], parts))
     return Picture(_caption(recorded, parts), tuple(panels), 2)
 
@@ -107,7 +107,7 @@ def _symmetric(each: Sequence[Channel]) -> Limits:
     return padded(-reach, reach, 0.03)
 
 
-def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered]) -> Panel:
+def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, power: int, parts: list[Covered], first: bool) -> Panel:
     heading, unit = SHOWN[kind]
 
     def paint(axes: Axes) -> None:
@@ -125,7 +125,7 @@ def _overlay(kind: str, letter: str, each: Sequence[Channel], limits: Limits, po
                 drawn = thin(values, buckets=buckets)
                 told = name if label and len(drawn) else None
                 axes.plot(one.time_s[drawn], values[drawn], color=colour, linewidth=1.1, linestyle=style, gid=gid.format(name), label=told)
-        if letter == "x":
+        if first:
             axes.legend(
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.0, handlelength=1.6, handletextpad=0.4, columnspacing=0.8
             )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UsageError
@@ -40,6 +42,12 @@ def covered(recorded: Recorded, needed: Sequence[str] = COLUMNS) -> list[Covered
         if absent:
             raise InputError(f"{recorded.path.with_name('history.parquet')}: phase {phase.name} lacks {absent[0]}; make the result again")
     return found
+
+
+def sensed(parts: Sequence[Covered], kind: str) -> list[str]:
+    """The body axes, of x, y and z, that the log has of a kind of signal, such as "rate"; of a sensor that it lacks none."""
+    unit = {"specific_force": "m_s2", **SIGNALS}[kind]
+    return [letter for letter in AXES if any(np.isfinite(columns[f"{kind}_{letter}_{unit}"]).any() for *_, columns in parts)]
 
 
 def only(recorded: Recorded, phase: str) -> Recorded:

@@ -10,10 +10,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, extent
+from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, gathered, parts_of, said, span, thin
 from massprop_cli.result.historyfile import SIGNALS
-from massprop_cli.result.schema import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,11 +59,14 @@ def picture(recorded: Recorded, kind: str) -> Picture:
     """X, Y and Z, over all phases."""
     parts, signal = covered(recorded), KINDS[kind]
     point = "the bearing" if recorded.result.vehicle.environment == "air_bearing" else "O"
-    columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in AXES for *_, columns in parts]
-    largest = max(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in columns)
-    ranges = [span(np.concatenate([each[f"{kind}_{letter}_{SIGNALS[kind]}"] for *_, each in parts]), NOTHING * largest) for letter in AXES]
+    letters = sensed(parts, kind)
+    columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in letters for *_, columns in parts]
+    largest = max((float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in columns), default=0.0)
+    ranges = [
+        span(np.concatenate([each[f"{kind}_{letter}_{SIGNALS[kind]}"] for *_, each in parts]), NOTHING * largest) for letter in letters
+    ]
     power, heading = axis.power(ranges), signal.heading.format(point=point)
-    panels = tuple(_panel(kind, letter, heading, parts, limits, power) for letter, limits in zip(AXES, ranges, strict=True))
+    panels = tuple(_panel(kind, letter, heading, parts, limits, power) for letter, limits in zip(letters, ranges, strict=True))
     thinned = said([len(each["time_s"]) for *_, each in parts], parts_of(len(parts)))
     if thinned and kind in COMMANDED:
         thinned = f" Line: their mean.{thinned.replace('Drawn', 'Band')}"

@@ -10,7 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.report import checks
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
-from massprop_cli.report.figures.recording import Covered, covered, extent
+from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
 from massprop_cli.report.figures.series import Limits, padded, parts_of, said, thin
 from massprop_cli.result.schema import AXES
 
@@ -26,13 +26,15 @@ EDGES = np.linspace(-4.5, 4.5, 28)
 LAGS = 20
 WINDOW = 50
 """Cycles of a running mean."""
-_STYLES = ((palette.BLUE, "-"), (palette.ORANGE, (0, (4, 1.5))), (palette.GREEN, (0, (1, 1))))
+Style = tuple[str, str | tuple[float, tuple[float, ...]]]
+_STYLES: tuple[Style, ...] = ((palette.BLUE, "-"), (palette.ORANGE, (0, (4, 1.5))), (palette.GREEN, (0, (1, 1))))
 
 
 def picture(recorded: Recorded) -> Picture:
     """For rate and for specific force: histogram, autocorrelation, running mean square."""
     parts = covered(recorded, COLUMNS)
-    panels = [panel for kind in KINDS for panel in (_histogram(kind, parts), _autocorrelation(kind, parts), _running(kind, parts))]
+    kinds = [kind for kind in KINDS if sensed(parts, kind)]
+    panels = [panel for kind in kinds for panel in (_histogram(kind, parts), _autocorrelation(kind, parts), _running(kind, parts))]
     caption = (
         "Whitened innovations: measured less predicted, each cycle before it was used, over what was expected of it; solid X, dashed Y, "
         "dotted Z. Left: their histogram with the normal curve (grey). Middle: correlation with themselves some cycles later, with the "
@@ -43,21 +45,27 @@ def picture(recorded: Recorded) -> Picture:
 
 
 def whitened(parts: list[Covered], kind: str) -> list[Array]:
-    """(K, 3) of each phase, those that are known."""
-    found = [np.column_stack([each[f"whitened_{kind}_{letter}"] for letter in AXES]) for *_, each in parts]
+    """(K, axes that the log has) of each phase, those that are known."""
+    found = [np.column_stack([each[f"whitened_{kind}_{letter}"] for letter in sensed(parts, kind)]) for *_, each in parts]
     return [z[np.isfinite(z).all(1)] for z in found]
 
 
+def _styles(parts: list[Covered], kind: str) -> list[tuple[str, Style]]:
+    """Each axis' letter, and how it is drawn."""
+    own = dict(zip(AXES, _STYLES, strict=True))
+    return [(letter, own[letter]) for letter in sensed(parts, kind)]
+
+
 def autocorrelation(pieces: list[Array]) -> Array:
-    """(LAGS, 3) of phases one after the other: Σ z[k + lag] z[k] / Σ z[k]², not across their borders."""
+    """(LAGS, a) of phases one after the other: Σ z[k + lag] z[k] / Σ z[k]², not across their borders."""
     total = np.maximum(sum((z**2).sum(0) for z in pieces), 1e-300)
     sums = [sum((z[lag:] * z[:-lag]).sum(0) for z in pieces if len(z) > lag) for lag in range(1, LAGS + 1)]
-    found: Array = np.array([np.zeros(3) + one for one in sums]) / total
+    found: Array = np.array([np.zeros(total.shape) + one for one in sums]) / total
     return found
 
 
 def running(z: Array, window: int = WINDOW) -> Array:
-    """(K − window + 1,) mean over so many rows of the sum of squares of z (K, 3)."""
+    """(K − window + 1,) mean over so many rows of the sum of squares of z (K, a)."""
     sums = np.concatenate([[0.0], np.cumsum((z**2).sum(1))])
     found: Array = (sums[window:] - sums[:-window]) / window
     return found
@@ -66,7 +74,7 @@ def running(z: Array, window: int = WINDOW) -> Array:
 def _histogram(kind: str, parts: list[Covered]) -> Panel:
     z = np.concatenate(whitened(parts, kind))
     width = EDGES[1] - EDGES[0]
-    density = [np.histogram(np.clip(z[:, i], EDGES[0], EDGES[-1]), EDGES)[0] / max(len(z), 1) / width for i in range(3)]
+    density = [np.histogram(np.clip(z[:, i], EDGES[0], EDGES[-1]), EDGES)[0] / max(len(z), 1) / width for i in range(z.shape[1])]
     beyond = float((np.abs(z) > -EDGES[0]).mean()) if z.size else 0.0
 
     def paint(axes: Axes) -> None:
@@ -74,7 +82,7 @@ def _histogram(kind: str, parts: list[Covered]) -> Panel:
         axes.fill_between(
             curve, np.exp(-(curve**2) / 2) / np.sqrt(2 * np.pi), color=palette.MUTED, alpha=0.28, linewidth=0, gid=f"{kind}-normal"
         )
-        for letter, values, (colour, style) in zip(AXES, density, _STYLES, strict=True):
+        for (letter, (colour, style)), values in zip(_styles(parts, kind), density, strict=True):
             edges, tops = np.repeat(EDGES, 2), np.concatenate([[0.0], np.repeat(values, 2), [0.0]])
             axes.plot(edges, tops, color=colour, linestyle=style, linewidth=1.0, gid=f"{kind}_{letter}-histogram")
         axis.heading(axes, f"{KINDS[kind]}: histogram", "share per σ")
@@ -97,7 +105,7 @@ def _autocorrelation(kind: str, parts: list[Covered]) -> Panel:
         axes.set_xlim(0, LAGS + 0.5)
         axes.set_xticks(range(0, LAGS + 1, 5))
         axes.axhspan(-bound, bound, color=palette.MUTED, alpha=0.18, linewidth=0)
-        for letter, values, (colour, style) in zip(AXES, found.T, _STYLES, strict=True):
+        for (letter, (colour, style)), values in zip(_styles(parts, kind), found.T, strict=True):
             axes.plot(
                 lags, values, color=colour, linestyle=style, marker=".", markersize=3, linewidth=0.9, gid=f"{kind}_{letter}-correlation"
             )
@@ -111,25 +119,26 @@ def _autocorrelation(kind: str, parts: list[Covered]) -> Panel:
 
 
 def _running(kind: str, parts: list[Covered]) -> Panel:
-    lines = []
+    lines, letters = [], sensed(parts, kind)
     for number, _, each in parts:
-        z = np.column_stack([each[f"whitened_{kind}_{letter}"] for letter in AXES])
+        z = np.column_stack([each[f"whitened_{kind}_{letter}"] for letter in letters])
         known = np.isfinite(z).all(1)
         if known.sum() > WINDOW:
             lines.append((number, each["time_s"][known][WINDOW - 1 :], running(z[known])))
-    spread = checks.COUNT * np.sqrt(6 / WINDOW)
-    highest = max((float(values.max()) for *_, values in lines), default=3.0)
-    limits = padded(0.0, max(3 + 1.3 * spread, highest), 0.03)
+    expected = len(letters)
+    spread = checks.COUNT * np.sqrt(2 * expected / WINDOW)
+    highest = max((float(values.max()) for *_, values in lines), default=float(expected))
+    limits = padded(0.0, max(expected + 1.3 * spread, highest), 0.03)
 
     def paint(axes: Axes) -> None:
         axis.time(axes, *extent(parts))
         axis.values(axes, limits, f"{KINDS[kind]}: normalised innovation squared", "1")
         axis.phases(axes, [phase for _, phase, _ in parts])
-        axes.axhspan(max(3 - spread, 0.0), 3 + spread, color=palette.MUTED, alpha=0.18, linewidth=0)
-        axes.axhline(3.0, color=palette.MUTED, linestyle=(0, (4, 2)), linewidth=0.9)
+        axes.axhspan(max(expected - spread, 0.0), expected + spread, color=palette.MUTED, alpha=0.18, linewidth=0)
+        axes.axhline(expected, color=palette.MUTED, linestyle=(0, (4, 2)), linewidth=0.9)
         for number, time_s, values in lines:
             rows = thin(values, buckets=parts_of(len(parts)) // 2)
             axes.plot(time_s[rows], values[rows], color=palette.BLUE, linewidth=0.9, gid=f"{kind}-running-{number}")
 
-    says = f"Running normalised innovation squared in {KINDS[kind].lower()} against time: at most {highest:.3g}, 3 is expected"
+    says = f"Running normalised innovation squared in {KINDS[kind].lower()} against time: at most {highest:.3g}, {expected} is expected"
     return Panel(f"running_{kind}", says, paint)
