@@ -7,11 +7,14 @@ from pathlib import Path
 from massprop_cli.base import limits, spill
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.spill import Content
+from massprop_cli.inputs.formats import bagfolder
 from massprop_cli.inputs.formats.recording import TABLE, Recording, Stream, counted, kind
 
 
 def load(path: Path) -> Recording:
-    """A recording from its file."""
+    """A recording from its file, or from the folder of a ROS 2 bag."""
+    if bagfolder.is_bag(path):
+        return bagfolder.joined(path, [load(file) for file in bagfolder.files(path)])
     try:
         return read(path, limits.content(path, "log"))
     except FileNotFoundError:
