@@ -14,6 +14,7 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
+from massprop_cli.diagnosis import sensorkernel
 from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
@@ -49,7 +50,7 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
-    log = clipped.with_unstated(log)
+    log, source = sensorkernel.found(clipped.with_unstated(log), source, say)
     try:
         found = estimated(log, source, assignments, say)
     except UntoldError as error:

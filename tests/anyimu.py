@@ -17,6 +17,7 @@ import numpy as np
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array, ComplexArray
 from massprop_cli.inputs import columns
+from massprop_cli.inputs.equipment import Imu as Imu_
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
@@ -277,6 +278,12 @@ def vehicle_of(
         "jets": [{"name": f"j{n}", "position_m": place, "force_n": force} for n, (place, force) in enumerate(places)],
     }
     return Vehicle.model_validate(data)
+
+
+def unstated(used: Vehicle) -> Vehicle:
+    """The vehicle file of somebody who doesn't know what the IMU records."""
+    left = used.imu.model_dump(exclude_unset=True, exclude={"measures", "gyro_filter", "accel_filter"})
+    return used.model_copy(update={"imu": Imu_.model_validate(left)})
 
 
 def log_of(flown: Flown, body: int, imu: Imu, used: Vehicle) -> Log:

@@ -90,6 +90,18 @@ def _unstated(log: str) -> Told:
     return _told(flow.examine(telemetry.read(table, used.vehicle), used))
 
 
+def _sampled() -> Told:
+    """A log of an IMU that is sampled, which nobody states."""
+    sys.path.insert(0, str(ROOT))
+    from tests import anyimu
+
+    imu, rng = anyimu.Imu(measures="sample", offset_s=0.003), np.random.default_rng(3)
+    own = anyimu.bodies(rng, 1)
+    flown = anyimu.fly(rng, own, imu, 0.05, 20.0, 0.1)
+    vehicle = anyimu.unstated(anyimu.vehicle_of(own, 0, flown, imu, 0.05, 0.1))
+    return _told(flow.examine(anyimu.log_of(flown, 0, imu, vehicle), VehicleSource(vehicle, "sampled", "")))
+
+
 def _flown(name: str, *settings: str) -> Told:
     """A scenario with other settings, estimated."""
     with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
@@ -190,6 +202,7 @@ WARNINGS: dict[str, Example] = {
 } | {
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
+    "imu-kernel": Example(_sampled, *FORCE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),
     "empty-columns": Example(partial(_flown, "planar", "sensors.gyro_noise_rad_s=0"), "rate-fit", (0,)),
     "fuel-use": Example(partial(_flown, "free-flyer", "fuel.specific_impulse_s=4", "vehicle.imu.accel_noise_m_s2=0.002"), *FORCE),

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 
 FOUND = {
-    "imu": ("gyro_noise_rad_s", "accel_noise_m_s2", "gyro_outliers_s", "accel_outliers_s"),
+    "imu": ("gyro_noise_rad_s", "accel_noise_m_s2", "gyro_outliers_s", "accel_outliers_s", "gyro_filter", "accel_filter"),
     "environment": ("disturbance_torque_n_m", "disturbance_walk_n_m"),
     "estimator": ("accel_noise_scale",),
 }
-"""What an estimate finds of noise."""
+"""What an estimate finds of noise and of low-passes."""
 
 
 def mended(found: Analysis, say: Progress) -> list[MendedAnswer]:

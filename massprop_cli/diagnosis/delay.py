@@ -201,6 +201,19 @@ def search(
     return candidates[int(np.argmin(costs))] if np.isfinite(costs).any() else None
 
 
+def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, cycles: slice) -> tuple[float, float]:
+    """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
+
+    :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
+    """
+    made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
+    motion = _motion(timing.of(log, vehicle, made), vehicle)
+    begin = max(cycles.start, int(np.argmax(made.usable)) + 1)
+    if cycles.stop - begin < LEAST + 3 * made.whole.shape[1]:
+        raise InputError(f"{log.path}: {cycles.stop - begin} cycles are too few")
+    return _unexplained(motion, made, slice(begin, cycles.stop))
+
+
 class _Motion(NamedTuple):
     """Of a log's K cycles."""
 

@@ -1,0 +1,143 @@
+"""What an IMU's records are, where nobody states it: means or samples, and behind which low-pass.
+
+Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
+(:func:`massprop_cli.diagnosis.delay.unexplained`). A kernel is taken where it explains the log better than means without a low-pass by
+:data:`CLEAR` of −2 log likelihood; its cutoff is then found with its sigma, as one that is stated as "auto".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from massprop_cli.base.errors import InputError
+from massprop_cli.diagnosis import delay
+from massprop_cli.diagnosis.delay import unexplained_by as _cost
+from massprop_cli.diagnosis.resolve import PHASE
+from massprop_cli.estimate.phases import Progress
+from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
+from massprop_cli.inputs.equipment import LowPass
+from massprop_cli.inputs.telemetry import Log, Notice
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.prepare.timing import Timing
+
+CLEAR, LIKELY = 12.0, 4.0
+"""−2 log likelihood beyond which a kernel is none by chance: of some forty, much alike, one log in a hundred has it. And beyond which
+one sensor differs from the other's clear low-pass: they are mostly in one chip."""
+UNUSUAL = 10.0
+"""−2 log of the prior odds of means behind a low-pass against samples behind one."""
+CUTOFFS_HZ = (220.0, 150.0, 105.0, 75.0, 53.0, 38.0, 27.0, 19.0, 13.0, 9.5)
+SHIFTS = (-2.0, -1.0, 1.0, 2.0)
+"""Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
+LONGEST = 4800
+"""Cycles that are looked at."""
+SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
+
+
+class _Kernel(NamedTuple):
+    sampled: bool
+    order: Literal[0, 1, 2]
+    cutoff_hz: float
+
+
+def found(log: Log, source: VehicleSource, say: Progress) -> tuple[Log, VehicleSource]:
+    """Log and vehicle file with what the log shows of kernels that are not stated, and notices of it."""
+    vehicle = source.vehicle
+    rates = log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V
+    unstated = [sensor for sensor in SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
+    open_kind = "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
+    lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
+    if not rates or len(unstated) < len(SENSORS) or lagged or vehicle.estimator.method != "default":
+        return log, source
+    say("finding what the IMU records", 0.0)
+    costs = _costs(log, vehicle, (False, True) if open_kind else (any(log.sampled),))
+    if not costs:
+        return log, source
+    best = _best(costs)
+    if best is None:
+        return log, source
+    imu: dict[str, object] = {
+        f"{sensor}_filter": LowPass(order=one.order, cutoff_hz="auto")
+        for sensor, one in zip(SENSORS, best, strict=True)
+        if one.order  # 0 is none
+    }
+    sampled = best[0].sampled
+    if sampled and open_kind:
+        imu["measures"] = "sample"
+    if not imu:
+        return log, source
+    used = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=imu)})
+    log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
+    return log, replace(source, vehicle=used)
+
+
+def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel, tuple[float, float]]:
+    """−2 log likelihood of gyro and accelerometer by each kernel that is tried; none where the log is too short."""
+    part = log.part(0, min(log.cycles, LONGEST))
+    stated = vehicle.cycle.command_delay_cycles
+    lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
+    at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
+    if stated == "auto":
+        at = delay.search(part, vehicle, [lag]) or at
+    tried = [_Kernel(kind, 0, 0.0) for kind in kinds]
+    tried += [_Kernel(kind, order, cutoff) for kind in kinds for order in (1, 2) for cutoff in CUTOFFS_HZ]
+    phase, costs = PHASE * float(np.mean(log.interval_s)) / vehicle.cycle.period_s, {}
+    longest = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
+    for one in tried:
+        low_pass = LowPass(order=one.order, cutoff_hz=one.cutoff_hz) if one.order else None
+        imu = vehicle.imu.model_copy(update={f"{sensor}_filter": low_pass for sensor in SENSORS})
+        # of the bins within a cycle nothing is asked
+        used = vehicle.model_copy(update={"imu": imu, "estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
+        own = replace(part, sampled=(one.sampled, one.sampled))
+        shifts = (0.0,) if one.order else (0.0, *SHIFTS)
+        try:
+            each = [_cost(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), slice(longest, part.cycles)) for by in shifts]
+        except InputError:
+            return {}
+        costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
+    return costs
+
+
+def _best(costs: Mapping[_Kernel, tuple[float, float]]) -> tuple[_Kernel, _Kernel] | None:
+    """Of gyro and accelerometer, both sampled or neither; None where what is stated does as well."""
+    plain = next(iter(costs))
+
+    def least(sensor: int, sampled: bool, other: _Kernel | None = None) -> _Kernel:
+        own = {one: both[sensor] for one, both in costs.items() if one.sampled == sampled}
+        bare, best = next(one for one in own if one.order == 0), min(own, key=lambda one: own[one])
+        if own[best] < own[bare] - (CLEAR if other is None else LIKELY):
+            return best
+        return other if other is not None and own[other] < own[bare] + LIKELY else bare
+
+    pairs = []
+    for kind in {one.sampled for one in costs}:
+        pair = least(0, kind), least(1, kind)
+        clear = next((one for one in pair if one.order), None)
+        pairs.append(pair if clear is None else (least(0, kind, clear), least(1, kind, clear)))
+    total = {pair: costs[pair[0]][0] + costs[pair[1]][1] + UNUSUAL * _averaged_late(*pair) for pair in pairs}
+    best = min(total, key=lambda pair: total[pair])
+    return best if total[best] < sum(costs[plain]) - CLEAR else None
+
+
+def _averaged_late(gyro: _Kernel, accelerometer: _Kernel) -> bool:
+    """Whether means are said to be behind a low-pass: sensors that average hardly have one before."""
+    return not gyro.sampled and bool(gyro.order or accelerometer.order)
+
+
+def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:
+    orders = {0: "behind no low-pass", 1: "behind a low-pass of first order", 2: "behind a low-pass of second order"}
+    kind = "samples at their times" if best[0].sampled else "means over their intervals"
+    words = [f"the {word}'s are {orders[one.order]}" for word, one in zip(("gyro", "accelerometer"), best, strict=True)]
+    keys = [
+        *(["imu.measures"] if sampled else []),
+        *(f"imu.{sensor}_filter" for sensor, one in zip(SENSORS, best, strict=True) if one.order),
+    ]
+    return Notice(
+        "imu-kernel",
+        f"{' and '.join(keys)} {'are' if len(keys) > 1 else 'is'} not stated; of what the IMU's records may be, this log is most likely "
+        f"under {kind}, {words[0]}, {words[1]}. It was read so, and cutoffs were estimated; state them if the data sheet does",
+    )
