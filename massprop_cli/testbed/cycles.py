@@ -31,6 +31,8 @@ BINS = 20
 """At least this many bins in a cycle."""
 AHEAD = 512
 """So many cycles of all members together are executed at once, where nothing that is sensed changes the commands."""
+FINE = 100
+"""... where the IMU is sampled or filtered: a pulse that ends within a bin is taken as spread over it."""
 STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance")
 """Each has random numbers of its own, so that switching one off leaves the others as they were."""
 
@@ -122,7 +124,7 @@ class Cycles:
         self.exchange.log(k, motion)
         self.rate[:, k + 1] = motion.rate_end.T
         self.attitude[:, k * self.records + 1 : (k + 1) * self.records + 1] = _attitudes(here, motion, self.width, self.records)
-        self._sense(k, motion.rate, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
+        self._sense(k, motion, dynamics.specific_force(motion, mean[3:], self.position, self.width), jump)
         self._burn(k, burn_s)
 
     def _dynamics(self) -> Dynamics:
@@ -182,14 +184,21 @@ class Cycles:
         mean, gathered, burn_s = executed
         return mean[:, :, k - first], gathered[:, :, k - first], burn_s[:, k - first]
 
-    def _sense(self, k: int, rate: Array, felt: Array, jump: Array | float) -> None:
+    def _sense(self, k: int, motion: CycleMotion, felt: Array, jump: Array | float) -> None:
         """Rate and specific force (3, S, bins) as both sensors log them; the vehicle's own control hears the gyro."""
-        per_record = (3, self.members, self.records, -1)
-        angle = self.gyro.sense(k, rate.reshape(per_record).mean(-1))
-        velocity = self.accelerometer.sense(k, felt.reshape(per_record).mean(-1), jump)
+        angle = self.gyro.sense(k, self._shown(self.gyro, motion.rate, motion.rate_dot * (self.width / 2)))
+        velocity = self.accelerometer.sense(k, self._shown(self.accelerometer, felt, np.zeros_like(felt)), jump)
         if self.onboard is not None:
             self.onboard.learn((k + 1) * self.period, self.actuators.issued[:, k], angle.T, velocity.T)
             self.onboard.sense(angle, np.array(self.scenario.vehicle.imu.body_from_imu), self.period)
+
+    def _shown(self, sensor: imu.Sensor, mean: Array, grown: Array) -> Array:
+        """(3, S, N) what records show of means (3, S, bins), which grow by so much from a bin's middle to its end."""
+        per_record = (3, self.members, self.records, -1)
+        if sensor.response is None:
+            found: Array = mean.reshape(per_record).mean(-1)
+            return found
+        return sensor.response.records((mean - grown).reshape(per_record), (mean + grown).reshape(per_record), self.width)
 
     def _burn(self, k: int, burn_s: Array) -> None:
         """What the fuel of a cycle leaves; :class:`InputError` where that is no body."""
@@ -231,7 +240,9 @@ def _bins(scenario: Scenario) -> int:
     records, tick = scenario.sensors.records_per_cycle, scenario.tick_s
     ticks = round(scenario.vehicle.cycle.period_s / tick) if tick else 1
     base = int(np.lcm(records, ticks)) if ticks <= 4 * BINS and np.lcm(records, ticks) <= 10 * BINS else records
-    return base * -(-BINS // base)
+    imu = scenario.vehicle.imu
+    least = BINS if imu.measures != "sample" and imu.gyro_filter is None and imu.accel_filter is None else FINE
+    return base * -(-least // base)
 
 
 def _actuators(scenario: Scenario, rngs: list[np.random.Generator], edges_s: Array, issued: Array | None) -> Actuators:

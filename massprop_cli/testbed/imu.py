@@ -7,8 +7,51 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.testbed.motion import apply
 from massprop_cli.testbed.scenario import Scenario
+
+
+@dataclass
+class Response:
+    """How a sensor answers within a record: a Butterworth low-pass as lags in parallel, and whether it is read off at records' ends."""
+
+    instant: bool
+    lags_s: list[complex]
+    weights: list[complex]
+    _states: list[Array] = field(default_factory=list)
+
+    @staticmethod
+    def of(instant: bool, low_pass: LowPass | None) -> Response | None:
+        """None for means over records."""
+        if low_pass is None:
+            return Response(True, [], []) if instant else None
+        tau = 1 / (2 * np.pi * low_pass.cutoff)
+        if low_pass.order == 1:
+            return Response(instant, [tau], [1.0])
+        lags = [tau * (1 + 1j) / np.sqrt(2), tau * (1 - 1j) / np.sqrt(2)]
+        return Response(instant, lags, [lags[0] / (lags[0] - lags[1]), lags[1] / (lags[1] - lags[0])])
+
+    def records(self, begin: Array, end: Array, width_s: float) -> Array:
+        """(3, S, N) of what grows from ``begin`` to ``end`` (3, S, N, B) in each of the bins of N records; at rest before the first."""
+        if not self.lags_s:
+            return end[..., -1]
+        if not self._states:
+            self._states = [begin[..., 0, 0].astype(complex) for _ in self.lags_s]
+        found = np.empty(begin.shape[:3])
+        for record in range(begin.shape[2]):
+            area = np.zeros(begin.shape[:2])
+            for b in range(begin.shape[3]):
+                first, last = begin[..., record, b], end[..., record, b]
+                area += (first + last) / 2 * width_s
+                for i, (lag, weight) in enumerate(zip(self.lags_s, self.weights, strict=True)):
+                    rest = -np.expm1(-width_s / lag)
+                    now = self._states[i] * (1 - rest) + first * rest + (last - first) / width_s * (width_s - lag * rest)
+                    area -= (weight * lag * (now - self._states[i])).real
+                    self._states[i] = now
+            shown = np.sum([weight * state for weight, state in zip(self.weights, self._states, strict=True)], 0).real
+            found[..., record] = shown if self.instant else area / (begin.shape[3] * width_s)
+        return found
 
 
 @dataclass
@@ -28,6 +71,8 @@ class Sensor:
     record_s: float
     kept: float = 0.0
     """What its low-pass keeps of a record in the next."""
+    response: Response | None = None
+    """Where its records are no means."""
     increments: Array = field(init=False)
     """(3, S, K, N) what is logged, IMU axes."""
 
@@ -37,7 +82,7 @@ class Sensor:
         self._last: Array | None = None
 
     def sense(self, cycle: int, mean: Array, jump: Array | float = 0.0) -> Array:
-        """Log one cycle from (3, S, N) means of its records and return the sum of its increments, (3, S).
+        """Log one cycle from (3, S, N) what its records show and return the sum of its increments, (3, S).
 
         ``jump`` (3, S) comes on top of the first increment.
         """
@@ -75,7 +120,7 @@ def gyro(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.gyro_noise_rad_s if real.gyro_noise_rad_s is None else real.gyro_noise_rad_s
     limits = stated.gyro_range_rad_s, real.gyro_quantum_rad
-    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, stated.gyro_lag_s, *limits)
+    return _sensor(scenario, rngs, sigma or 0.0, real.gyro_bias_rad_s, (stated.gyro_lag_s, stated.gyro_filter), *limits)
 
 
 def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor:
@@ -83,7 +128,7 @@ def accelerometer(scenario: Scenario, rngs: list[np.random.Generator]) -> Sensor
     stated, real = scenario.vehicle.imu, scenario.sensors
     sigma = stated.accel_noise_m_s2 if real.accel_noise_m_s2 is None else real.accel_noise_m_s2
     limits = stated.accel_range_m_s2, real.accel_quantum_m_s
-    return _sensor(scenario, rngs, sigma or 0.0, real.accel_bias_m_s2, stated.accel_lag_s, *limits)
+    return _sensor(scenario, rngs, sigma or 0.0, real.accel_bias_m_s2, (stated.accel_lag_s, stated.accel_filter), *limits)
 
 
 def _sensor(
@@ -91,7 +136,7 @@ def _sensor(
     rngs: list[np.random.Generator],
     sigma: float,
     bias: tuple[float, ...],
-    lag_s: float,
+    slow: tuple[float, LowPass | None],
     limit: float | None,
     quantum: float,
 ) -> Sensor:
@@ -107,5 +152,6 @@ def _sensor(
         limit=limit,
         quantum=quantum,
         record_s=record_s,
-        kept=float(np.exp(-record_s / lag_s)) if lag_s > 0 else 0.0,
+        kept=float(np.exp(-record_s / slow[0])) if slow[0] > 0 else 0.0,
+        response=Response.of(scenario.vehicle.imu.measures == "sample", slow[1]),
     )

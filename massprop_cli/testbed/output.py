@@ -193,13 +193,14 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
     """The log as an Arrow table, commands in the first record of their cycle."""
     import pyarrow as pa
 
-    records = scenario.sensors.records_per_cycle
+    records, rates = scenario.sensors.records_per_cycle, scenario.vehicle.imu.measures != "increment"
+    interval_s = scenario.vehicle.cycle.period_s / records if rates else 1.0
     commanded = flight.commanded(member)
     names = [columns.jet(jet.name) for jet in scenario.vehicle.jets] or list(columns.WRENCH)[: commanded.shape[1]]
     blocks = [
         ([columns.TIME], flight.time_s[:, None]),
-        _logged(columns.DELTA_THETA, flight.delta_theta_rad[member], flight.axes[:3]),
-        _logged(columns.DELTA_V, flight.delta_v_m_s[member], flight.axes[3:]),
+        _logged((columns.DELTA_THETA, columns.GYRO)[rates], flight.delta_theta_rad[member] / interval_s, flight.axes[:3]),
+        _logged((columns.DELTA_V, columns.ACCEL)[rates], flight.delta_v_m_s[member] / interval_s, flight.axes[3:]),
         (names, _in_first_record(commanded, records)),
         *(([name], values[member][:, None]) for name, values in flight.columns.items()),
     ]

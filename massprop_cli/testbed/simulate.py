@@ -15,6 +15,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
 from massprop_cli.inputs.actuators.actuator import MomentumLog
+from massprop_cli.inputs.columns import ACCEL, GYRO
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
@@ -77,6 +78,14 @@ class Flight:
         cells = {name: Cells(path, name, partial(arrow.numbers, values[member]), places) for name, values in self.columns.items()}
         return commands.momentum(LogTable(Table(path, "", cells, rows, places, None), {}), self.vehicle, records, rows)
 
+    @property
+    def kind(self) -> dict[str, Any]:
+        """What its records are, as :class:`massprop_cli.inputs.telemetry.Log` has it: increments, or samples where the vehicle says so."""
+        if self.vehicle.imu.measures == "increment":
+            return {}
+        sampled = self.vehicle.imu.measures == "sample"
+        return {"sampled": (sampled, sampled), "rate_columns": GYRO, "force_columns": ACCEL}
+
     def log(self, member: int) -> Log:
         """One member's log, as reading its file gives it."""
         records = len(self.time_s) // self.issued.shape[1]
@@ -101,6 +110,7 @@ class Flight:
             spinning=self._spinning(path, member),
             attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
             notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
+            **self.kind,
         )
 
 
