@@ -109,7 +109,8 @@ def shown(signal: Signal, sensor: Sensor, time_s: Array) -> Shown:
     if len(sensor.lags_s):
         lags = sensor.lags_s[:, None]
         began = _at_events(level, rising, lasting, lags)
-        lagged = began[:, at] * np.exp(-since / lags) + _let_through(level_at, rising_at, since, lags)
+        kept = _kept(since, lags)
+        lagged = began[:, at] * kept + _let_through(level_at, rising_at, since, lags, kept)
         weighted = sensor.weights[:, None] * lagged
         mean = float((sensor.weights * sensor.lags_s).sum().real)
         found = Shown(
@@ -120,17 +121,30 @@ def shown(signal: Signal, sensor: Sensor, time_s: Array) -> Shown:
     return Shown(*(np.where(before, 0.0, part) for part in found))
 
 
-def _let_through(level: Array, rising: Array, for_s: Array, lags: ComplexArray) -> ComplexArray:
+def _kept(for_s: Array, lags: ComplexArray) -> ComplexArray:
+    """(P, Q) exp(−t / τ): real where all lags are; by sines and cosines NumPy is several times as fast as by its complex exponential."""
+    by_second = 1 / lags
+    size = np.exp(-for_s * by_second.real)
+    if not by_second.imag.any():
+        return size.astype(complex)
+    angle = for_s * by_second.imag
+    found: ComplexArray = size * (np.cos(angle) - 1j * np.sin(angle))
+    return found
+
+
+def _let_through(level: Array, rising: Array, for_s: Array, lags: ComplexArray, kept: ComplexArray) -> ComplexArray:
     """(P, Q) what lags (P, 1) have come to, from zero, after signals that begin at a level and rise (Q,)."""
-    rest = -np.expm1(-for_s / lags)
-    found: ComplexArray = level * rest + rising * (for_s - lags * rest)
+    rest = 1.0 - kept
+    found: ComplexArray = level * rest + rising * (for_s - lags * rest) if rising.any() else level * rest
     return found
 
 
 def _at_events(level: Array, rising: Array, lasting: Array, lags: ComplexArray) -> ComplexArray:
     """(P, E) what each lag is at as each event comes: y[e + 1] = d[e] y[e] + f[e], with twice the reach in each pass."""
-    kept = np.concatenate([np.zeros_like(lags), np.exp(-lasting / lags)], 1)
-    found = np.concatenate([np.zeros_like(lags), _let_through(level[:-1], rising[:-1], lasting, lags)], 1)
+    during = _kept(lasting, lags)
+    forced = _let_through(level[:-1], rising[:-1], lasting, lags, during)
+    kept = np.concatenate([np.zeros_like(lags), during], 1)
+    found = np.concatenate([np.zeros_like(lags), forced], 1)
     reach = 1
     while reach < found.shape[1] and np.abs(kept).max() > FORGOTTEN:
         found[:, reach:] += kept[:, reach:] * found[:, :-reach]
