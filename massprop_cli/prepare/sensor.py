@@ -126,7 +126,7 @@ def _kept(for_s: Array, lags: ComplexArray) -> ComplexArray:
     by_second = 1 / lags
     size = np.exp(-for_s * by_second.real)
     if not by_second.imag.any():
-        return size.astype(complex)
+        return size.astype(np.complex128)
     angle = for_s * by_second.imag
     found: ComplexArray = size * (np.cos(angle) - 1j * np.sin(angle))
     return found
@@ -135,8 +135,8 @@ def _kept(for_s: Array, lags: ComplexArray) -> ComplexArray:
 def _let_through(level: Array, rising: Array, for_s: Array, lags: ComplexArray, kept: ComplexArray) -> ComplexArray:
     """(P, Q) what lags (P, 1) have come to, from zero, after signals that begin at a level and rise (Q,)."""
     rest = 1.0 - kept
-    found: ComplexArray = level * rest + rising * (for_s - lags * rest) if rising.any() else level * rest
-    return found
+    found: ComplexArray = level * rest
+    return found + rising * (for_s - lags * rest) if rising.any() else found
 
 
 def _at_events(level: Array, rising: Array, lasting: Array, lags: ComplexArray) -> ComplexArray:
