@@ -89,7 +89,7 @@ def told(fault: str, vehicle: str, seed: int) -> Told | None:
 
 def _flown(case: Case, name: str) -> Iterator[Completed]:
     log = case.log
-    legs = Legs(resolve.stated(VehicleSource(case.vehicle, name, ""), log.attitude_wxyz is not None, log.command_kind == "jets"))
+    legs = Legs(resolve.stated(VehicleSource(case.vehicle, name, ""), log.command_kind == "jets"))
     whole = slice(0, log.cycles)
     for end_s, numbers in zip(log.cycle_end_s, cycles_of(log, whole, whole), strict=True):
         yield from legs.add(Cycle(float(end_s), numbers.copy()))

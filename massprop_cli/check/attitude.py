@@ -10,7 +10,9 @@ from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 
 MISFIT = 0.2
-"""Part of the logged turning that the gyro may leave unexplained."""
+"""Part of the gyro's turning by which the logged one may differ, but for white noise of both."""
+LEAST = 8
+"""Logged turns of which anything is said."""
 STILL = 1e-3
 """rad; below this much turning in all, nothing can be said."""
 TILTED = 0.05
@@ -48,12 +50,18 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
         return []
     mount = np.array(vehicle.imu.body_from_imu)
     found = []
-    turned, logged = log.delta_theta_imu_rad[1:] @ mount.T, turns(log.attitude_wxyz)
-    size = float(np.sqrt((logged**2).sum()))
+    rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
+    turned = np.diff(np.cumsum(log.delta_theta_imu_rad @ mount.T, 0)[rows], axis=0)
+    logged = turns(log.attitude_wxyz[rows])
+    if len(logged) < LEAST:
+        return []
+    size = float(np.sqrt((turned**2).sum()))
     # what wanders slowly is the gyro's bias, which has a warning of its own
     off = turned - logged - (turned - logged).mean(0)
     noise = (vehicle.imu.gyro_noise_rad_s or 0.0) * vehicle.cycle.period_s / np.sqrt(log.records_per_cycle)
-    left = float(np.sqrt(max((off**2).sum() - off.size * noise**2, 0.0)))
+    # and white noise of the attitude itself comes back in the next turn with the other sign
+    scatter = max(float(-(off[1:] * off[:-1]).mean()), 0.0)
+    left = float(np.sqrt(max((off**2).sum() - off.size * (noise**2 + 2 * scatter), 0.0)))
     if np.sqrt((turned**2).sum()) > STILL and left > MISFIT * size:
         inverse = float(np.sqrt(((turned + logged - (turned + logged).mean(0)) ** 2).sum()))
         hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
@@ -77,8 +85,9 @@ def turns(attitude_wxyz: Array) -> Array:
 
 def _gravity(log: Log, mount: Array) -> list[Finding]:
     assert log.attitude_wxyz is not None
-    felt = log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None]
-    w, v = log.attitude_wxyz[:, :1], log.attitude_wxyz[:, 1:]
+    rows = np.isfinite(log.attitude_wxyz[:, 0])
+    felt = (log.delta_v_imu_m_s @ mount.T / log.interval_s[:, None])[rows]
+    w, v = log.attitude_wxyz[rows, :1], log.attitude_wxyz[rows, 1:]
     twice = 2 * np.cross(v, felt)
     world = (felt + w * twice + np.cross(v, twice)).mean(0)
     angle = float(np.arctan2(np.hypot(world[0], world[1]), world[2]))

@@ -31,7 +31,15 @@ if TYPE_CHECKING:
 
 
 FOUND = {
-    "imu": ("gyro_noise_rad_s", "accel_noise_m_s2", "gyro_outliers_s", "accel_outliers_s", "gyro_filter", "accel_filter"),
+    "imu": (
+        "gyro_noise_rad_s",
+        "accel_noise_m_s2",
+        "attitude_sigma_rad",
+        "gyro_outliers_s",
+        "accel_outliers_s",
+        "gyro_filter",
+        "accel_filter",
+    ),
     "environment": ("disturbance_torque_n_m", "disturbance_walk_n_m"),
     "estimator": ("accel_noise_scale",),
 }

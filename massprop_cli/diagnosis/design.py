@@ -139,7 +139,7 @@ class Designs:
             _Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
         ]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
-        if vehicle.on_air_bearing and samples.executed.attitude_wxyz is None:
+        if vehicle.on_air_bearing and not samples.attitude_logged:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
         count, places = len(parts[0].mean), _places(parts)

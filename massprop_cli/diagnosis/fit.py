@@ -108,7 +108,7 @@ def _about(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     if stacked is None:
         return None
     rows, target = stacked
-    sigma = np.concatenate([_prior(layout, reference, vehicle), extra.sigma if extra else np.zeros(0)])
+    sigma = np.concatenate([_prior(samples, reference, vehicle), extra.sigma if extra else np.zeros(0)])
     state = np.zeros(layout.size + count)
     state[PARAMETERS], state[RATE] = parameters(reference), samples.part(cycles).rate_rad_s[0]
     left = target - rows @ state
@@ -152,12 +152,15 @@ def _stacked(system: Linear, vehicle: Resolved, extra: Extra | None, used: BoolA
     return (rows * weight[..., None]).reshape(-1, size + count), (target * weight).ravel()
 
 
-def _prior(layout: Layout, reference: Reference, vehicle: Vehicle) -> Array:
+def _prior(samples: Source, reference: Reference, vehicle: Vehicle) -> Array:
     """(n,) prior sigmas; zero for what is known."""
+    layout = Layout.of(samples, vehicle)
     sigma = np.zeros(layout.size)
     sigma[PARAMETERS] = PRIOR * natural_sizes(reference)
     sigma[RATE] = 1.0
     sigma[layout.gyro_bias] = vehicle.imu.gyro_bias_sigma_rad_s
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
+    if samples.attitude_logged:  # the carried attitude begins as far off as one of them may be
+        sigma[layout.tilt] = vehicle.imu.attitude_sigma_rad or 0.0
     return sigma

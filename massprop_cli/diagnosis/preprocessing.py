@@ -18,6 +18,7 @@ from massprop_cli.inputs.telemetry import Log, Notice
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.model.sensitivity import Consider, with_geometry
+from massprop_cli.prepare import attitudecheck, lowpass
 from massprop_cli.prepare.actuators import check_supply
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.sums import of_records
@@ -51,21 +52,33 @@ class Ready(NamedTuple):
 def ready(log: Log, source: VehicleSource, say: Progress) -> Ready:
     """:class:`massprop_cli.base.errors.InputError` where a phase holds too little, or timing can't be told."""
     check_supply(log, source.vehicle, source.source)
-    source = replace(source, vehicle=with_phase(log, finer(log, source.vehicle)))
+    vehicle, told = _with_attitude_noise(log, with_phase(log, finer(log, source.vehicle)))
+    source = replace(source, vehicle=vehicle)
     detected = found_timing(log, source, say)
     timing = stated_timing(source.vehicle) if detected is None else detected.at
     stated = with_timing(source.vehicle, detected)
     samples = Stream.of(log, stated, timing)
     phases = phases_of(log, stated, samples)
-    read, told = log, list[Notice]()
+    read = log
     if stated.estimator.method == "default":
-        stated, told = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
-        log = outliers.without(log, stated)
+        stated, others = outliers.screened(log, stated, samples, [cycles for _, cycles in phases])
+        log, told = outliers.without(log, stated), [*told, *others]
     if log is not read:
         samples = Stream.of(log, stated, timing)
     setup = Setup(log, stated, timing)
     consider = with_geometry(uncertain(uncertain_timing(setup, samples), setup, samples), setup, samples)
     return Ready(log, stated, samples, phases, timing, detected, consider, told)
+
+
+def _with_attitude_noise(log: Log, vehicle: Vehicle) -> tuple[Vehicle, list[Notice]]:
+    """With the noise of logged attitudes that measure something, and what to tell where the log alone shows it."""
+    shown = attitudecheck.checked(lowpass.undone(log, vehicle), vehicle)
+    if shown is None or vehicle.imu.attitude_sigma_rad is not None:
+        return vehicle, []
+    sigma = shown.attitude_rad
+    imu = vehicle.imu.model_copy(update={"attitude_sigma_rad": sigma})
+    told = Notice("noise-estimated", f"imu.attitude_sigma_rad is not stated; {sigma:.3g} was estimated from the log")
+    return vehicle.model_copy(update={"imu": imu}), [told]
 
 
 def finer(log: Log, vehicle: Vehicle) -> Vehicle:

@@ -11,12 +11,12 @@ from massprop_cli.kernel import kernel, pointer
 
 
 def unexpected(triangle: Array, rows: Array) -> tuple[Array, Array]:
-    """(K, 6) what of each cycle's rows (K, 6, n + 1) a triangle (n, n + 1) and the cycles before don't tell, and (K, 6, 6) its lower root.
+    """(K, m) what of each cycle's rows (K, m, n + 1) a triangle (n, n + 1) and the cycles before don't tell, and (K, m, m) its lower root.
 
-    Each row is on n unknowns and what was measured, with noise of unit variance. Where there is a compiled kernel it runs.
+    Each row is on n unknowns and what was measured, with noise of unit variance. Where there is a compiled kernel it runs, on m = 6 rows.
     """
     count, size = rows.shape[0], rows.shape[2]
-    if (library := kernel().library) is None:
+    if (library := kernel().library) is None or rows.shape[1] != 6:
         return beyond(grown(triangle, rows)[:-1], rows)
     packed = np.append(triangle[np.triu_indices(size - 1, 0, size)], 0.0)
     left, spread, room = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(6 * size)

@@ -27,9 +27,10 @@ TOLD = 131
 
 
 def holds(samples: Source, vehicle: Vehicle, consider: Consider) -> bool:
-    """Whether the compiled kernel is there and knows all that this vehicle asks for, and a log whose sensors are whole or absent."""
+    """Whether the compiled kernel is there and knows all that this log and vehicle ask for: of a log, sensors that are whole or absent."""
     return (
         kernel().library is not None
+        and not samples.attitude_logged
         and all(sensor.all() or not sensor.any() for sensor in np.split(samples.unread, 2))
         and not consider.variants
         and not consider.scales

@@ -121,7 +121,7 @@ def replayed(
 ) -> tuple[Iterator[Rows], Callable[[], Reference | None]]:
     """Estimates after each of ``cycles``, part by part, and what gives the estimate at the end."""
     log = samples.log
-    commands = commands_of(log.command_kind == "jets", samples.attitude_logged, vehicle, samples.alignment.timing.delay)
+    commands = commands_of(log.command_kind == "jets", vehicle, samples.alignment.timing.delay)
     flight = Flight(commands, compiled.table(samples, vehicle), rule_of(vehicle, NO_TOLERANCE))
 
     def rows() -> Iterator[Rows]:
@@ -136,17 +136,16 @@ def replayed(
     return rows(), flight.reference
 
 
-def commands_of(jets: bool, attitude_logged: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
-    """What is constant of commands and mounting, in the order of ``mp_host_fly``."""
+def commands_of(jets: bool, vehicle: Vehicle, delay_cycles: float) -> Array:
+    """What is constant of commands and mounting, in the order of ``mp_host_fly``; the gyro carries the attitude."""
     count = len(vehicle.jets) if jets else 6
     each = np.zeros((count, 8))
     if jets:
         each[:, :6] = vehicle.jet_wrench
         each[:, 6:] = [(jet.rise_s, jet.fall_s) for jet in vehicle.jets]
-    logged = vehicle.on_air_bearing and attitude_logged
     timing = (vehicle.cycle.period_s, delay_cycles * vehicle.cycle.period_s, vehicle.thrust.pulse_sigma)
     mounting = (*np.array(vehicle.imu.body_from_imu).ravel(), *vehicle.environment.initial_attitude_wxyz)
-    return np.array([jets, count, logged, *timing, *mounting, *each.ravel()], dtype=float)
+    return np.array([jets, count, False, *timing, *mounting, *each.ravel()], dtype=float)
 
 
 def rule_of(vehicle: Vehicle, tolerances: tuple[float, float, float], relative: bool = True) -> Array:
@@ -162,7 +161,7 @@ def cycles_of(log: Log, part: slice, used: slice) -> Array:
     each = slice(part.start * records, part.stop * records)
 
     count = part.stop - part.start
-    attitude = np.zeros((count, 4)) if log.attitude_wxyz is None else log.attitude_wxyz[each][records - 1 :: records]
+    attitude = np.zeros((count, 4))  # carried by the gyro
     ignored = np.tile([not any(log.axes[:3]), not any(log.axes[3:])], (count, 1))
     ignored = ignored if log.ignored is None else ignored | log.ignored[part]
     cycle = np.arange(part.start, part.stop)

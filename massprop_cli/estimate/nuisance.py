@@ -27,9 +27,9 @@ class Taken:
     """What K cycles brought."""
 
     white: Array
-    """(K, 6, 1 + N + e + m) whitened innovations, a column for each of the state's."""
+    """(K, m, 1 + N + e + u) whitened innovations, a column for each of the state's: of rate, force, then a logged attitude."""
     root: Array
-    """(K, 6, 6) their lower-triangular root."""
+    """(K, m, m) their lower-triangular root."""
     states: tuple[State, ...]
     """After each cycle, where they are kept."""
 
@@ -47,7 +47,7 @@ def unknown_beginnings(sigma: Array, system: System) -> State:
 
 
 def ordered(white: Array, size: int, free: int) -> Array:
-    """Whitened innovations (K, 6, 1 + N + e + m) as rows (6 K, m + N + 1 + e) of unknowns, then what is measured, then assumptions."""
+    """Whitened innovations (K, r, 1 + N + e + m) as rows (r K, m + N + 1 + e) of unknowns, then what is measured, then assumptions."""
     rows = white.reshape(-1, white.shape[2])
     return np.hstack([-rows[:, -free:], -rows[:, 1 : 1 + size], rows[:, :1], rows[:, 1 + size : -free]])
 
@@ -59,7 +59,7 @@ def filtered(state: State, system: System, new: bool, every: bool = False) -> tu
     """
     if system.process is None:
         return _known_motion(state, system, new)
-    if not every and kernel().library is not None:
+    if not every and system.noise.shape[1] == 6 and kernel().library is not None:
         return _compiled(state, system, system.process, new)
     white, root, states = [], [], []
     own = state.mean.shape[1] - system.measured.shape[2]
@@ -122,7 +122,7 @@ def _carried(mean: Array, transition: Array, drive: Array) -> Array:
 
 
 def _whitened(root: Array, left: Array) -> Array:
-    """(K, 6, c) what is left (K, 6, c), over the root (K, 6, 6) of its noise."""
+    """(K, m, c) what is left (K, m, c), over the root (K, m, m) of its noise."""
     own = np.einsum("kii->ki", root)
     if np.count_nonzero(root) == np.count_nonzero(own):
         alone: Array = left / own[..., None]

@@ -279,9 +279,9 @@ class Regression(Triangle):
         return Posed(theta, scale, each, triangles, self._sensed(before, theta, scale, triangles[1:]))
 
     def _each(self, before: Run, taken: Taken) -> Array:
-        """(K, 6, n + 11 + e) a block's rows about the estimate before it."""
+        """(K, m, n + 11 + e) a block's rows about the estimate before it."""
         theta, scale, _ = self._about(before)
-        white = ordered(taken.white, self.lift.size, self.free).reshape(len(taken.white), 6, -1)
+        white = ordered(taken.white, self.lift.size, self.free).reshape(*taken.white.shape[:2], -1)
         return self._reduced(white, theta, scale, before.bound)
 
     def astray(self, before: Run, posed: Posed) -> int | None:
@@ -305,15 +305,19 @@ class Regression(Triangle):
         return Rows(*Rows.untold(len(each)).parameters, *self._judged(before, taken, *found))
 
     def _judged(self, before: Run, taken: Taken, unexplained: Array, spread: Array) -> tuple[Array, Array, Array]:
-        """(K, 6) innovations of a block as torque and force, their sigmas, and whitened; of what isn't told and its root."""
+        """(K, 6) innovations of a block as torque and force, their sigmas, and whitened; of what isn't told and its root.
+
+        Those of a logged attitude stand after them, and come after them: they are not judged here.
+        """
         reference, count = before.estimate, len(unexplained)
+        unexplained, spread, of_both = unexplained[:, :6], spread[:, :6, :6], taken.root[:, :6, :6]
         normalised = np.linalg.solve(spread, unexplained[..., None])[..., 0]
         executed = self.samples.part(slice(before.at, before.at + count)).executed
         duration = executed.duration_s
         unit = np.zeros((count, 6, 6))
         unit[:, :3, :3] = reference.inertia / duration[:, None, None]
         unit[:, 3:, 3:] = np.eye(3) / reference.mu
-        root = unit @ taken.root
+        root = unit @ of_both
         innovation, sigma = np.einsum("kij,kj->ki", root, unexplained), np.sqrt(((root @ spread) ** 2).sum(2))
         if before.state is None:  # nothing was expected of the first cycle
             innovation[0], sigma[0], normalised[0] = np.nan, np.nan, np.nan

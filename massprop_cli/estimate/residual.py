@@ -39,14 +39,15 @@ def residual(regression: Regression, before: Run, taken: Taken, final: Run) -> R
     phi, _ = lift.coefficients(lift.theta(final.estimate))
     if final.estimate.response is not None:
         phi[: 3 * lift.channels] = final.estimate.response.ravel()
-    known = before.triangle[:free], ordered(taken.white, lift.size, free).reshape(len(taken.white), 6, -1)
+    known = before.triangle[:free], ordered(taken.white, lift.size, free).reshape(*taken.white.shape[:2], -1)
     triangle, each = (
         np.concatenate([rows[..., :free], (rows[..., free + lift.size] - rows[..., free : free + lift.size] @ phi)[..., None]], -1)
         for rows in known
     )
     left, spread = unexpected(triangle, each)
-    value = np.einsum("kij,kj->ki", taken.root, left)
-    sigma = np.sqrt(((taken.root @ spread) ** 2).sum(2))
+    left, spread, root = left[:, :6], spread[:, :6, :6], taken.root[:, :6, :6]  # without a logged attitude, which comes after them
+    value = np.einsum("kij,kj->ki", root, left)
+    sigma = np.sqrt(((root @ spread) ** 2).sum(2))
     if before.state is None:
         value[0], sigma[0] = np.nan, np.nan
     ignored = regression.samples.part(slice(before.at, before.at + len(each))).executed.ignored

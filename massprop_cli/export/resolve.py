@@ -22,10 +22,10 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.timing import Timing
 
 
-class Attitude(NamedTuple):
-    """Where it comes from."""
+class Aboard(NamedTuple):
+    """What measures the attitude in flight: the gyro alone."""
 
-    attitude_logged: bool
+    attitude_logged: bool = False
 
 
 class Leg(NamedTuple):
@@ -52,7 +52,7 @@ class Constants(NamedTuple):
     log: Log | None
 
 
-def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | None = None) -> Constants:
+def stated(source: VehicleSource, jets: bool | None = None) -> Constants:
     """From a vehicle file alone; :class:`InputError` where it leaves open what a log would tell. ``jets`` None: where it has any."""
     vehicle = source.vehicle
     open_keys = {
@@ -70,10 +70,10 @@ def stated(source: VehicleSource, attitude_logged: bool = False, jets: bool | No
     timing = stated_timing(vehicle)
     used = _checked(source, vehicle, timing, vehicle.cycle.period_s)
     legs = tuple(
-        Leg(name, compiled.table(Attitude(attitude_logged), own), _rule(own), slice(0, 0), own)
+        Leg(name, compiled.table(Aboard(), own), _rule(own), slice(0, 0), own)
         for name, own in [(phase.name, used.in_phase(phase)) for phase in used.phases] or [("all", used)]
     )
-    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, attitude_logged, vehicle, timing.delay)
+    commands = flown.commands_of(bool(vehicle.jets) if jets is None else jets, vehicle, timing.delay)
     return Constants(vehicle, commands, legs, None)
 
 
@@ -90,11 +90,11 @@ def told(source: VehicleSource, log_path: Path) -> Constants:
     log, vehicle = found.samples.log, _exactly(source.vehicle, found.vehicle)
     shortest = float(log.interval_s.reshape(-1, log.records_per_cycle).sum(1).min())
     used = _checked(source, vehicle, found.timing, shortest)
-    commands = flown.commands_of(log.command_kind == "jets", found.samples.attitude_logged, vehicle, found.timing.delay)
+    commands = flown.commands_of(log.command_kind == "jets", vehicle, found.timing.delay)
     legs = []
     for history in found.histories:
         own = used.in_phase(history.phase)
-        legs.append(Leg(history.phase.name, compiled.table(found.samples, own), _rule(own), history.cycles, own))
+        legs.append(Leg(history.phase.name, compiled.table(Aboard(), own), _rule(own), history.cycles, own))
     return Constants(vehicle, commands, tuple(legs), log)
 
 

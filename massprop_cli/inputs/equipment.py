@@ -59,6 +59,13 @@ class Imu(Section):
     mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="uncertainty of body_from_imu, about each axis")
     gyro_noise_rad_s: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
     accel_noise_m_s2: NonNegative | None = Field(None, description="absent: estimated from the log; 0: a floor is used")
+    attitude_sigma_rad: Positive | None = Field(
+        None, description="on an air bearing, white noise of each logged attitude about each axis; absent: estimated from the log"
+    )
+    attitude_latency_s: NonNegative = Field(0.0, description="time by which each logged attitude is older than its time_s")
+    attitude_misalignment_sigma_rad: NonNegative = Field(
+        0.0, le=0.3, description="constant turn of the logged attitude's body axes from the vehicle's, about each axis; estimated"
+    )
     gyro_bias_sigma_rad_s: NonNegative = 0.0
     accel_bias_sigma_m_s2: NonNegative = 0.0
     gyro_lag_s: NonNegative = Field(0.0, description="time constant of a first-order low-pass within the gyro; undone, record by record")

@@ -24,7 +24,7 @@ def schema() -> dict[str, Any]:
         **columns(names.ACCEL, number, "mean specific force over the record, may stand in for the velocity increment, m/s^2"),
         **columns(names.WRENCH[:3], command, "mean commanded torque about O over the control cycle, body axes, N m"),
         **columns(names.WRENCH[3:], command, "mean commanded force over the control cycle, body axes, N"),
-        **columns(names.QUATERNION, number, "attitude at time_s, world from body"),
+        **columns(names.QUATERNION, command, "attitude at time_s, world from body; all four null in records without one"),
         names.SUPPLY: {**number, "description": "supply voltage over the record, for rotors that state nominal_v, V"},
         "event": {"type": ["string", "null"], "description": 'text, e.g. "dock"'},
     }

@@ -81,7 +81,7 @@ class Log:
     command: Array
     """(K, jets) on-times in s, (K, 6) mean torque about O [N m] and force [N], body axes, or (K, rotors) what they are told."""
     attitude_wxyz: Array | None
-    """(n, 4) logged attitude at ``time_s``, world ← body."""
+    """(n, 4) logged attitude at ``time_s``, world ← body; NaN in records without one."""
     notices: tuple[Notice, ...]
     rate_columns: tuple[str, ...] = DELTA_THETA
     """The contract's names of the columns that the gyro's increments came from."""
@@ -183,7 +183,9 @@ def read(table: Table, vehicle: Vehicle) -> Log:
     _check_outliers(source, vehicle, time_s, interval_s)
     notices += saturation(vehicle, theta, velocity, interval_s)
     if table.made is not None:
-        agreement.check(table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], attitude)
+        agreement.check(
+            table.path, table.made, vehicle, theta[:n], velocity[:n] / interval_s[:n, None], None if attitude is None else attitude[:n]
+        )
     return Log(
         path=table.path,
         sha256=table.sha256,
@@ -460,15 +462,24 @@ def _check_outliers(source: LogTable, vehicle: Vehicle, time_s: Array, interval_
 def _attitude(source: LogTable) -> Array | None:
     if not any(source.has(name) for name in QUATERNION):
         return None
-    quaternion = source.stacked(QUATERNION)
+    quaternion = spill.empty(source.table.rows, len(QUATERNION))
+    for place, name in enumerate(QUATERNION):
+        quaternion[:, place] = source.optional(name)
+    empty = np.isnan(quaternion).sum(1)
+    partial = np.flatnonzero((empty > 0) & (empty < len(QUATERNION)))
+    if partial.size:
+        lacking = QUATERNION[int(np.argmax(np.isnan(quaternion[partial[0]])))]
+        raise source.error(
+            int(partial[0]), lacking, "nan or an empty cell beside a number; an attitude is four numbers or four empty cells"
+        )
     norm = np.sqrt(np.sum([component**2 for component in quaternion.T], 0))
-    bad = np.flatnonzero(np.abs(norm - 1) > OFF_UNIT)
+    bad = np.flatnonzero((empty == 0) & ~(np.abs(norm - 1) <= OFF_UNIT))
     if bad.size:
         raise source.error(
             int(bad[0]), "quat_w", f"the quaternion's norm is {norm[bad[0]]:.4g}, not 1; quaternions are wxyz, world from body"
         )
     quaternion /= norm[:, None]
-    return quaternion
+    return None if empty.all() else quaternion
 
 
 def saturation(vehicle: Vehicle, theta: Array, velocity: Array, interval_s: Array) -> list[Notice]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.errors import InputError
-from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION
+from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO
 from massprop_cli.inputs.logtable import GAP, LONG
 from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.live.records import Columns, Record, RecordError
@@ -136,10 +136,7 @@ class Gatherer:
         columns, last = self.columns, own[-1][0]
         theta = _summed(own, GYRO if columns.rates else DELTA_THETA, columns.rates)
         velocity = _summed(own, ACCEL if columns.accelerations else DELTA_V, columns.accelerations)
-        attitude = np.zeros(4)
-        if columns.attitude:
-            attitude = np.array([last.numbers[name] for name in QUATERNION])
-            attitude /= np.linalg.norm(attitude)
+        attitude = np.zeros(4)  # the gyro carries it
         commands = [own[0][0].numbers[name] for name in columns.commands]
         length = float(np.array([interval for _, interval in own]).sum())
         self._lengths = [*self._lengths[-2:], length / self.usual_s]

@@ -24,7 +24,7 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-END, LENGTH, THETA, VELOCITY, ATTITUDE, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(8, 12), slice(12, 14), 14
+END, LENGTH, THETA, VELOCITY, IGNORED, UNUSED = 0, 1, slice(2, 5), slice(5, 8), slice(12, 14), 14
 """Where a cycle's numbers stand (:func:`massprop_cli.estimate.flown.cycles_of`); commands follow."""
 LATEST, LOUDEST, AS_STATED, MISFIT = 256, 25.0, 16, 1.5
 """Cycles over which what the model leaves is averaged; the most that one of them counts; how many before the first are taken to be as
@@ -35,8 +35,8 @@ class OnNumPy:
     """The estimator of one flight."""
 
     def __init__(self, resolved: Constants) -> None:
-        jets, _, logged, period, delay, *_ = resolved.commands
-        self.vehicle, self.jets, self.logged = resolved.vehicle, bool(jets), bool(logged)
+        jets, _, _, period, delay, *_ = resolved.commands
+        self.vehicle, self.jets = resolved.vehicle, bool(jets)
         self.period_s, self.delay_s, self.late = float(period), float(delay), bool(delay < period)
         self.rows: list[Array] = []
         self.begin(resolved.legs[0])
@@ -99,7 +99,7 @@ class OnNumPy:
             delta_v_imu_m_s=flown[:, VELOCITY],
             command_kind="jets" if self.jets else "wrench",
             command=flown[:, UNUSED + 1 :],
-            attitude_wxyz=flown[:, ATTITUDE] if self.logged else None,
+            attitude_wxyz=None,
             notices=(),
             ignored=flown[:, IGNORED] != 0,
         )

@@ -17,10 +17,10 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
-from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH, jet
+from massprop_cli.inputs.columns import ACCEL, DELTA_THETA, DELTA_V, GYRO, TIME, WRENCH, jet
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
-from massprop_cli.inputs.telemetry import ABSURD, OFF_UNIT
+from massprop_cli.inputs.telemetry import ABSURD
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
@@ -54,7 +54,6 @@ class Columns:
     rates: bool
     """Whether the gyro's columns are rates, not increments."""
     accelerations: bool
-    attitude: bool
     commands: tuple[str, ...]
     jets: bool
 
@@ -62,7 +61,7 @@ class Columns:
     def required(self) -> tuple[str, ...]:
         """Columns in which every record has a number."""
         theta, velocity = GYRO if self.rates else DELTA_THETA, ACCEL if self.accelerations else DELTA_V
-        return (TIME, *theta, *velocity, *(QUATERNION if self.attitude else ()))
+        return (TIME, *theta, *velocity)
 
 
 @dataclass(frozen=True)
@@ -109,9 +108,6 @@ class Reader:
             longest_s = self.vehicle.cycle.period_s if name in (*DELTA_THETA, *DELTA_V) else 1.0
             if abs(numbers.get(name, 0.0)) > ABSURD * longest_s:
                 raise RecordError(f"column {self._own(name)}: {numbers[name]:g} is no motion of a vehicle")
-        norm = math.hypot(*(numbers[name] for name in QUATERNION)) if self.columns.attitude else 1.0
-        if not abs(norm - 1) <= OFF_UNIT:
-            raise RecordError(f"column {self._own('quat_w')}: the quaternion's norm is {norm:.4g}, not 1")
         for name in self.columns.commands if self.columns.jets else ():
             if numbers[name] < 0 or numbers[name] > self.vehicle.cycle.period_s * (1 + 1e-6):
                 raise RecordError(
@@ -136,7 +132,6 @@ class Reader:
         found = Columns(
             rates=not self._has(DELTA_THETA) and self._has(GYRO),
             accelerations=not self._has(DELTA_V) and self._has(ACCEL),
-            attitude=self._has(QUATERNION),
             commands=WRENCH if wrench else tuple(jets),
             jets=not wrench,
         )

@@ -36,7 +36,7 @@ def follow(lines: Iterable[str], source: VehicleSource, keep: Callable[[str], ob
     except RecordError as error:
         raise InputError(f"standard input, line {number}: {error}; begin with the names of all columns, or with a JSON object") from None
     columns = reader.columns
-    live = Legs(resolve.stated(source, columns.attitude and source.vehicle.on_air_bearing, columns.jets))
+    live = Legs(resolve.stated(source, columns.jets))
     gatherer = Gatherer(columns, source.vehicle.cycle.period_s)
     keep(reader.header)
     for at, line in chain([(number, first)] if reader.is_json else [], numbered):

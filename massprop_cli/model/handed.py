@@ -40,6 +40,8 @@ def unknown(vehicle: Vehicle) -> str:
         return "[drift] is stated, and the kernel knows none"
     if vehicle.environment.damping_sigma_n_m_s > 0:
         return "environment.damping_sigma_n_m_s is stated, and the kernel knows no damping"
+    if vehicle.imu.attitude_misalignment_sigma_rad > 0:
+        return "imu.attitude_misalignment_sigma_rad is stated, and the kernel takes no logged attitude"
     if vehicle.uncertain_geometry:
         return "jets or IMU are stated to be uncertain, and the kernel takes them as exact"
     stated = next((kind.TABLE for kind, own in vehicle.actuators if own), "")

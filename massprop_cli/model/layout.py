@@ -1,10 +1,10 @@
 """Where each state stands: the ten mass properties, the cycle-mean rate, and the nuisances that a vehicle file asks for.
 
 In this order: ixx … izz, cg_x … cg_z, mu = 1/m; the cycle-mean rate (3); then gyro bias (3), accelerometer bias (3), angular acceleration
-by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing, where the attitude comes from the gyro, its error at
-the start of the cycle (3, rotation vector in body axes: true attitude = integrated attitude turned by it); on a table, what the
-accelerometer feels of its slope in the middle of the cycle (2); of a vehicle with momentum devices, what is uncertain of the scale of all
-thrust and of each device.
+by a slowly varying torque (3), damping of the turn about each axis (3); on a bearing the error of the carried attitude at the start of the
+cycle (3, rotation vector in body axes: true attitude = carried attitude turned by it); on a table, what the accelerometer feels of its
+slope in the middle of the cycle (2); of a vehicle with momentum devices, what is uncertain of the scale of all thrust and of each device;
+the turn of a logged attitude's body axes from the vehicle's (3).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class Layout:
     tilt: slice
     scale: slice
     """Relative error of the thrust's scale and unknowns of momentum devices, of a vehicle that has any."""
+    misalignment: slice
     size: int
 
     @staticmethod
@@ -41,15 +42,16 @@ class Layout:
             3 * (vehicle.imu.accel_bias_sigma_m_s2 > 0),
             3 * (vehicle.environment.disturbance_walk_n_m > 0),
             3 * (vehicle.environment.damping_sigma_n_m_s > 0),
-            plant_of(vehicle).tilts(samples.attitude_logged),
+            plant_of(vehicle).tilts,
+            len(scale_sigmas(vehicle)),
+            3 * (samples.attitude_logged and vehicle.imu.attitude_misalignment_sigma_rad > 0),
         )
         slices, end = [], RATE.stop
         for size in sizes:
             slices.append(slice(end, end + size))
             end += size
-        gyro_bias, accel_bias, torque, damping, tilt = slices
-        scale = slice(end, end + len(scale_sigmas(vehicle)))
-        return Layout(gyro_bias, accel_bias, torque, damping, tilt, scale, scale.stop)
+        gyro_bias, accel_bias, torque, damping, tilt, scale, misalignment = slices
+        return Layout(gyro_bias, accel_bias, torque, damping, tilt, scale, misalignment, end)
 
     @property
     def states(self) -> int:

@@ -22,6 +22,7 @@ from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model import attitude
 from massprop_cli.model.geometry import Wrenches, uncertain_jets
 from massprop_cli.model.handed import packed
 from massprop_cli.model.layout import Layout
@@ -170,21 +171,23 @@ class Consider:
 def fed(
     here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, lift: Lift
 ) -> tuple[Array, Array]:
-    """(K − 1, n, e + u) and (K, 6, e + u) derivatives of drive and measurements by each assumption, and by each unknown of the geometry.
+    """(K − 1, n, e + u) and (K, m, e + u) derivatives of drive and measurements by each assumption, and by each unknown of the geometry.
 
     At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``lift``.
     """
     part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
-    driven, measured = list[Array](), list[Array]()
+    driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
     # the log as it was read is at hand; sides that several variants have in common are looked at once, and stay: ids are theirs
-    read = {(id(samples), id(vehicle)): _beyond(here, lift.coefficients(lift.theta(reference))[0], state)}
+    at_hand = _beyond(here, lift.coefficients(lift.theta(reference))[0], state)
+    read = {(id(samples), id(vehicle)): _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)}
     shared, held = _Shared({}, {}, {}), list[Vehicle]()
 
     def of(side: Side) -> tuple[Array, Array]:
-        held.append(as_read := side.vehicle or vehicle)
-        if (own := (id(side.samples), id(as_read))) not in read:
-            read[own] = _expected(side, state, cycles, reference, as_read, shared)
+        held.append(stated := side.vehicle or vehicle)
+        if (own := (id(side.samples), id(stated))) not in read:
+            expected, layout = _expected(side, state, cycles, reference, stated, shared), Layout.of(side.samples, stated)
+            read[own] = _with_attitude(expected, side.samples.part(cycles), layout, reference, state)
         return read[own]
 
     def add(variant: Variant | Reading) -> None:
@@ -197,13 +200,9 @@ def fed(
         measured.append((high[1] - low[1]) / variant.distance)
 
     def push(growth: Array, force: Array, seen_by_scale: Array | None = None) -> None:
-        scales = 0 if seen_by_scale is None else 3
-        drive, seen = np.zeros((len(growth), state.shape[1], scales + growth.shape[2])), np.zeros((len(force), 6, scales + force.shape[2]))
-        drive[:, :3, scales:], seen[:, 3:, scales:] = growth, -force
-        if seen_by_scale is not None:
-            seen[:, 3:, :3] = seen_by_scale
+        drive, seen = _pushed(growth, force, seen_by_scale, state.shape[1])
         driven.extend(np.moveaxis(drive, -1, 0))
-        measured.extend(np.moveaxis(as_read(seen, part), -1, 0))
+        measured.extend(np.pad(each, ((0, 0), (0, rows - 6))) for each in np.moveaxis(as_read(seen, part), -1, 0))
 
     for variant in consider.variants:
         add(variant.variant(samples, vehicle) if isinstance(variant, Restated) else variant)
@@ -217,6 +216,16 @@ def fed(
     if consider.jets.kinds:
         push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def _pushed(growth: Array, force: Array, seen_by_scale: Array | None, states: int) -> tuple[Array, Array]:
+    """(K − 1, n, g) and (K, 6, g) derivatives of drive and measurements by what makes the rate grow and is felt, after those of scales."""
+    scales = 0 if seen_by_scale is None else 3
+    drive, seen = np.zeros((len(growth), states, scales + growth.shape[2])), np.zeros((len(force), 6, scales + force.shape[2]))
+    drive[:, :3, scales:], seen[:, 3:, scales:] = growth, -force
+    if seen_by_scale is not None:
+        seen[:, 3:, :3] = seen_by_scale
+    return drive, seen
 
 
 def wrench_columns(
@@ -274,6 +283,14 @@ def _expected(side: Side, state: Array, cycles: slice, reference: Reference, veh
     if same not in shared.moved:
         shared.moved[same] = motion_within(samples.part(cycles), reference, lift)
     return _beyond(lifted(samples, cycles, reference, vehicle, phi[:, None], shared.moved[same]), np.ones(1), state)
+
+
+def _with_attitude(expected: tuple[Array, Array], part: Samples, layout: Layout, reference: Reference, state: Array) -> tuple[Array, Array]:
+    """The same with what logged attitudes measure beyond what the state gives, where there are any."""
+    logged = attitude.seen(part, layout, reference)
+    if logged is None:
+        return expected
+    return expected[0], np.hstack([expected[1], logged.offset - times(logged.observation, state)])
 
 
 def _beyond(free: Lifted, coefficients: Array, state: Array) -> tuple[Array, Array]:

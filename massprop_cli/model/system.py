@@ -12,6 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model import attitude
 from massprop_cli.model.layout import MU, RATE, Layout
 from massprop_cli.model.lift import Lift
 from massprop_cli.model.lifted import Lifted, lifted
@@ -38,11 +39,11 @@ class System:
     process: Array | None
     """(K − 1, n, q) root of the process noise."""
     observation: Array
-    """(K, 6, n)"""
+    """(K, m, n); m is 6, or 9 with a logged attitude: rate, specific force, rotation vector from the carried to the logged attitude."""
     measured: Array
-    """(K, 6, C)"""
+    """(K, m, C)"""
     noise: Array
-    """(K, 6, 6) root of the measurement noise."""
+    """(K, m, m) root of the measurement noise."""
     begun: Array
     """(n, 1 + n) the states at its beginning: known, and by what is unknown of each."""
 
@@ -63,12 +64,20 @@ class System:
 def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, lift: Lift) -> System:
     """The system of ``cycles`` about ``reference``, with a column for each coefficient of ``lift``."""
     free, here = lifted(samples, cycles, reference, vehicle, lift.onto), samples.part(cycles)
-    drive, measured = free.drive, free.measured
+    layout, drive, measured, observation = Layout.of(samples, vehicle), free.drive, free.measured, free.observation
+    roots, noise = _noise(here, layout, reference, vehicle, free)
+    logged = attitude.seen(here, layout, reference)
+    if logged is not None:
+        observation = np.concatenate([observation, logged.observation], 1)
+        columns = np.zeros((len(measured), 3, measured.shape[2]))
+        columns[..., 0] = logged.offset
+        measured, both = np.concatenate([measured, columns], 1), np.zeros((len(noise), 9, 9))
+        both[:, :6, :6], both[:, 6:, 6:] = noise, logged.noise
+        noise = both
     if consider.columns(len(samples.wrench)) or consider.kinds:
         driven, seen = fed(free, samples, cycles, reference, vehicle, consider, lift)
         drive, measured = np.concatenate([drive, driven], -1), np.concatenate([measured, seen], -1)
-    transition, observation = free.transition, free.observation
-    roots, noise = _noise(here, Layout.of(samples, vehicle), reference, vehicle, free)
+    transition = free.transition
     walk = drift(vehicle)
     if walk.any():
         walk[MU] *= reference.mu**2
@@ -79,9 +88,9 @@ def system_of(samples: Source, cycles: slice, reference: Reference, vehicle: Res
         grown[:, :states, :states], grown[:, states:, states:] = transition, np.eye(10)
         grown[:, :3, states:] = free.drive[:, :3, 1:] @ by_parameter
         transition = grown
-        wider = np.zeros((len(observation), 6, states + 10))
+        wider = np.zeros((*observation.shape[:2], states + 10))
         wider[..., :states] = observation
-        wider[:, 3:, states:] = -free.measured[:, 3:, 1:] @ by_parameter
+        wider[:, 3:6, states:] = -free.measured[:, 3:, 1:] @ by_parameter
         observation = wider
         drive = np.concatenate([drive, np.zeros((len(drive), 10, drive.shape[2]))], 1)
         roots = [np.concatenate([root, np.zeros((len(root), 10, root.shape[2]))], 1) for root in roots]
@@ -98,7 +107,14 @@ def beginnings(here: Samples, samples: Source, vehicle: Resolved) -> Array:
     layout, count = Layout.of(samples, vehicle), len(prior(samples, vehicle))
     found = np.eye(count, 1 + count, 1)
     tilt = layout.own(layout.tilt)
-    if vehicle.on_air_bearing and not samples.attitude_logged:
+    if here.measured is not None:
+        blocks = (tilt, layout.own(layout.gyro_bias), layout.own(layout.misalignment))
+        own = np.concatenate([np.arange(count)[block] for block in blocks])
+        known = np.concatenate([np.arange(3 * i, 3 * i + block.stop - block.start) for i, block in enumerate(blocks)])
+        values, axes = np.linalg.eigh(here.measured.covariance[0][np.ix_(known, known)])
+        found[np.ix_(own, 1 + own)] = axes * np.sqrt(np.maximum(values, 0.0)) / prior(samples, vehicle)[own]
+        found[own, 0] = here.measured.known[0][known]
+    elif vehicle.on_air_bearing:
         found[tilt, 1:][:, tilt] = np.diag(here.attitude_error_rad[0, :, 4])
     if biased_attitude(samples.attitude_logged, vehicle):
         bias = layout.own(layout.gyro_bias)
@@ -117,7 +133,10 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.torque] = WIDE
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
     sigma[layout.tilt] = vehicle.imu.gyro_noise_rad_s if vehicle.on_air_bearing else plant_of(vehicle).tilt_sigma
+    if samples.attitude_logged:
+        sigma[layout.tilt] = 1.0  # in units of what is known of it
     sigma[layout.scale] = scale_sigmas(vehicle)
+    sigma[layout.misalignment] = vehicle.imu.attitude_misalignment_sigma_rad
     departed = np.zeros(10 if drift(vehicle).any() else 0)  # known to be none at first
     return np.concatenate([sigma[RATE.start :], departed])
 

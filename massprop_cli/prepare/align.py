@@ -71,8 +71,6 @@ class Aligned:
     """(K, 3) mean rate, IMU axes."""
     specific_force_imu_m_s2: Array
     """(K, 3) mean specific force, IMU axes."""
-    attitude_wxyz: Array | None
-    """(K, 4) logged attitude at the end of each cycle."""
     impulse_bins: Array
     """(K, B, 6) impulse of the wrench in equal parts of each cycle, N m s and N s, body axes."""
     skew_bins: Array
@@ -115,7 +113,6 @@ class Aligned:
         return replace(
             self,
             **{name: getattr(self, name)[cycles] for name in _PER_CYCLE},
-            attitude_wxyz=None if self.attitude_wxyz is None else self.attitude_wxyz[cycles],
             channels=replace(channels, **{name: getattr(channels, name)[cycles] for name in ("rising", "falling", "whole")}),
             pulse_covariance=None if pulses is None else pulses[cycles],
             stored=None if self.stored is None else self.stored.part(cycles),
@@ -290,7 +287,6 @@ def align(
         duration_s=frozen(duration),
         rate_imu_rad_s=frozen(of_records(log.delta_theta_imu_rad[each], records) / over[0][:, None]),
         specific_force_imu_m_s2=frozen(of_records(log.delta_v_imu_m_s[each], records) / over[1][:, None]),
-        attitude_wxyz=None if log.attitude_wxyz is None else log.attitude_wxyz[each].reshape(-1, records, 4)[:, -1],
         **{name: frozen(part) for name, part in together._asdict().items()},
         channels=channels,
         pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),

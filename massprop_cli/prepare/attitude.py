@@ -36,15 +36,8 @@ def world_up_b(attitude_wxyz: Array) -> Array:
 
 
 def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | None = None) -> Array:
-    """(K + 1, 4) attitude from angle increments (K, 3) in rad, with the first-order coning correction.
-
-    A rotation vector over one increment is ``Δθ[k] + Δθ[k−1] × Δθ[k] / 12`` (Savage 1998, two-interval form); Δθ[−1] is ``turn_before``.
-    """
-    vectors = turns.copy()
-    vectors[1:] += np.cross(turns[:-1], turns[1:]) / 12
-    if turn_before is not None:
-        vectors[0] += np.cross(turn_before, turns[0]) / 12
-    attitude = np.vstack([initial_wxyz, quaternion_of(vectors)])
+    """(K + 1, 4) attitude from angle increments (K, 3) in rad, by :func:`rotation_vectors`."""
+    attitude = np.vstack([initial_wxyz, quaternion_of(rotation_vectors(turns, turn_before))])
     # all products of first factors, of twice as many with each pass
     reach = 1
     while reach < len(attitude):
@@ -57,6 +50,27 @@ def integrate_attitude(initial_wxyz: Array, turns: Array, turn_before: Array | N
 def at_first(vehicle: Vehicle, rate_rad_s: Array, late_s: float) -> Array:
     """(4,) attitude where the motion begins that a gyro shows ``late_s`` later than it is labelled, the stated one being at the label."""
     found: Array = quaternion_product(np.array(vehicle.environment.initial_attitude_wxyz), quaternion_of(rate_rad_s * late_s))
+    return found
+
+
+def rotation_vectors(turns: Array, turn_before: Array | None = None) -> Array:
+    """(K, 3) rotation vectors of angle increments (K, 3), rad, with the first-order coning correction.
+
+    A rotation vector over one increment is ``Δθ[k] + Δθ[k−1] × Δθ[k] / 12`` (Savage 1998, two-interval form); Δθ[−1] is ``turn_before``.
+    """
+    vectors: Array = turns.copy()
+    vectors[1:] += np.cross(turns[:-1], turns[1:]) / 12
+    if turn_before is not None:
+        vectors[0] += np.cross(turn_before, turns[0]) / 12
+    return vectors
+
+
+def rotation_vector(unit_wxyz: Array) -> Array:
+    """(..., 3) rotation vector in rad, no longer than π, of unit quaternions (..., 4)."""
+    sine = np.linalg.norm(unit_wxyz[..., 1:], axis=-1, keepdims=True)
+    half = np.arctan2(sine, np.abs(unit_wxyz[..., :1]))
+    scale = np.where(sine > 0, 2 * half / np.maximum(sine, 1e-300), 2.0)
+    found: Array = unit_wxyz[..., 1:] * scale * np.where(unit_wxyz[..., :1] < 0, -1.0, 1.0)
     return found
 
 

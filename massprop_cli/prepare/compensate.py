@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from massprop_cli.base.arrays import Array, BoolArray, frozen
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.errors import InputError
 from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
@@ -22,19 +20,17 @@ from massprop_cli.prepare.attitude import (
     bias_seen,
     freed,
     integrate_attitude,
-    matrices,
-    quaternion_of,
-    quaternion_product,
     world_up_b,
 )
+from massprop_cli.prepare.measured import Measured
 
 
 class Mounted(Protocol):
-    """Where the attitude comes from."""
+    """What measures the attitude."""
 
     @property
     def attitude_logged(self) -> bool:
-        """Whether the log itself holds the attitude."""
+        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
 
 
 class Source(Protocol):
@@ -50,7 +46,7 @@ class Source(Protocol):
 
     @property
     def attitude_logged(self) -> bool:
-        """Whether the log itself holds the attitude."""
+        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
 
     @property
     def unread(self) -> BoolArray:
@@ -76,14 +72,16 @@ class Samples:
     rate_step_rad_s: Array
     """(K, 3) difference to the previous cycle's mean rate; zero in the first."""
     carried_rad_s: Array
-    """(K, 3) mean rate by which the attitude is carried through the cycle where it is not logged."""
+    """(K, 3) mean rate by which the attitude is carried through the cycle."""
     attitude_error_rad: Array
     """(K, 3, 5) rotation vector from the attitude as carried to the true one at the start of each cycle: what is known, by the gyro's bias,
-    and of its noise, one sigma about each axis over that of a cycle, s."""
+    and of its noise, one sigma about each axis over that of a cycle, s. Zeros with ``measured``."""
     specific_force_m_s2: Array
     """(K, 3) mean specific force at the IMU; on a table without that of what carries the weight."""
     up_b: Array
     """(K + 1, 3) world vertical in body axes at the start of each cycle and the end of the last; zeros in free flight."""
+    measured: Measured | None = None
+    """What logged attitudes measure of the attitude as carried, where there are any."""
 
     def __len__(self) -> int:
         return len(self.rate_rad_s)
@@ -100,8 +98,8 @@ class Samples:
 
     @property
     def attitude_logged(self) -> bool:
-        """Whether the log itself holds the attitude."""
-        return self.executed.attitude_wxyz is not None
+        """Whether the log holds attitudes, which measure what the gyro carries; on an air bearing only."""
+        return self.measured is not None
 
     @property
     def unread(self) -> BoolArray:
@@ -123,16 +121,13 @@ class Samples:
             attitude_error_rad=self.attitude_error_rad[cycles],
             specific_force_m_s2=self.specific_force_m_s2[cycles],
             up_b=self.up_b[cycles.start : cycles.stop + 1],
+            measured=None if self.measured is None else self.measured.part(cycles),
         )
 
 
 T = TypeVar("T", bound=np.generic)
 BLOCK = 1024
 """Cycles that are looked at at once."""
-SURE = 4.0
-"""Standard errors by which noise of a logged attitude must show."""
-SCATTER = 0.02
-"""m/s² of gravity that it may put astray, where the accelerometer's noise isn't stated."""
 
 
 def blocks(cycles: slice, size: int = BLOCK) -> Iterator[slice]:
@@ -166,15 +161,15 @@ class Before:
     turn_rad: Array
     """(3,) by how much it turned."""
     attitude_wxyz: Array
-    """(4,) at its end, as logged or as integrated; anything in free flight."""
+    """(4,) at its end, as integrated; anything in free flight."""
     seen: BiasSeen
     """What gravity had shown by then of the gyro's bias."""
     squares_s2: float
     """Sum of the squares of all cycles' lengths by then: its root times the gyro's noise is what that has carried the attitude off by."""
 
 
-def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None) -> Samples:
-    """Turn IMU data into body axes and find the vertical, from the logged attitude or by integrating the gyro.
+def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None, measured: Measured | None = None) -> Samples:
+    """Turn IMU data into body axes and find the vertical: as the gyro carries it, or of the reference attitude of ``measured``.
 
     Of a whole log, or of a part of it with what it goes on from. The lever arm is not taken out here: :func:`acceleration` does it with
     the differenced rate, as the thesis does, and the default estimator inside its model, with the angular acceleration that the commands
@@ -184,21 +179,10 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
     rate = times(body_from_imu, aligned.rate_imu_rad_s)
     up: Array = np.zeros((len(rate) + 1, 3))
     carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 5))
-    if vehicle.on_air_bearing:
-        attitude = _attitude_at_edges(aligned, vehicle, rate, before)
-        error = np.zeros((len(rate), 3, 5))
-        if aligned.attitude_wxyz is None:
-            squares = aligned.duration_s**2
-            since = np.cumsum(squares) - squares + (0.0 if before is None else before.squares_s2)
-            error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
-        if biased_attitude(aligned.attitude_wxyz is not None, vehicle):
-            level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
-            found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
-            off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2)
-            error[..., :4] = attitude_error(attitude, off, found)[:-1]
-            attitude, turns = freed(attitude, rate * aligned.duration_s[:, None], off)
-            carried = turns / aligned.duration_s[:, None]
-        up = world_up_b(attitude)
+    if measured is not None:
+        carried, up = rate + measured.drawn_rad / aligned.duration_s[:, None], world_up_b(measured.attitude_wxyz)
+    elif vehicle.on_air_bearing:
+        carried, error, up = _carried(aligned, vehicle, rate, before)
     force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
     apart_s = aligned.late_s[1] - aligned.late_s[0]
     if apart_s and vehicle.on_air_bearing:  # the weight as it was when the gyro's motion was
@@ -211,6 +195,7 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None)
         attitude_error_rad=frozen(error),
         specific_force_m_s2=frozen(force),
         up_b=frozen(up),
+        measured=measured,
     )
 
 
@@ -219,6 +204,29 @@ def _steady_force(aligned: Aligned, vehicle: Vehicle) -> Array:
     axes = np.eye(3) if aligned.force_axes is None else aligned.force_axes
     found: Array = axes.T @ np.where(aligned.unread[3:], 0.0, axes @ vehicle.environment.steady_force_m_s2)
     return found
+
+
+def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> tuple[Array, Array, Array]:
+    """Mean rates (K, 3) that carry the attitude, what of it is uncertain (K, 3, 5), and the vertical (K + 1, 3): by the gyro alone."""
+    turns: Array = rate * aligned.duration_s[:, None]
+    attitude: Array
+    if before is None:
+        attitude = integrate_attitude(at_first(vehicle, rate[0], aligned.late_s[0]), turns)
+    else:
+        attitude = integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
+    carried: Array = np.asarray(rate)
+    error = np.zeros((len(rate), 3, 5))
+    squares = aligned.duration_s**2
+    since = np.cumsum(squares) - squares + (0.0 if before is None else before.squares_s2)
+    error[..., 4] = np.sqrt(np.maximum(since, 0.0))[:, None]
+    if biased_attitude(False, vehicle):
+        level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
+        found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
+        off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2)
+        error[..., :4] = attitude_error(attitude, off, found)[:-1]
+        attitude, turns = freed(attitude, turns, off)
+        carried = turns / aligned.duration_s[:, None]
+    return carried, error, world_up_b(attitude)
 
 
 def felt(specific_force_imu_m_s2: Array, ignored: BoolArray, vehicle: Vehicle) -> Array:
@@ -241,50 +249,5 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
 
 
 def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:
-    """Whether the attitude is integrated from a gyro that has a bias."""
+    """Whether the attitude is integrated from a gyro that has a bias, of which gravity alone tells."""
     return vehicle.on_air_bearing and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
-
-
-def _attitude_at_edges(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | None) -> Array:
-    """(K + 1, 4) attitude at cycle edges, from the log where it has one, else integrated from the gyro."""
-    turns = rate * aligned.duration_s[:, None]
-    if aligned.attitude_wxyz is not None:
-        back = quaternion_product(aligned.attitude_wxyz[0], quaternion_of(-turns[0]))
-        return np.vstack([back if before is None else before.attitude_wxyz, aligned.attitude_wxyz])
-    if before is None:
-        return integrate_attitude(at_first(vehicle, rate[0], aligned.late_s[0]), turns)
-    return integrate_attitude(before.attitude_wxyz, turns, before.turn_rad)
-
-
-def check_attitude(log: Path, attitude_wxyz: Array, turns: Array, vehicle: Vehicle) -> None:
-    """Refuse a logged attitude (K, 4) that doesn't turn by ``turns`` (K, 3) as the gyro does, or scatters by more than noise."""
-    back = attitude_wxyz[:-1] * np.array([1, -1, -1, -1])
-    steps = quaternion_product(back, attitude_wxyz[1:])
-    off = 2 * steps[:, 1:] * np.where(steps[:, :1] < 0, -1.0, 1.0) - turns[1:]
-    apart, turned = (float(np.sqrt((v**2).sum())) for v in (off, turns[1:]))
-    if apart > 0.5 * turned and apart > 0.01 * np.sqrt(len(turns)):
-        raise InputError(
-            f"{log}, columns quat_w … quat_z: the attitude turns by {apart / turned:.2g} times the gyro's angles away from the gyro; "
-            "quaternions are wxyz, world from body, and taken as exact. Mend them, or leave them out"
-        )
-    noise = _attitude_noise(attitude_wxyz, off)
-    felt = vehicle.environment.gravity_m_s2 * noise
-    if felt > (vehicle.imu.accel_noise_m_s2 or SCATTER):
-        raise InputError(
-            f"{log}, columns quat_w … quat_z: the attitude scatters by {1e3 * noise:.2g} mrad from cycle to cycle, which the gyro "
-            f"doesn't show; it is taken as exact, and puts {felt:.2g} m/s^2 of gravity on axes where it isn't. Leave the columns out, and "
-            "state how the vehicle stood at the start (environment.initial_attitude_wxyz): the gyro carries the attitude on"
-        )
-
-
-def _attitude_noise(attitude_wxyz: Array, off: Array) -> float:
-    """One sigma of white noise of a logged attitude (K, 4) about each axis, rad; 0 where none shows.
-
-    Of what it turns by beside the gyro, ``off`` (K − 1, 3), n[k] − n[k−1] in world axes, the covariance with the next is −σ².
-    """
-    apart = times(matrices(attitude_wxyz[:-1]), off - off.mean(0))
-    covariance = -apart[1:] * apart[:-1]
-    if len(covariance) < 2:
-        return 0.0
-    mean, chance = float(covariance.mean()), float(covariance.std()) / covariance.size**0.5
-    return mean**0.5 if mean > SURE * chance else 0.0

@@ -16,7 +16,8 @@ from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, first_usable_s, shown_late_s
 from massprop_cli.prepare.attitude import BiasSeen, at_first, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
-from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, check_attitude, compensate, felt
+from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, compensate, felt
+from massprop_cli.prepare.measured import measured
 from massprop_cli.prepare.sensed import force_axes, ignored, unread
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
@@ -52,22 +53,20 @@ class Stream:
     def __init__(self, alignment: Alignment, vehicle: Vehicle, gyro: float | Array = 1.0) -> None:
         """``gyro`` is a factor on what it measured, or (3,) one along each of its axes.
 
-        :class:`InputError` where a logged attitude is none.
+        :class:`InputError` where a logged attitude contradicts the gyro.
         """
         self.alignment, self.vehicle, self.gyro = alignment, vehicle, gyro
         self.log = alignment.log
         self.wrench, self.capability = channel_wrench(self.log, vehicle), capability(self.log, vehicle)
         self.end_s, self.usable_s = self.log.cycle_end_s, alignment.usable_s
-        self.attitude_logged, self.unread = self.log.attitude_wxyz is not None, unread(self.log, vehicle)
+        self._measured = measured(self.log, vehicle, gyro)
+        self.attitude_logged = self._measured is not None
+        self.unread = unread(self.log, vehicle)
         begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
         self._held = slice(0, 0)
         self._samples: Samples | None = None
         self._last: tuple[slice, Samples] | None = None
-        if vehicle.on_air_bearing and self.log.attitude_wxyz is not None:
-            records = self.log.records_per_cycle
-            logged = self.log.attitude_wxyz[records - 1 :: records]
-            check_attitude(self.log.path, logged, self._motion(slice(0, len(self)))[1], vehicle)
 
     @staticmethod
     def of(log: Log, vehicle: Vehicle, timing: Timing) -> Stream:
@@ -97,18 +96,18 @@ class Stream:
         spill.give_back()
         aligned = self.alignment.part(cycles)
         scaled = replace(aligned, rate_imu_rad_s=self.gyro * aligned.rate_imu_rad_s, force_axes=force_axes(self.log, self.vehicle))
-        return compensate(scaled, self.vehicle, self._before(cycles.start))
+        of_these = None if self._measured is None else self._measured.part(cycles)
+        return compensate(scaled, self.vehicle, self._before(cycles.start), of_these)
 
     def _before(self, cycle: int) -> Before | None:
         if cycle == 0:
             return None
+        carried = self.vehicle.on_air_bearing and self._measured is None
         rate, turn = self._motion(slice(cycle - 1, cycle))
-        return Before(rate[0], turn[0], *(self._edge(cycle) if self.vehicle.on_air_bearing else self._edges[0]))
+        return Before(rate[0], turn[0], *(self._edge(cycle) if carried else self._edges[0]))
 
     def _edge(self, cycle: int) -> tuple[Array, BiasSeen, float]:
         """What :class:`Before` has of the attitude at the start of a cycle on the grid."""
-        if self.log.attitude_wxyz is not None:
-            return self.log.attitude_wxyz[cycle * self.log.records_per_cycle - 1], *self._edges[0][1:]
         for first in range((len(self._edges) - 1) * GRID, cycle, GRID):
             turns = self._motion(slice(max(first - 1, 0), first + GRID))[1]
             before, turns = (turns[0], turns[1:]) if first else (None, turns)

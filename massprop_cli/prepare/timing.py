@@ -10,6 +10,7 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
 from massprop_cli.prepare.align import Impulses, align
 from massprop_cli.prepare.compensate import Samples, compensate
+from massprop_cli.prepare.measured import measured
 
 
 class Timing(NamedTuple):
@@ -21,7 +22,7 @@ class Timing(NamedTuple):
     def of(self, log: Log, vehicle: Vehicle, made: Impulses | None = None) -> Samples:
         """The log's samples under this timing; ``made`` is what commands do under it, where that is known."""
         log = lowpass.undone(log, vehicle)
-        return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle), made=made), vehicle)
+        return compensate(align(log, vehicle, self.delay, self.lag_s(vehicle), made=made), vehicle, measured=measured(log, vehicle))
 
     def lag_s(self, vehicle: Vehicle) -> float:
         """The lag in seconds."""

@@ -21,7 +21,7 @@ def effective_settings(analysis: Analysis) -> dict[str, Any]:
     }
     keys |= {key: sigma for key, sigma in timing_sigmas.items() if sigma}
     for section, names in (
-        ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2", "gyro_outliers_s", "accel_outliers_s")),
+        ("imu", ("gyro_noise_rad_s", "accel_noise_m_s2", "attitude_sigma_rad", "gyro_outliers_s", "accel_outliers_s")),
         ("environment", ("disturbance_torque_n_m", "disturbance_walk_n_m")),
     ):
         keys |= {k: v for k, v in vehicle.flat(getattr(used, section), section).items() if k.split(".")[1] in names}

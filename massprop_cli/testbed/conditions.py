@@ -70,6 +70,14 @@ class Sensors(Section):
     gyro_axes: tuple[Literal["x", "y", "z"], ...] = Field(("x", "y", "z"), description="IMU axes that are logged")
     accel_axes: tuple[Literal["x", "y", "z"], ...] = Field(("x", "y", "z"), description="IMU axes that are logged; [] for no accelerometer")
     log_attitude: bool = Field(False, description="write quat_w … quat_z")
+    attitude_noise_rad: NonNegative | None = Field(
+        None, description="one sigma of each logged attitude about each axis; absent: imu.attitude_sigma_rad, or none"
+    )
+    attitude_latency_s: NonNegative | None = Field(
+        None, description="time by which each is older than its record's end; absent: imu.attitude_latency_s"
+    )
+    attitude_misalignment_rad: Vector = Field(ZERO, description="turn from the body's axes to those that are logged")
+    attitude_every_records: int = Field(1, ge=1, description="one of so many records has an attitude; the cells of the others are empty")
 
     @property
     def axes(self) -> tuple[bool, ...]:

@@ -33,7 +33,7 @@ AHEAD = 512
 """So many cycles of all members together are executed at once, where nothing that is sensed changes the commands."""
 FINE = 100
 """... where the IMU is sampled or filtered: a pulse that ends within a bin is taken as spread over it."""
-STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance")
+STREAMS = ("plan", "pulses", "gyro", "accelerometer", "disturbance", "attitude")
 """Each has random numbers of its own, so that switching one off leaves the others as they were."""
 
 
@@ -68,7 +68,7 @@ class Cycles:
         """
         self.source, self.seeds, self.changes = source, seeds, changes
         scenario = self.scenario = source.scenario
-        rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
+        rngs = self.rngs = {name: [np.random.default_rng([seed, i]) for seed in seeds] for i, name in enumerate(STREAMS)}
         self.members, self.period = len(seeds), scenario.vehicle.cycle.period_s
         bins = _bins(scenario)
         self.width = self.period / bins

@@ -204,8 +204,8 @@ def log_table(flight: Flight, member: int, scenario: Scenario) -> Any:
         (names, _in_first_record(commanded, records)),
         *(([name], values[member][:, None]) for name, values in flight.columns.items()),
     ]
-    if scenario.sensors.log_attitude:
-        blocks.append((list(columns.QUATERNION), flight.attitude_wxyz[member, 1:]))
+    if flight.logged_wxyz is not None:
+        blocks.append((list(columns.QUATERNION), flight.logged_wxyz[member]))
     found = {
         name: arrow.numbers(np.ascontiguousarray(column)) for names, block in blocks for name, column in zip(names, block.T, strict=True)
     }

@@ -20,7 +20,7 @@ from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, saturation
 from massprop_cli.inputs.vehicle import Phase, Vehicle
-from massprop_cli.testbed import exchange
+from massprop_cli.testbed import attitude, exchange
 from massprop_cli.testbed.cycles import Change, Cycles
 from massprop_cli.testbed.imu import Sensor
 from massprop_cli.testbed.onboard import RunningOf
@@ -38,7 +38,6 @@ class Flight:
     vehicle: Vehicle
     """As the log's users get it, with the phases that events make."""
     seeds: tuple[int, ...]
-    logs_attitude: bool
     axes: tuple[bool, ...]
     """Which of gyro x y z and accelerometer x y z are logged; the increments of the others are there all the same."""
     time_s: Array
@@ -55,6 +54,8 @@ class Flight:
     """(S, K N) what the log has of momentum devices; NaN in cells that are empty."""
     attitude_wxyz: Array
     """(S, K N + 1, 4) true attitude at the start and after each record."""
+    logged_wxyz: Array | None
+    """(S, K N, 4) attitude as it is logged after each record, NaN where it isn't; None where the log has none."""
     rate_rad_s: Array
     """(S, K + 1, 3) true body rate at cycle edges, after what happens there."""
     events: tuple[tuple[int, str], ...]
@@ -108,7 +109,7 @@ class Flight:
             command_kind="jets" if self.vehicle.jets or not self.commanded(member).shape[1] else "wrench",
             command=self.commanded(member),
             spinning=self._spinning(path, member),
-            attitude_wxyz=self.attitude_wxyz[member, 1:] if self.logs_attitude else None,
+            attitude_wxyz=None if self.logged_wxyz is None else self.logged_wxyz[member],
             notices=tuple(saturation(self.vehicle, theta, velocity, interval)),
             **self.kind,
         )
@@ -146,7 +147,6 @@ def fly(
     return Flight(
         vehicle=scenario.logged,
         seeds=tuple(seeds),
-        logs_attitude=scenario.sensors.log_attitude,
         axes=scenario.sensors.axes,
         time_s=frozen(_record_ends(scenario)),
         delta_theta_rad=frozen(_flat(flying.gyro.increments)),
@@ -155,6 +155,7 @@ def fly(
         turning={name: frozen(values) for name, values in flying.exchange.turning.items()},
         columns={name: frozen(values) for name, values in flying.exchange.columns.items()},
         attitude_wxyz=frozen(flying.attitude),
+        logged_wxyz=attitude.logged(scenario, flying.rngs["attitude"], flying.attitude),
         rate_rad_s=frozen(flying.rate),
         events=tuple((k, event.kind) for k, event in sorted(flying.events.items())),
         phases=phases,

@@ -17,6 +17,7 @@ from massprop_cli.model.linearise import linearise
 from massprop_cli.model.parameters import parameters
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
+from massprop_cli.prepare.attitude import world_up_b
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 from massprop_cli.testbed import scenario, simulate
@@ -69,10 +70,9 @@ def left_over(bias: float) -> tuple[Array, Array]:
     truth, flight = flown(1, *NOISELESS)
     log, used = flight.log(0), changed(flight.vehicle, [f"imu.gyro_bias_sigma_rad_s={bias}"])
     log = replace(log, delta_theta_imu_rad=log.delta_theta_imu_rad + real * log.interval_s[:, None])
-    seen = replace(log, attitude_wxyz=flight.attitude_wxyz[0, 1:])
-    stream, level = (Stream.of(one, used, Timing(2.0, 0.0)) for one in (log, seen))
+    stream = Stream.of(log, used, Timing(2.0, 0.0))
     whole = slice(0, len(stream))
-    here, true_up = stream.part(whole), level.part(whole).up_b[:-1]
+    here, true_up = stream.part(whole), world_up_b(flight.attitude_wxyz[0, :-1])
     reference = Reference(tensor(truth[:6]), truth[6:9], 1 / truth[9], gyro_bias=real)
     vehicle = Resolved.stated(used)
     assert vehicle is not None

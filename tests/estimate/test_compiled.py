@@ -204,7 +204,7 @@ def test_what_is_flown_is_what_is_reported_to_the_last_bit(name: str) -> None:
     """The kernel's own quantities, cycle after cycle handed over alone, against the history that an estimate has."""
     found = analysed(name)
     vehicle, history = found.vehicle, found.histories[0]
-    commands = flown.commands_of(True, False, vehicle, found.timing.delay)
+    commands = flown.commands_of(True, vehicle, found.timing.delay)
     flight = flown.Flight(commands, compiled.table(found.samples, resolved(vehicle)), flown.rule_of(vehicle, (0.01, 0.01, 0.01)))
     fed = flown.cycles_of(found.log, slice(0, found.log.cycles), history.cycles)
     parts = [flight.step(fed[k : k + 1], k + 1 == len(fed)) for k in range(len(fed))]

@@ -74,4 +74,4 @@ def test_a_vector_of_the_world_is_carried_from_the_middle_of_a_cycle_to_the_midd
     seen = [np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) @ world for a in angle]
     np.testing.assert_allclose(steps[0] @ seen[0], seen[1], rtol=1e-12)
     np.testing.assert_allclose(steps[1] @ seen[1], seen[2], rtol=1e-12)
-    assert PlanarBody(0.0).tilts(attitude_logged=False) == 0
+    assert PlanarBody(0.0).tilts == 0

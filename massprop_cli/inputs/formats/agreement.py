@@ -34,20 +34,20 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
     """:class:`InputError` where gyro (n, 3) rad, accelerometer (n, 3) m/s² and attitude (n, 4) contradict each other."""
     if attitude is None:
         return
-    body = np.array(vehicle.imu.body_from_imu)
+    body, logged = np.array(vehicle.imu.body_from_imu), np.isfinite(attitude[:, 0])
+    attitude, angle = attitude[logged], np.cumsum(theta_imu @ body.T, 0)[logged]
     edges, wanted = _stretches(attitude, _STRETCHES)
     while _rms(wanted) < _NEAR and len(edges) > 2 * _LEAST:
         edges, wanted = _stretches(attitude, len(edges) // 2)
     while _rms(wanted) > _FAR and 2 * len(edges) < len(attitude):
         edges, wanted = _stretches(attitude, 2 * len(edges))
-    angle = np.cumsum(theta_imu @ body.T, 0)
     _compare(path, made, "gyro", np.diff(angle[edges], axis=0), wanted, _NEAR / 2, {"as it is": 1.0, "deg": DEG, "rad": 1 / DEG})
     if _rms(wanted) >= _NEAR / 2:
         edges = edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges
         _check_scale(path, made, angle[edges], attitude[edges])
     if vehicle.on_air_bearing and force_imu.any(0).all():
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
-        _compare(path, made, "accelerometer", force_imu @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
+        _compare(path, made, "accelerometer", force_imu[logged] @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
 
 
 def _stretches(attitude: Array, count: int) -> tuple[IntArray, Array]:

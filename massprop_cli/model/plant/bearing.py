@@ -47,9 +47,10 @@ class BearingBody(Whole):
         """m_r, kg; not below a hundredth of the whole, so that a poor reference stays a body."""
         return max(1 / reference.mu - self.bearing_mass, 0.01 / reference.mu)
 
-    def tilts(self, attitude_logged: bool) -> int:
-        """Three, where the attitude comes from the gyro: true attitude = integrated attitude turned by their rotation vector."""
-        return 0 if attitude_logged else 3
+    @property
+    def tilts(self) -> int:
+        """Three: true attitude = carried attitude turned by their rotation vector."""
+        return 3
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:
         """The attitude is carried on with the measured rate, the vehicle turns with the true one.

@@ -43,7 +43,8 @@ class FreeBody(Whole):
         """The whole."""
         return 1 / reference.mu
 
-    def tilts(self, attitude_logged: bool) -> int:  # noqa: ARG002
+    @property
+    def tilts(self) -> int:
         """None: there is no weight."""
         return 0
 

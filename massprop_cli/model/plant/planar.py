@@ -46,7 +46,8 @@ class PlanarBody(FreeBody):
         """(3, 6) wrench to moment about the CG, Z alone."""
         return np.diag([0.0, 0.0, 1.0]) @ super().jet_moment(reference)
 
-    def tilts(self, attitude_logged: bool) -> int:  # noqa: ARG002
+    @property
+    def tilts(self) -> int:
         """n_x and n_y in the middle of a cycle, body axes."""
         return 2 if self.slope_sigma > 0 else 0
 

@@ -140,7 +140,8 @@ class Plant(Protocol):
     def tilt_sigma(self) -> float:
         """One sigma of each of the states below in a phase's first cycle, in their unit."""
 
-    def tilts(self, attitude_logged: bool) -> int:
+    @property
+    def tilts(self) -> int:
         """t, the states that say where the weight pulls otherwise than it is taken to."""
 
     def tilt_step(self, rate: Array, duration: Array) -> tuple[Array, Array]:

@@ -1,0 +1,435 @@
+"""A logged attitude as a measurement: the gyro carries a reference attitude, and a filter draws it to the logged ones.
+
+The estimators are linear about a reference attitude; their states hold the rotation vector φ from it to the true one, and each logged
+attitude q̃ measures that: ``φ + noise = log(q⁻¹ ⊗ q̃)``, q the reference at the time of q̃. The reference is that of a multiplicative
+extended Kalman filter (Lefferts, Markley & Shuster 1982) on φ and the gyro's bias b,
+
+    φ[k+1] = R(−θ) φ[k] − J T (b − b̂) + gyro noise,      b constant,
+
+so that φ stays small whatever bias and start. It may be rough: the estimators know how it was carried, and have φ as a state of their own.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli.base import spill
+from massprop_cli.base.arrays import Array, IntArray, frozen
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.errors import InputError
+from massprop_cli.base.rigidbody import mean_rotation, rotation, times
+from massprop_cli.inputs.telemetry import Log
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.prepare.align import shown_late_s
+from massprop_cli.prepare.attitude import (
+    at_first,
+    integrate_attitude,
+    matrices,
+    quaternion_of,
+    quaternion_product,
+    rotation_vector,
+    rotation_vectors,
+    world_up_b,
+)
+from massprop_cli.prepare.clock import cycle_edges
+from massprop_cli.prepare.sums import of_records
+
+Quaternion = tuple[float, float, float, float]
+STATES = 10
+"""Of :class:`Linear`."""
+START = 1.0
+"""rad, one sigma of the reference before the first logged attitude: nothing is known."""
+KEPT = 4
+"""References of a log that are kept, of as many IMUs."""
+SURE, TWICE = 4.0, 2.0
+"""Standard errors by which noise of logged attitudes must show, and how many times the stated one it may be."""
+FLOOR = 1e-5
+"""rad; no attitude is known better, nor is the motion within a cycle."""
+TILTED, AGREED = 0.2, 18.4
+"""Sine of the angle between stated and logged vertical at the beginning, and chi-square of two degrees of freedom (99.99 %): up to
+these they agree."""
+OPPOSED, STILL = 0.5, 0.01
+"""Part of the gyro's turning by which a logged attitude may turn otherwise; rad per attitude that is none."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Of K control cycles: the reference attitude, and what the logged attitudes in each cycle measure of its error φ."""
+
+    attitude_wxyz: Array
+    """(K + 1, 4) reference at the cycles' edges, world from body."""
+    drawn_rad: Array
+    """(K, 3) what turns it through each cycle in addition to the gyro's turn, body axes."""
+    offset_rad: Array
+    """(K, 3) φ as the cycle's logged attitudes measure it, their mean; 0 in cycles without one."""
+    share: Array
+    """(K,) part of the cycle that has gone by at their mean time."""
+    noise_rad: Array
+    """(K,) one sigma of the offset about each axis; infinite in cycles without a logged attitude."""
+    known: Array
+    """(K + 1, 10) the states of :class:`Linear`, by the attitudes logged before each edge, ..."""
+    covariance: Array
+    """(K + 1, 10, 10) ... and their covariance."""
+
+    def part(self, cycles: slice) -> Measured:
+        """Of these cycles."""
+        edges = slice(cycles.start, cycles.stop + 1)
+        drawn, offset, share, noise = (one[cycles] for one in (self.drawn_rad, self.offset_rad, self.share, self.noise_rad))
+        return Measured(self.attitude_wxyz[edges], drawn, offset, share, noise, self.known[edges], self.covariance[edges])
+
+
+class Motion(NamedTuple):
+    """What the gyro measured, K cycles."""
+
+    duration_s: Array
+    """(K,)"""
+    turns: Array
+    """(K, 3) angle increments, body axes."""
+    vectors: Array
+    """(K, 3) rotation vectors from edge to edge."""
+
+
+class Logged(NamedTuple):
+    """m logged attitudes, each at the time that it is of."""
+
+    wxyz: Array
+    """(m, 4)"""
+    cycle: IntArray
+    """(m,) its control cycle."""
+    share: Array
+    """(m,) part of the cycle that has gone by."""
+    uneven: Array
+    """(m, 3) what the gyro has turned by then beyond that share of the cycle's turn, body axes."""
+
+    def by_cycle(self, cycles: int) -> IntArray:
+        """(K + 1,) where each cycle's begin."""
+        found: IntArray = np.searchsorted(self.cycle, np.arange(cycles + 1))
+        return found
+
+
+class Noise(NamedTuple):
+    """One sigma of noise."""
+
+    attitude_rad: float
+    """Of a logged attitude about each axis."""
+    gyro_rad: float
+    """Of the gyro's turn in a cycle."""
+
+
+def measured(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Measured | None:
+    """The reference attitude of a log on an air bearing, and its measurements; None where no attitude is logged, or the body isn't there.
+
+    ``gyro`` is a factor on what the gyro measured. :class:`InputError` where attitude and gyro contradict each other.
+    """
+    if log.attitude_wxyz is None or not vehicle.on_air_bearing:
+        return None
+    imu, late_s = vehicle.imu, shown_late_s(log, vehicle)[0]
+    stated = imu.attitude_sigma_rad, imu.attitude_latency_s + late_s, imu.gyro_noise_rad_s, *sigmas(vehicle)
+    key = (imu.body_from_imu, vehicle.environment.initial_attitude_wxyz, np.asarray(gyro, dtype=float).tobytes(), *stated)
+    if id(log) not in _made:
+        _made[id(log)] = {}
+        weakref.finalize(log, _made.pop, id(log), None)
+    made = _made[id(log)]
+    if key not in made:
+        for oldest in list(made)[: len(made) - KEPT + 1]:
+            del made[oldest]
+        found = given(log, vehicle, gyro)
+        made[key] = (
+            None if found is None else _measured(found, at_first(vehicle, found.motion.turns[0] / found.motion.duration_s[0], late_s))
+        )
+    return made[key]
+
+
+_made: dict[int, dict[tuple[object, ...], Measured | None]] = {}
+"""Of each log that is alive, by its id."""
+
+
+def sigmas(vehicle: Vehicle) -> tuple[float, float]:
+    """Of the gyro's bias, rad/s, and of the misalignment, rad."""
+    return vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.attitude_misalignment_sigma_rad
+
+
+def given(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Given | None:
+    """What the filter takes; None where no attitude is logged, or the body isn't on an air bearing.
+
+    :class:`InputError` where attitude and gyro turn otherwise, or the attitudes scatter by far more than is stated.
+    """
+    if log.attitude_wxyz is None or not vehicle.on_air_bearing:
+        return None
+    motion, logged = read(log, vehicle, gyro)
+    if not len(logged.cycle):
+        return None
+    noise = _noise(log, vehicle, motion, logged)
+    edges = logged.by_cycle(len(motion.turns))
+    return Given(motion, logged, edges, _mean_variance(logged, edges, noise), noise, *sigmas(vehicle))
+
+
+def _measured(given: Given, stated: Array) -> Measured:
+    """About an attitude that began as logged; or with the vertical of the ``stated`` one (4,), where all attitudes agree with that.
+
+    The vertical counts as exact then, as it does without logged attitudes. The chi-squares differ by two degrees of freedom.
+    """
+    begun: Array = begun_as_logged(given.motion, given.logged)
+    free: Array = START**2 * np.eye(3)
+    found = _offsets(given, filtered(given, begun, free))
+    shown, stands, should = linear(given, found, free), world_up_b(begun), world_up_b(stated)
+    axis = np.cross(should, stands)
+    sine = float(np.linalg.norm(axis))
+    if float(stands @ should) > 0 and sine < TILTED:
+        level, held = axis * (math.asin(sine) / sine if sine > 0 else 1.0), START**2 * np.outer(should, should)
+        agreeing = linear(given, found, held, at=level)
+        if agreeing.chi_square - shown.chi_square < AGREED:
+            begun, free, shown = quaternion_product(begun, quaternion_of(level)), held, agreeing
+    turned = shown.states[-1, 6:9]  # the misalignment, which the reference hardly has then
+    logged = given.logged._replace(wxyz=quaternion_product(given.logged.wxyz, quaternion_of(-turned)))
+    found = _offsets(given, filtered(given._replace(logged=logged), begun, free))
+    known = linear(given, found, free)
+    return replace(found, known=frozen(known.states), covariance=frozen(known.covariance))
+
+
+def _offsets(given: Given, reference: tuple[Array, Array]) -> Measured:
+    """What logged attitudes measure about a reference; nothing of what is known of its error."""
+    motion, logged, (attitude, drawn) = given.motion, given.logged, reference
+    turned = logged.uneven + logged.share[:, None] * (motion.vectors + drawn)[logged.cycle]
+    path = quaternion_product(attitude[logged.cycle], quaternion_of(turned))
+    offset, count = rotation_vector(quaternion_product(_inverse(path), logged.wxyz)), np.bincount(logged.cycle, minlength=len(drawn))
+
+    def mean(each: Array) -> Array:
+        return frozen(np.bincount(logged.cycle, each, minlength=len(count)) / np.maximum(count, 1))
+
+    offsets, sigma = frozen(np.stack([mean(axis) for axis in offset.T], 1)), frozen(np.sqrt(given.variance))
+    return Measured(
+        frozen(attitude), frozen(drawn), offsets, mean(logged.share), sigma, np.zeros((0, STATES)), np.zeros((0, STATES, STATES))
+    )
+
+
+def read(log: Log, vehicle: Vehicle, gyro: float | Array) -> tuple[Motion, Logged]:
+    """What gyro and attitude of a log hold."""
+    assert log.attitude_wxyz is not None
+    records, duration = log.records_per_cycle, cycle_edges(log, slice(0, log.cycles))[1]
+    body = np.array(vehicle.imu.body_from_imu)
+    turns = times(body, gyro * of_records(log.delta_theta_imu_rad, records))
+    rows = np.flatnonzero(np.isfinite(log.attitude_wxyz[:, 0]))
+    # by the gyro's labels: what it shows is later than these
+    time_s = log.time_s[rows] - vehicle.imu.attitude_latency_s - shown_late_s(log, vehicle)[0]
+    within = (time_s > log.time_s[0] - log.interval_s[0]) & (time_s <= log.time_s[-1])
+    rows, time_s = rows[within], time_s[within]
+    record = np.searchsorted(log.time_s, time_s)
+    ahead_s = log.time_s[record] - time_s  # of the record's end
+    cycle, ahead = record // records, np.clip(ahead_s / log.interval_s[record], 0.0, 1.0)
+    gone_s, turned = (
+        np.cumsum(one.reshape(-1, records, *one.shape[1:]), 1).reshape(one.shape)[record]
+        for one in (log.interval_s, log.delta_theta_imu_rad)
+    )
+    share = (gone_s - ahead_s) / duration[cycle]
+    turned = times(body, gyro * (turned - ahead[:, None] * log.delta_theta_imu_rad[record]))
+    found = Logged(log.attitude_wxyz[rows], cycle, share, turned - share[:, None] * turns[cycle])
+    return Motion(duration, turns, rotation_vectors(turns)), found
+
+
+def _mean_variance(logged: Logged, edges: IntArray, noise: Noise) -> Array:
+    """(K,) variance of the mean of a cycle's attitudes: their own noise, and that of the gyro within the cycle.
+
+    The gyro's noise up to parts s and t of a cycle, less their share of the whole cycle's, has the covariance ``min(s, t) − s t``.
+    """
+    found = np.full(len(edges) - 1, np.inf)
+    for cycle in np.unique(logged.cycle):
+        s = logged.share[edges[cycle] : edges[cycle + 1]]
+        within = float((np.minimum(s[:, None], s) - s[:, None] * s).mean()) if len(s) > 1 else float(s[0] * (1 - s[0]))
+        found[cycle] = noise.attitude_rad**2 / len(s) + noise.gyro_rad**2 * max(within, 0.0)
+    return found
+
+
+class Given(NamedTuple):
+    """What the filter takes."""
+
+    motion: Motion
+    logged: Logged
+    edges: IntArray
+    """(K + 1,) where each cycle's logged attitudes begin."""
+    variance: Array
+    """(K,) of their mean."""
+    noise: Noise
+    bias_sigma: float
+    """Of the gyro, rad/s."""
+    misalignment_sigma: float
+    """rad"""
+
+
+class Linear(NamedTuple):
+    """What a linear filter on φ, gyro bias, misalignment and latency beyond the stated one makes of it."""
+
+    states: Array
+    """(K + 1, 10) at the edges, by the attitudes logged before: rad, rad/s, rad, s."""
+    covariance: Array
+    """(K + 1, 10, 10)"""
+    chi_square: float
+    """Of the innovations."""
+
+
+def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Array]:
+    """(K + 1, 4) the reference at the edges, and (K, 3) what turns it in addition to the gyro: the filter's loop.
+
+    From an attitude (4,) and the covariance (3, 3) of its error.
+    """
+    motion, logged, edges, variance, noise, *_ = given
+    count = len(motion.turns)
+    transition = np.tile(np.eye(6), (count, 1, 1))
+    transition[:, :3, :3] = rotation(-motion.turns)
+    transition[:, :3, 3:] = -mean_rotation(-motion.turns) * motion.duration_s[:, None, None]
+    spread = given.bias_sigma**2 * np.eye(6)
+    spread[:3, :3] = covariance
+    attitude, drawn = spill.empty(count + 1, 4), spill.empty(count, 3)
+    attitude[0] = begun
+    bias, white = np.zeros(3), np.diag(np.repeat([noise.gyro_rad**2, 0.0], 3))
+    here = _floats(begun)
+    for k in range(count):
+        vector = motion.vectors[k] - bias * motion.duration_s[k]
+        spread = transition[k] @ spread @ transition[k].T + white
+        onward = _of_vector(vector)
+        if edges[k] < edges[k + 1]:
+            residual = _residual(here, vector, logged, slice(edges[k], edges[k + 1]))
+            inverse = np.linalg.inv(spread[:3, :3] + variance[k] * np.eye(3))
+            moved = spread[:, :3] @ inverse @ residual
+            spread = spread - spread[:, :3] @ inverse @ spread[:3]
+            spread = (spread + spread.T) / 2
+            bias = bias + moved[3:]
+            onward = _product(onward, _of_vector(moved[:3]))
+        drawn[k] = _vector_of(onward) - motion.vectors[k]
+        attitude[k + 1] = here = _unit(_product(here, onward))
+    return attitude, drawn
+
+
+def linear(
+    given: Given, about: Measured, begun: Array, sigmas: tuple[float, float, float] | None = None, at: Array | None = None
+) -> Linear:
+    """Linear about a reference that stays as it is, from its error ``at`` the beginning (3,), 0 by default, of covariance ``begun`` (3, 3).
+
+    When a share s of a cycle has gone by, its attitudes measure ``R(−θ s) φ − J s T b − J s δ + μ − ω λ``, δ what turns the reference in
+    addition to the gyro. ``sigmas`` of bias, misalignment and latency; None: as stated.
+    """
+    turns, duration = given.motion.turns, given.motion.duration_s
+    gone_s, turn = about.share * duration, turns * about.share[:, None]
+    drive, partly = times(mean_rotation(-turns), about.drawn_rad), times(mean_rotation(-turn), about.drawn_rad * about.share[:, None])
+    transition, observation = np.tile(np.eye(STATES), (len(turns), 1, 1)), np.zeros((len(turns), 3, STATES))
+    transition[:, :3, :3], transition[:, :3, 3:6] = rotation(-turns), -mean_rotation(-turns) * duration[:, None, None]
+    observation[..., :3], observation[..., 3:6] = rotation(-turn), -mean_rotation(-turn) * gone_s[:, None, None]
+    observation[..., 6:9], observation[..., 9] = np.eye(3), -turns / duration[:, None]
+    white = np.diag(np.repeat([given.noise.gyro_rad**2, 0.0], [3, 7]))
+    stated = sigmas or (given.bias_sigma, given.misalignment_sigma, 0.0)
+    state, spread, chi_square = np.zeros(STATES), np.diag(np.repeat([0.0, *stated], [3, 3, 3, 1]) ** 2), 0.0
+    spread[:3, :3], state[:3] = begun, 0.0 if at is None else at
+    states, each = spill.empty(len(turns) + 1, STATES), spill.empty(len(turns) + 1, STATES, STATES)
+    states[0], each[0] = state, spread
+    for k, sigma in enumerate(about.noise_rad):
+        if np.isfinite(sigma):
+            residual = about.offset_rad[k] + partly[k] - observation[k] @ state
+            by = spread @ observation[k].T
+            inverse = np.linalg.inv(observation[k] @ by + sigma**2 * np.eye(3))
+            chi_square += float(residual @ inverse @ residual)
+            state, spread = state + by @ inverse @ residual, spread - by @ inverse @ by.T
+        state, spread = transition[k] @ state, transition[k] @ ((spread + spread.T) / 2) @ transition[k].T + white
+        state[:3] -= drive[k]
+        states[k + 1], each[k + 1] = state, spread
+    return Linear(states, each, chi_square)
+
+
+def begun_as_logged(motion: Motion, logged: Logged) -> Array:
+    """(4,) the attitude at the log's beginning, from the first that is logged and the gyro."""
+    cycle = int(logged.cycle[0])
+    before = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns[:cycle])[-1]
+    turned = quaternion_product(before, quaternion_of(logged.uneven[0] + logged.share[0] * motion.vectors[cycle]))
+    return quaternion_product(logged.wxyz[0], _inverse(turned))
+
+
+def _noise(log: Log, vehicle: Vehicle, motion: Motion, logged: Logged) -> Noise:
+    """By the differences d = n[k] − n[k−1] + gyro noise of neighbouring attitudes beside the gyro, world axes: cov(d, next) = −σ²."""
+    stated = vehicle.imu
+    attitude = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns)
+    path = quaternion_product(attitude[logged.cycle], quaternion_of(logged.uneven + logged.share[:, None] * motion.vectors[logged.cycle]))
+    by_gyro, by_log = (quaternion_product(_inverse(one[:-1]), one[1:]) for one in (path, logged.wxyz))
+    off = rotation_vector(quaternion_product(_inverse(by_gyro), by_log))
+    apart = times(matrices(logged.wxyz[1:]), off - (off.mean(0) if len(off) else 0.0))
+    between = -apart[1:] * apart[:-1]
+    mean, chance = (float(between.mean()), float(between.std()) / between.size**0.5) if len(between) > 1 else (0.0, 0.0)
+    mean = max(mean, 0.0)
+    _check_turns(log, off, rotation_vector(by_gyro), mean)
+    if stated.attitude_sigma_rad is not None and mean - SURE * chance > (TWICE * stated.attitude_sigma_rad) ** 2:
+        raise InputError(
+            f"{log.path}, columns quat_w … quat_z: the attitude scatters by {1e3 * mean**0.5:.2g} mrad from record to record, and "
+            f"imu.attitude_sigma_rad is {stated.attitude_sigma_rad:g} rad; state its noise, or leave the key out to have it estimated"
+        )
+    cycles = max(float(logged.cycle[-1] - logged.cycle[0]) / max(len(off), 1), 1.0)
+    gyro = stated.gyro_noise_rad_s * float(motion.duration_s.mean()) if stated.gyro_noise_rad_s else 0.0
+    if not gyro and len(apart):
+        gyro = (max(float((apart**2).mean()) - 2 * mean, 0.0) / cycles) ** 0.5
+    return Noise(stated.attitude_sigma_rad or max((mean + chance) ** 0.5, FLOOR), gyro)
+
+
+def _check_turns(log: Log, off: Array, turns: Array, variance: float) -> None:
+    """Refuse attitudes (m + 1) that turn ``off`` (m, 3) the gyro's ``turns`` (m, 3) by more than noise of ``variance`` does."""
+    left = max(float((off**2).sum()) - 2 * variance * off.size, 0.0) ** 0.5
+    turned = float((turns**2).sum()) ** 0.5
+    if left > OPPOSED * turned and left > STILL * len(off) ** 0.5:
+        raise InputError(
+            f"{log.path}, columns quat_w … quat_z: the attitude turns by {left / turned:.2g} times the gyro's angles away from the gyro; "
+            "quaternions are wxyz, world from body, of the axes of imu.body_from_imu. Correct the columns, or leave them out"
+        )
+
+
+def _inverse(unit_wxyz: Array) -> Array:
+    """(..., 4) quaternions of the turns back."""
+    found: Array = unit_wxyz * np.array([1.0, -1.0, -1.0, -1.0])
+    return found
+
+
+def _residual(here: Quaternion, vector: Array, logged: Logged, own: slice) -> Array:
+    """(3,) the mean error that a cycle's logged attitudes show of a reference that is ``here`` at its start and turns by ``vector``."""
+    found = np.zeros(3)
+    for wxyz, share, uneven in zip(logged.wxyz[own], logged.share[own], logged.uneven[own], strict=True):
+        w, x, y, z = _product(here, _of_vector(uneven + share * vector))
+        found += _vector_of(_product((w, -x, -y, -z), _floats(wxyz)))
+    found /= own.stop - own.start
+    return found
+
+
+# of one quaternion numpy takes ten times as long as the numbers themselves
+
+
+def _floats(wxyz: Array) -> Quaternion:
+    w, x, y, z = wxyz.tolist()
+    return w, x, y, z
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product."""
+    w, x, y, z = a
+    p, q, r, s = b
+    return w * p - x * q - y * r - z * s, w * q + x * p + y * s - z * r, w * r - x * s + y * p + z * q, w * s + x * r - y * q + z * p
+
+
+def _unit(one: Quaternion) -> Quaternion:
+    w, x, y, z = one
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
+
+
+def _of_vector(vector: Array) -> Quaternion:
+    """Of a rotation vector, rad."""
+    x, y, z = vector.tolist()
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    by = 0.5 * math.sin(half) / half if half > 0 else 0.5
+    return math.cos(half), by * x, by * y, by * z
+
+
+def _vector_of(one: Quaternion) -> Array:
+    """(3,) rotation vector of one of unit length, no longer than π."""
+    w, x, y, z = one
+    sine = math.sqrt(x * x + y * y + z * z)
+    by = 2 * math.atan2(sine, abs(w)) / sine if sine > 0 else 2.0
+    return np.array([x, y, z]) * (-by if w < 0 else by)
