@@ -253,6 +253,7 @@ def test_a_lost_record_ends_what_cannot_do_without() -> None:
         ([], (), "nothing came"),
         (["time_s,gyro_x_rad_s\n"], (), "the first line lacks"),
         (["[1, 2]\n"], (), "the first line lacks"),
+        (["time_s,command_time_s\n"], (), "commands with times of their own can't be estimated live"),
         (["{broken\n"], (), "is not JSON"),
         (None, ("imu.gyro_noise_rad_s=0",), "imu.gyro_noise_rad_s must be stated"),
         (None, ("cycle.period_s=0.01",), "does not divide the control cycle"),
