@@ -17,10 +17,10 @@ from massprop_cli.base.configfile import repeated
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import commands
-from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, TIME, WRENCH, jet
+from massprop_cli.inputs.columns import ACCEL, COMMAND_TIME, DELTA_THETA, DELTA_V, GYRO, QUATERNION, TIME, WRENCH, jet
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.tablefile import Cells, Places, Table
-from massprop_cli.inputs.telemetry import ABSURD
+from massprop_cli.inputs.telemetry import ABSURD, OFF_UNIT
 from massprop_cli.inputs.vehicle import Vehicle
 
 LONGEST = 1 << 20
@@ -113,7 +113,19 @@ class Reader:
                 raise RecordError(
                     f"column {self._own(name)}: {numbers[name]:g} s is no on-time of a cycle of {self.vehicle.cycle.period_s:g} s"
                 )
-        return Record(numbers, _line([cells[name] for name in self.names]))
+        return Record(numbers, _line([cells[name] for name in self.names] if not self._has(QUATERNION) else self._kept(cells)))
+
+    def _kept(self, cells: dict[str, str]) -> list[str]:
+        """A row as it is kept for massprop estimate, which takes a unit quaternion or four empty cells: what is none is left empty."""
+        own = [self._own(name) for name in QUATERNION]
+        try:
+            norm = math.hypot(
+                *(self._number(name, cells) if column in cells else math.nan for name, column in zip(QUATERNION, own, strict=True))
+            )
+        except RecordError:
+            norm = math.nan
+        usable = abs(norm - 1) <= OFF_UNIT
+        return [cells[name] if usable or name not in own else "" for name in self.names]
 
     def _own(self, name: str) -> str:
         return self.own.get(name, name)
