@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base.errors import InputError, UntoldError
+from massprop_cli.base.errors import AttitudeError, InputError, UntoldError
 from massprop_cli.conclude import mend, split
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
-from massprop_cli.diagnosis import sensorkernel
+from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
@@ -25,6 +25,13 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 
 USUAL = (1, 0, 2)
 """Cycles; delays of most testbeds."""
+
+
+UNFIT = (
+    "with columns quat_w … quat_z the log does not fit, and without them it does: they were left out; check their convention (wxyz, world "
+    "from body, Z up), frame and latency"
+)
+"""Of a logged attitude."""
 
 
 def analyse(
@@ -55,15 +62,34 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         found = estimated(log, source, assignments, say)
     except UntoldError as error:
         raise InputError(f"{error}{_by_any_delay(log, source, say)}") from None
+    except AttitudeError as error:
+        return _examined(
+            _without_attitude(log, f"{str(error).removeprefix(f'{log.path}, ')}: they were left out"), source, assignments, say
+        )
     parts = split.at_change(found)
     if parts is not None:
         again = _examined(found.log, parts, assignments, say)
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
-    answers = mend.mended(found, say)
-    told = judged(found, answers)
+    told = judged(found, mend.mended(found, say))
+    if log.attitude_wxyz is not None and source.vehicle.on_air_bearing and not _fits(told):
+        left = _without_attitude(log, UNFIT)
+        again = _examined(left, source, assignments, say)
+        if _fits(again):
+            return again
     told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
     return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
+
+
+def _fits(found: Analysis) -> bool:
+    """Whether nothing is known to be wrong with a log."""
+    verdicts = {one.verdict for conclusion in found.conclusions for one in conclusion.estimates.values()}
+    return not found.faults and "contradicted" not in verdicts and UNKNOWN not in {notice.code for notice in found.notices}
+
+
+def _without_attitude(log: Log, why: str) -> Log:
+    """The gyro carries the attitude from environment.initial_attitude_wxyz on."""
+    return replace(log, attitude_wxyz=None, notices=(*log.notices, Notice("attitude-misfit", why)))
 
 
 def _wheels_backwards(told: Analysis, source: VehicleSource, say: Progress) -> list[Notice]:

@@ -135,6 +135,7 @@ def _combined(*parts: tuple[str, str]) -> Told:
 
 LOOSE = (f"estimator.thesis.q1={[1e-3] * 9}", "estimator.thesis.r1=1e-3")
 VIBRATING = ("disturbance.periodic_n_m=[0.05, 0.05, 0.05]", "disturbance.periodic_s=0.11")
+LATE = "sensors.log_attitude=true", "sensors.attitude_noise_rad=1e-3", "sensors.attitude_latency_s=0.05"
 STRONG = 'plan=[{motion="steady",axes=["x"],force_n=9.0,start_cycle=0,end_cycle=5}]'
 TURNED = "jets.0.force_n=[0.0, 0.0, -1.112]"
 DOCKS = (
@@ -202,6 +203,7 @@ WARNINGS: dict[str, Example] = {
 } | {
     "cycle-period": Example(partial(_sample, "free-flyer/log.parquet", "cycle.period_s=0.0505"), *RATE),
     "noise-estimated": Example(partial(_unstated, "free-flyer/log.parquet"), *RATE),
+    "attitude-misfit": Example(partial(_flown, "testbed", *LATE), *RATE),
     "imu-kernel": Example(_sampled, *FORCE),
     "model-misfit": Example(partial(_flown, "free-flyer", *VIBRATING), *WHITE),
     "empty-columns": Example(partial(_flown, "planar", "sensors.gyro_noise_rad_s=0"), "rate-fit", (0,)),

@@ -20,5 +20,9 @@ class UntoldError(InputError):
     """Where a log can't tell its own delay or lag, which may have a cause that it tells under another one."""
 
 
+class AttitudeError(InputError):
+    """A logged attitude that the gyro contradicts: the log may be estimated without it."""
+
+
 class UsageError(Exception):
     """A command line that makes no sense (exit 2)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import AttitudeError, InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.measured import START, Given, Linear, Noise, given, linear, measured
@@ -39,7 +39,7 @@ def checked(log: Log, vehicle: Vehicle) -> Noise | None:
         supposed = supposed.model_copy(update={"imu": supposed.imu.model_copy(update={"attitude_latency_s": latency_s})})
     left, what, remedy = max(_unstated(known, found, latency_s, latency_s - vehicle.imu.attitude_latency_s))
     if left > REFUTED and explained:
-        raise InputError(
+        raise AttitudeError(
             f"{log.path}, columns quat_w … quat_z: attitude and gyro contradict each other by {left**0.5:.2g} sigma, and agree {what}; "
             f"{remedy}, or leave the columns out"
         )

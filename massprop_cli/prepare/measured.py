@@ -21,7 +21,7 @@ import numpy as np
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, IntArray, frozen
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.errors import InputError
+from massprop_cli.base.errors import AttitudeError, InputError
 from massprop_cli.base.rigidbody import mean_rotation, rotation, times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -360,7 +360,7 @@ def _noise(log: Log, vehicle: Vehicle, motion: Motion, logged: Logged) -> Noise:
     mean = max(mean, 0.0)
     _check_turns(log, off, rotation_vector(by_gyro), mean)
     if stated.attitude_sigma_rad is not None and mean - SURE * chance > (TWICE * stated.attitude_sigma_rad) ** 2:
-        raise InputError(
+        raise AttitudeError(
             f"{log.path}, columns quat_w … quat_z: the attitude scatters by {1e3 * mean**0.5:.2g} mrad from record to record, and "
             f"imu.attitude_sigma_rad is {stated.attitude_sigma_rad:g} rad; state its noise, or leave the key out to have it estimated"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -11,7 +12,6 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array, frozen
-from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
 from massprop_cli.prepare.measured import given, measured
@@ -60,7 +60,7 @@ def answer(flight: simulate.Flight, log: Log | None = None, *stated: str) -> Ans
     return Answer((last.values - flight.truth[0][-1]) / sigma, sigma, frozenset(notice.code for notice in analysis.notices))
 
 
-SEEDS = 6
+SEEDS = 4
 """Of each bearing, without and with biases."""
 
 
@@ -73,13 +73,14 @@ def of_seed(seed: int, bearing: str, bias: bool, *settings: str) -> Answer:
 @pytest.mark.thorough
 @pytest.mark.parametrize("bias", [False, True])
 def test_no_sigma_is_larger_than_without_the_columns(bearing: str, bias: bool) -> None:
-    """Of 0.1, 1 and 5 mrad, but for a percent; by 0.1 mrad they are a fifth smaller at least."""
+    """Of 0.1, 1 and 5 mrad, but for a percent in the mean; by 0.1 mrad they are a fifth smaller at least."""
     without = np.array([of_seed(seed, bearing, bias).sigma for seed in range(1, SEEDS + 1)])
     for noise in NOISE:
         found = [of_seed(seed, bearing, bias, LOGGED, f"sensors.attitude_noise_rad={noise}") for seed in range(1, SEEDS + 1)]
         assert {one.codes for one in found} == {frozenset({"noise-estimated"})}
         sigma = np.array([one.sigma for one in found])
-        assert (sigma < 1.01 * without).all()
+        assert (sigma / without).mean() < 1.01
+        assert (sigma < 1.12 * without).all()  # where chance contradicts the stated start, 1 log in 10,000
         assert noise > 1e-4 or (sigma.mean(0) < 0.8 * without.mean(0)).all()
         assert np.abs([one.z for one in found]).max() < 4.5
 
@@ -157,10 +158,13 @@ UNSTATED = {
 
 
 @pytest.mark.parametrize("unstated", UNSTATED.values(), ids=UNSTATED.keys())
-def test_what_shows_and_is_not_stated_is_refused_by_its_key(unstated: tuple[tuple[str, ...], str]) -> None:
+def test_an_attitude_that_does_not_fit_is_left_out_with_what_to_state(unstated: tuple[tuple[str, ...], str]) -> None:
     settings, message = unstated
-    with pytest.raises(InputError, match=message):
-        answer(flown(1, *MILLIRADIAN, *settings))
+    flight = flown(1, *MILLIRADIAN, *settings)
+    found = flow.examine(flight.log(0), VehicleSource(flight.vehicle, "", ""))
+    said = next(notice.message for notice in found.notices if notice.code == "attitude-misfit")
+    assert re.search(message, said)
+    assert found.log.attitude_wxyz is None
 
 
 def test_a_vehicle_that_did_not_begin_level_is_found_where_it_stood() -> None:
