@@ -57,10 +57,13 @@ def examine(log: Log, source: VehicleSource, assignments: Sequence[str] = (), pr
 
 
 def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis:
-    log, source = sensorkernel.found(clipped.with_unstated(log), source, say)
+    read, stated = clipped.with_unstated(log), source
+    log, source = sensorkernel.found(read, stated, say)
     try:
         found = estimated(log, source, assignments, say)
     except UntoldError as error:
+        if source is not stated:  # of a low-pass that is too short to be found
+            return _examined(read, sensorkernel.without(stated), assignments, say)
         raise InputError(f"{error}{_by_any_delay(log, source, say)}") from None
     except AttitudeError as error:
         return _examined(
@@ -77,8 +80,21 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         again = _examined(left, source, assignments, say)
         if _fits(again):
             return again
+    if not told.faults and not _fits(told):
+        filtered = sensorkernel.found(log, source, say, unfit=True)
+        tried = None if filtered[0] is log else _tried(*filtered, assignments, say)
+        if tried is not None and _fits(tried):
+            return tried
     told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
     return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
+
+
+def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:
+    """The same; None where the log can't tell what it was asked for."""
+    try:
+        return _examined(log, source, assignments, say)
+    except InputError:
+        return None
 
 
 def _fits(found: Analysis) -> bool:

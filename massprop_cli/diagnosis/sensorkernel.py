@@ -44,12 +44,15 @@ class _Kernel(NamedTuple):
     cutoff_hz: float
 
 
-def found(log: Log, source: VehicleSource, say: Progress) -> tuple[Log, VehicleSource]:
-    """Log and vehicle file with what the log shows of kernels that are not stated, and notices of it."""
+def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> tuple[Log, VehicleSource]:
+    """Log and vehicle file with what the log shows of kernels that are not stated, and notices of it.
+
+    Of increments, which are what they are, low-passes alone, and where the log is ``unfit`` without any.
+    """
     vehicle = source.vehicle
-    rates = log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V
+    rates = (log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V) != unfit
     unstated = [sensor for sensor in SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
-    open_kind = "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
+    open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
     lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
     if not rates or len(unstated) < len(SENSORS) or lagged or vehicle.estimator.method != "default":
         return log, source
@@ -73,6 +76,12 @@ def found(log: Log, source: VehicleSource, say: Progress) -> tuple[Log, VehicleS
     used = vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=imu)})
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and open_kind)))
     return log, replace(source, vehicle=used)
+
+
+def without(source: VehicleSource) -> VehicleSource:
+    """The vehicle file with no low-pass, stated so."""
+    imu = source.vehicle.imu.model_copy(update={f"{sensor}_filter": None for sensor in SENSORS})
+    return replace(source, vehicle=source.vehicle.model_copy(update={"imu": imu}))
 
 
 def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel, tuple[float, float]]:

@@ -89,3 +89,11 @@ def test_what_the_imu_records_is_found_where_nobody_states_it(imu: anyimu.Imu) -
         # behind 25 Hz a mean over 10 ms looks like a sample 5 ms before
         assert imu.order or used.measures == ("sample" if imu.measures == "sample" else "increment")
         assert np.abs(deviation).max() < 4.5
+
+
+@pytest.mark.thorough
+def test_a_low_pass_behind_increments_is_found_where_the_log_does_not_fit() -> None:
+    """Of the second order, which no fault of the table is: it had been "cause unknown"."""
+    for answer, deviation in found_of(11, anyimu.Imu(measures="increment", order=2, cutoff_hz=12.0), 0.05, bare=True):
+        assert [notice.code for notice in answer.notices if not notice.code.startswith("noise")] == ["imu-kernel"]
+        assert np.abs(deviation).max() < 4.5
