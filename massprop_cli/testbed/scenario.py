@@ -160,7 +160,7 @@ class Scenario(Timed):
             raise ValueError("[fuel] needs jets that burn it")
         kind = self.vehicle.environment.kind
         if kind != "free" and any(e.kind == "dock" and e.motion == "momentum_conserved" for e in self.events):
-            where = "an air bearing" if kind == "air_bearing" else "a table"
+            where = {"air_bearing": "an air bearing", "pedestal": "a pedestal"}.get(kind, "a table")
             raise ValueError(f'docking on {where} is simulated with motion = "rates_kept" only')
         if kind == "planar" and any(self.initial.rate_rad_s[:2]):
             raise ValueError("initial.rate_rad_s: a vehicle on a table turns about Z alone; make the others 0")

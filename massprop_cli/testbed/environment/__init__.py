@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from massprop_cli.testbed.environment.bearing import Bearing, OnBearing
+from massprop_cli.testbed.environment.pedestal import OnPedestal
 from massprop_cli.testbed.environment.table import OnTable, Table
 from massprop_cli.testbed.motion import Bodies, Dynamics
 from massprop_cli.testbed.scenario import Scenario
@@ -22,4 +23,5 @@ def dynamics_in(scenario: Scenario) -> Callable[[Bodies], Dynamics]:
         table = Table(stated.gravity_m_s2, real.table_hold * stated.gravity_m_s2 * np.array([-about_y, about_x, 0.0]))
         return lambda bodies: OnTable(bodies, table)
     bearing = Bearing(np.array(stated.bearing_position_m), stated.bearing_mass_kg, stated.gravity_m_s2)
-    return lambda bodies: OnBearing(bodies, bearing)
+    held = OnPedestal if stated.kind == "pedestal" else OnBearing
+    return lambda bodies: held(bodies, bearing)
