@@ -14,6 +14,7 @@ from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.assumptions import assumptions
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.judge import judged
+from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.errorparameters.table import LATE
 from massprop_cli.estimate.phases import Progress
@@ -75,7 +76,7 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         changes = (fault.notice for fault in found.faults if fault.change_s is not None)
         return replace(again, source=source, notices=(*changes, *again.notices))
     told = judged(found, mend.mended(found, say))
-    if log.attitude_wxyz is not None and source.vehicle.on_air_bearing and not _fits(told):
+    if log.attitude_wxyz is not None and source.vehicle.pivoted and not _fits(told):
         left = _without_attitude(log, UNFIT)
         again = _examined(left, source, assignments, say)
         if _fits(again):
@@ -86,7 +87,8 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         if tried is not None and _fits(tried):
             return tried
     told = replace(told, notices=(*_wheels_backwards(told, source, say), *told.notices))
-    return replace(told, assumptions=assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions))
+    rests_on = assumptions(told.examination, told.log, told.vehicle, told.settled, told.conclusions)
+    return with_pivot(replace(told, assumptions=rests_on))
 
 
 def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:

@@ -91,7 +91,12 @@ def navigation(pages: Path) -> Nav:
         {"Your own log in 15 minutes": "tutorial.md"},
         {"In and out": ["log.md", "vehicle.md", "formats.md", "result.md", "reports.md", "pages.md", "exit-codes.md"]},
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
-        {"Tables, wheels, on board": ["planar.md", "actuators.md", "wheels.md", "uncertain-geometry.md", "kernel.md", "control.md"]},
+        {
+            "Tables, wheels, on board": [
+                *("planar.md", "pedestal.md", "actuators.md", "wheels.md"),
+                *("uncertain-geometry.md", "kernel.md", "control.md"),
+            ]
+        },
         {
             "What it says": [
                 "verdicts/index.md",

@@ -131,7 +131,7 @@ class Key(NamedTuple):
     """What logs have in common that are pooled together."""
 
     vehicle: str
-    environment: Literal["free", "air_bearing", "planar"]
+    environment: EnvironmentKind
     bearing_mass_kg: float
     part: Literal["phase", "docked"]
     name: str

@@ -67,7 +67,7 @@ def attitude(log: Log, vehicle: Vehicle) -> list[Finding]:
         hint = "it turns the other way: is it body from world? Give its conjugate" if inverse < left / 2 else "are both in the same axes?"
         said = f"the logged attitude turns otherwise than the gyro: {100 * left / max(size, STILL):.3g} % of its turning is unexplained"
         found.append(_finding("attitude-gyro", said, f"{hint} (quat_* is wxyz, world from body; imu.body_from_imu)"))
-    if vehicle.on_air_bearing and all(log.axes[3:]):
+    if vehicle.pivoted and all(log.axes[3:]):
         found += _gravity(log, mount)
     return found
 

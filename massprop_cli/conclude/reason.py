@@ -12,6 +12,8 @@ from massprop_cli.base.dataclass import dataclass
 VerdictReason = Literal[
     "no-part",
     "unweighed",
+    "unweighed-pedestal",
+    "ratios-only",
     "no-motion-informs",
     "sensor-absent",
     "sensor-absent-mass",
@@ -71,6 +73,11 @@ SENTENCES: dict[Code, str] = {
     "unweighed": (
         "the gravity torque gives only the mass times the offset from the bearing; weigh the vehicle and state known.mass, or push it "
         "along the table"
+    ),
+    "unweighed-pedestal": "gravity torque gives only mass × offset from the pivot; weigh the vehicle and state known.mass",
+    "ratios-only": (
+        "no command acted, and a free swing gives only ratios of first moment and inertia; state the inertia (known.ixx, known.iyy and "
+        "known.izz), or command torques"
     ),
     "no-motion-informs": "no motion of this vehicle can inform it by this method; it wants {wants}, which its commands don't give",
     "sensor-absent": "the log has no {absent}, and without it no motion of this vehicle informs it; log the {absent}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.inputs.vehicle import Phase, Vehicle
 
 WANTED = {
@@ -28,6 +29,9 @@ WANTED = {
     "cg_y": "force across Y (along X or Z), or fast turns about X or Z",
     "cg_z": "force across Z (along X or Y), or fast turns about X or Y",
     "mass": "force, pushed one way and the other",
+    "moment_x": "time under gravity, at some tilts about Y and Z",
+    "moment_y": "time under gravity, at some tilts about X and Z",
+    "moment_z": "tilts about X and about Y",
 }
 """The motion that informs each quantity, body axes."""
 PLANAR = ("izz", "cg_x", "cg_y", "mass")
@@ -73,6 +77,10 @@ class Conclusion:
     """kg; the mass whose CG and inertia these are (without the bearing's)."""
     bare: tuple[Array, Array]
     """(10,) values and (10, 10) covariance by the log alone: nothing known from elsewhere, thrust taken as exact. NaN as above."""
+    pivot: tuple[Array, Array] | None = None
+    """(9,) and (9, 9) inertia and first moment about a fixed pivot, and their covariance; None without one."""
+    about_pivot: Mapping[str, Estimate] = field(default_factory=dict)
+    """The nine of :data:`massprop_cli.estimate.pivot.ABOUT_PIVOT`; empty without a fixed pivot."""
     causes: tuple[Reason, ...] = ()
     """Why log and vehicle file contradict each other; empty where they don't."""
 
@@ -140,7 +148,14 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
     if thesis:
         bare = np.array([np.nan if e.value is None else e.value for e in estimates.values()]), covariance
-    return Conclusion(history.phase, estimates, covariance, rotating, bare)
+    return Conclusion(history.phase, estimates, covariance, rotating, bare, _pivot(history, vehicle))
+
+
+def _pivot(history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
+    if not vehicle.on_pedestal:
+        return None
+    at, mass = np.array(vehicle.environment.bearing_position_m), np.nan if history.reference is None else 1 / history.reference.mu
+    return about_pivot(history.values[-1], history.covariance, at, np.array(mass))
 
 
 def contradicted(conclusion: Conclusion, causes: tuple[Reason, ...], touched: BoolArray) -> Conclusion:

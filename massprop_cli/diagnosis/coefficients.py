@@ -66,6 +66,8 @@ class Model:
     """Entries that the vehicle file says to be uncertain, with their sigma: unknown beside every hypothesis, and no fault."""
     up: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) at the start of the log, body axes; on a bearing."""
+    translates: bool = True
+    """Whether forces move the vehicle: not on a pedestal, which is as if no force could move the mass, mu = 0."""
 
     @staticmethod
     def of(free: Free, vehicle: Vehicle, lag: float, by_jets: bool) -> Model:
@@ -76,15 +78,15 @@ class Model:
         else:
             wrench = np.eye(6)[free.fired]
             position, couple, force = np.zeros((len(wrench), 3)), wrench[:, :3], wrench[:, 3:]
-        bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.on_air_bearing else None
-        gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
+        bearing = np.array(vehicle.environment.bearing_position_m) if vehicle.pivoted else None
+        gravity = vehicle.environment.gravity_m_s2 if vehicle.pivoted else 0.0
         imu, mounting = np.array(vehicle.imu.position_m), np.array(vehicle.imu.body_from_imu)
         biases = {one.name: sigma for one in TABLE if one.estimated and (sigma := one.sigma(vehicle)) > 0}
         period = vehicle.cycle.period_s
         lags = {"lag": lag, "gyro_lag": vehicle.imu.gyro_lag_s / period, "accel_lag": vehicle.imu.accel_lag_s / period}
         up = world_up_b(np.array(vehicle.environment.initial_attitude_wxyz))
         stated = position, force, couple, imu, mounting, bearing
-        return Model(free.places, *stated, gravity, free.level, lags, free.clock_s, _together(free), biases, up)
+        return Model(free.places, *stated, gravity, free.level, lags, free.clock_s, _together(free), biases, up, not vehicle.on_pedestal)
 
     @cached_property
     def entries(self) -> dict[str, slice]:
@@ -162,7 +164,7 @@ class Model:
             return x[..., self.entries[name]]
 
         theta = get("theta")
-        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU]
+        inverse, moment, mu = tensor(theta[..., J]), theta[..., MOMENT], theta[..., MU] * self.translates
         inertia = np.linalg.inv(inverse)
         torque, force = self.wrench(x)
         centre = moment if self.bearing is None else self.bearing + get("bearing")

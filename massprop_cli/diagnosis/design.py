@@ -139,7 +139,7 @@ class Designs:
             _Otherwise(name, self._window(log, other, timing.delay, lag_s), by) for name, other, by in _otherwise(log, vehicle, timing)
         ]
         parts = list(_columns(samples, moved, (timing.delay - earliest) / SHIFT, thrusts, vehicle, cycles))
-        if vehicle.on_air_bearing and not samples.attitude_logged:
+        if vehicle.pivoted and not samples.attitude_logged:
             lasting = (samples.executed.duration_s[cycles][:-1] + samples.executed.duration_s[cycles][1:])[:, None] / 2
             parts += [_turning_with(name, turned, cycles, lasting) for name, turned in self._verticals(samples, vehicle)]
         count, places = len(parts[0].mean), _places(parts)
@@ -270,7 +270,7 @@ def _columns(
         _Part("channels", *(part[:, fired] for part in of_channels)),
         _Part("products", product, products(rate) + products(inner) / 12),
         _Part("constant", lasting, np.ones_like(duration)),
-        *(_by_gravity(samples, cycles, lasting) if vehicle.on_air_bearing else []),
+        *(_by_gravity(samples, cycles, lasting) if vehicle.pivoted else []),
     ]
     if plant_of(vehicle).tilt_sigma > 0:
         turning = np.broadcast_to(samples.rate_rad_s, (2, *samples.rate_rad_s.shape))

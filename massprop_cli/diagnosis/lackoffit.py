@@ -90,7 +90,7 @@ def hidden_error(history: History, samples: Source, vehicle: Resolved, spread: f
         return np.zeros(10)  # plain least squares leaves what the regression finds of jets and IMU: the innovations are without it
     share = history.information_share
     # what wanders and is known to: a slow torque, biases, and on a bearing the attitude that the gyro gives
-    tilted = vehicle.on_air_bearing
+    tilted = vehicle.pivoted
     slow = tilted or vehicle.environment.disturbance_walk_n_m > 0
     biased = slow or vehicle.imu.accel_bias_sigma_m_s2 > 0  # a slow torque swings the IMU
     within = _within(reference, vehicle)

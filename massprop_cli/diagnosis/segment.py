@@ -23,7 +23,7 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
 
     Where the attitude is integrated from the log's beginning on, the first ones.
     """
-    integrated = vehicle.on_air_bearing and log.attitude_wxyz is None
+    integrated = vehicle.pivoted and log.attitude_wxyz is None
     first, stop = piece.start, min(piece.start + longest, piece.stop)
     if stop < piece.stop and not integrated:
         total = np.concatenate([[0.0], np.cumsum(_effort(log, piece, _most(log)))])

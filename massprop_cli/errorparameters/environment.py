@@ -10,6 +10,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Step, Unit, Wording
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.prepare.attitude import quaternion_of, quaternion_product, world_up_b
 
 WALK = 1e-3
@@ -40,7 +41,7 @@ def _tilted_in_world(setup: Setup, error: Array) -> Setup:
 
 
 def _on_bearing(setup: Setup) -> bool:
-    return setup.vehicle.on_air_bearing
+    return setup.vehicle.pivoted
 
 
 def _listed(values: Sequence[float]) -> str:
@@ -56,7 +57,7 @@ def _stated(name: str, unit: str) -> Callable[[Setup], str]:
     return message
 
 
-def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
+def _assumed(name: str, code: str, unit: Unit, what: str, environments: tuple[str, ...]) -> ErrorParameter:
     """A number that scales what gravity does; an error is a part of it."""
     return ErrorParameter(
         name,
@@ -67,7 +68,7 @@ def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
         no_sigma="it is weighed, or known, to better than it moves a value",
         lowest=0.0,
         scale=lambda vehicle: float(getattr(vehicle.environment, name)),
-        environments=("air_bearing",),
+        environments=environments,
         difference=0.01,
         step=Step(
             code,
@@ -80,8 +81,8 @@ def _assumed(name: str, code: str, unit: Unit, what: str) -> ErrorParameter:
 
 
 PARAMETERS = (
-    _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn"),
-    _assumed("gravity_m_s2", "gravity", "m/s²", "gravity"),
+    _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn", ("air_bearing",)),
+    _assumed("gravity_m_s2", "gravity", "m/s²", "gravity", PIVOTED),
     ErrorParameter(
         "bearing",
         "bearing-position",
@@ -91,7 +92,7 @@ PARAMETERS = (
         key="environment.bearing_position_m",
         no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
         size=3,
-        environments=("air_bearing",),
+        environments=PIVOTED,
         difference=1e-4,
         wording=Wording(
             "the bearing's centre is {mm} mm away from environment.bearing_position_m",
@@ -119,7 +120,7 @@ PARAMETERS = (
         change=_tilted,
         columns=("east", "north"),
         bends="with gravity",
-        environments=("air_bearing",),
+        environments=PIVOTED,
         redone="motion",
         difference=0.1 * DEGREE,
         wording=Wording(
@@ -135,7 +136,7 @@ PARAMETERS = (
         no_sigma=_BY_GRAVITY,
         size=2,
         change=_tilted_in_world,
-        environments=("air_bearing",),
+        environments=PIVOTED,
         redone="motion",
         difference=0.1 * DEGREE,
         step=Step(

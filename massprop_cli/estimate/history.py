@@ -57,6 +57,8 @@ class History:
     """(10,) whether some motion of this vehicle could inform the quantity by this method."""
     bare: tuple[Array, Array]
     """(10,) and (10, 10) the last row by the log alone: without what is known from elsewhere and without the thrust's common scale."""
+    pivot: Array | None = None
+    """(K, 18) values and sigmas of what is about a fixed pivot (:mod:`massprop_cli.estimate.pivot`); None without one."""
     reference: Reference | None = None
     """About which the last row was linearised, where it was."""
     unsensed: BoolArray = field(default_factory=lambda: np.zeros(10, dtype=bool))

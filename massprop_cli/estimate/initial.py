@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.rigidbody import lever_arm
+from massprop_cli.base.rigidbody import lever_arm, tensor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
@@ -44,9 +45,9 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     if plant.pivoted:
         load = _mean_step(_gravity(here, vehicle) if here.unread[3:].any() else _force_at(plant.pivot, here, vehicle), duration)
     scale = _response(growth, torque, np.hstack([load, products, duration[1:, None]]))
-    mu = _mu(here, torque, vehicle)
+    mu = _mu(here, torque, vehicle) if plant.translates else None
     if scale is None:
-        return None if mu is None else _unturned(mu, vehicle)
+        return known_axes(vehicle) or (None if mu is None else _unturned(mu, vehicle))
     mu = mu or _fallback_mu(vehicle, scale)
     reach = np.sqrt(3 * mu / scale)
     if plant.pivoted:
@@ -120,6 +121,20 @@ def _unturned(mu: float, vehicle: Vehicle) -> Reference:
     return Reference(reach(vehicle) ** 2 / (3 * mu) * np.eye(3), plant_of(vehicle).pivot, mu)
 
 
+def known_axes(vehicle: Vehicle) -> Reference | None:
+    """A body whose inertia is known from elsewhere, on a pedestal: what it is released with tells its first moment without commands."""
+    if not vehicle.on_pedestal or not knows_inertia(vehicle):
+        return None
+    known: dict[str, float] = {name: one.value for name, one in vehicle.known.items()}
+    inertia = tensor(np.array([known.get(name, 0.0) for name in INERTIA]))
+    return Reference(inertia, plant_of(vehicle).pivot, 1 / vehicle.pedestal_mass_kg)
+
+
+def knows_inertia(vehicle: Vehicle) -> bool:
+    """Whether all three moments of inertia are known from elsewhere."""
+    return all(name in vehicle.known for name in ("ixx", "iyy", "izz"))
+
+
 def reach(vehicle: Vehicle) -> float:
     """Distance of the farthest jet from O, m; a decimetre where there is none."""
     return max((float(np.linalg.norm(jet.position_m)) for jet in vehicle.jets), default=0.0) or 0.1
@@ -128,6 +143,8 @@ def reach(vehicle: Vehicle) -> float:
 def _fallback_mu(vehicle: Vehicle, scale: float) -> float:
     """1/m where no force has been felt: the known mass, else a body whose radius of gyration is its jets' reach."""
     known = vehicle.known.get("mass")
+    if vehicle.on_pedestal:
+        return 1 / vehicle.pedestal_mass_kg
     return 1 / known.value if known else reach(vehicle) ** 2 * scale / 3
 
 

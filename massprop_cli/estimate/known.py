@@ -56,5 +56,6 @@ def heaviest_body(told: Parameters, vehicle: Vehicle) -> float:
 
 
 def _alone(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
-    values, full = quantities(told, vehicle.model_copy(update={"known": {}}))
+    own = {name: one for name, one in vehicle.known.items() if vehicle.on_pedestal and name == "mass"}
+    values, full = quantities(told, vehicle.model_copy(update={"known": own}))
     return values[0], full[0]

@@ -22,6 +22,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import elements
+from massprop_cli.estimate.pivot import AboutCg, about_cg, by_thrust_scale
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.momentum import relative_scales
@@ -44,7 +45,28 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     Mass is NaN where its reciprocal is not known well enough to say anything. On a bearing the CG then is too, unless the mass is known
     from elsewhere: what the weight's moment says of it is its distance from the bearing times the mass.
     """
-    mean, covariance, relative = told
+    found = about_cg(told.mean, told.covariance, vehicle) if vehicle.on_pedestal else _translating(told, vehicle)
+    values, data = found.values, found.covariance
+    if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
+        values[:, :6] -= sum(elements(device.beyond_reported) for device in vehicle.spinning)
+        shared = np.zeros_like(data)
+    else:
+        proportional = by_scale(values, vehicle)
+        shared = open_scale(vehicle) ** 2 * proportional[:, :, None] * proportional[:, None, :]
+    full: Array = data + shared + found.by_mass
+    before = _moments(data)
+    for name, known in vehicle.known.items():
+        if not (vehicle.on_pedestal and name == "mass"):
+            values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
+    # an axis is no more uncertain than what is known leaves it
+    kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
+    wider = _curved(told.relative * np.sqrt(np.maximum(kept, 0.0)))
+    return values, full + data * (wider[:, :, None] * wider[:, None, :] - 1)
+
+
+def _translating(told: Parameters, vehicle: Vehicle) -> AboutCg:
+    """The ten quantities where forces move the vehicle, but for the scale of the thrust and what is known beside the mass."""
+    mean, covariance, _ = told
     mu = mean[:, 9].copy()
     sigma = np.sqrt(covariance[:, 9, 9])
     faint = FAINT if vehicle.on_air_bearing and "mass" in vehicle.known else UNTOLD
@@ -63,20 +85,7 @@ def quantities(told: Parameters, vehicle: Vehicle) -> tuple[Array, Array]:
     if vehicle.on_air_bearing and "mass" not in vehicle.known:
         values[untold, 6:9] = jacobian[untold, 6:9] = np.nan
     data: Array = covariance * jacobian[:, :, None] * jacobian[:, None, :]
-    if vehicle.spinning:  # these told the scale, and its uncertainty is in the covariance
-        values[:, :6] -= sum(elements(device.beyond_reported) for device in vehicle.spinning)
-        shared = np.zeros_like(data)
-    else:
-        proportional = by_scale(values, vehicle)
-        shared = open_scale(vehicle) ** 2 * proportional[:, :, None] * proportional[:, None, :]
-    full: Array = data + shared
-    before = _moments(data)
-    for name, known in vehicle.known.items():
-        values, full, data = _condition(values, full, data, QUANTITIES.index(name), known.value, known.sigma)
-    # an axis is no more uncertain than what is known leaves it
-    kept = _moments(data) / np.maximum(before, np.finfo(float).tiny)
-    wider = _curved(relative * np.sqrt(np.maximum(kept, 0.0)))
-    return values, full + data * (wider[:, :, None] * wider[:, None, :] - 1)
+    return AboutCg(values, data, np.zeros_like(data))
 
 
 def _moments(covariance: Array) -> Array:
@@ -98,6 +107,8 @@ def _curved(relative: Array) -> Array:
 
 def by_scale(values: Array, vehicle: Vehicle) -> Array:
     """(…, 10) derivative by κ of the ten quantities (…, 10): kg m², m, kg."""
+    if vehicle.on_pedestal:
+        return by_thrust_scale(values, vehicle)
     return by_scale_beside(values, vehicle.bearing_mass_kg, np.array(vehicle.environment.bearing_position_m))
 
 
@@ -155,8 +166,12 @@ def _gain(covariance: Array, known: Mapping[str, float]) -> tuple[list[int], Arr
 
 
 def alone(vehicle: Vehicle) -> Vehicle:
-    """The vehicle with nothing known from elsewhere and its thrust taken as exact: what the log says by itself."""
-    return vehicle.model_copy(update={"known": {}, "thrust": vehicle.thrust.model_copy(update={"scale_sigma": 0.0})})
+    """The vehicle with nothing known from elsewhere and its thrust taken as exact: what the log says by itself.
+
+    On a pedestal a log says nothing of the mass, by which it says all else.
+    """
+    known = {name: one for name, one in vehicle.known.items() if vehicle.on_pedestal and name == "mass"}
+    return vehicle.model_copy(update={"known": known, "thrust": vehicle.thrust.model_copy(update={"scale_sigma": 0.0})})
 
 
 def condition(value: Array, covariance: Array, slope: Array, measured: float, expected: float, sigma: float) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.ahead import beyond, unexpected
+from massprop_cli.estimate.initial import knows_inertia
 from massprop_cli.estimate.kalman import State
 from massprop_cli.estimate.nuisance import Taken, ordered
 from massprop_cli.estimate.rows import Parameters, Posed, Response, Rows, Told
@@ -43,6 +44,8 @@ EXACT = 1e-3
 """Part of a known mass that is none."""
 KNOWN = 0.1
 """Relative sigma below which an axis' response counts as known."""
+RATIO = 1e-6
+"""Relative sigma to which a free swing may tell ratios of inertia."""
 HEAVIER = 10.0
 """Factor on the mass that no step of the search may exceed; where the data don't tell the mass, beside where the search began."""
 STEPS = 6
@@ -171,8 +174,15 @@ class Regression(Triangle):
 
     def _each_axis_is_known(self, run: Run, theta: Array) -> bool:
         """Without the gyroscopic coupling."""
+        if self._inertia_is_known:
+            return True
         axes = [i for i in MOMENTS if self.lift.plant.told[i]]
         return bool((self._sigmas(run, theta)[axes] < KNOWN * theta[axes]).all())
+
+    @property
+    def _inertia_is_known(self) -> bool:
+        """Whether it is from elsewhere, where a free swing tells no more of it than ratios."""
+        return not self.lift.plant.translates and knows_inertia(self.vehicle)
 
     def _sigmas(self, run: Run, theta: Array) -> Array:
         """(10,) one sigma of each of θ by the data alone."""
@@ -201,6 +211,8 @@ class Regression(Triangle):
 
         Of ``ω̇ × c`` in the specific force, c is told by the reference's ω̇.
         """
+        if not self.lift.plant.translates:
+            return 0.0
         turning = run.estimate.acceleration - run.reference.acceleration
         lever = theta[MU] if self.lift.plant.pivoted else 1.0
         count, noise = run.at - self.cycles.start, self.vehicle.noise[3:].min()
@@ -221,6 +233,11 @@ class Regression(Triangle):
         about = lift.theta(reference)
         scales = lift.scales(theta)
         known = sigma < KNOWN * np.maximum(scales, lift.scales(about))
+        if self._inertia_is_known:  # then data tell its ratios, and those better than any of it
+            free = sigma[..., :6] > KNOWN * scales[..., :6]
+            sigma = sigma.copy()
+            sigma[..., :6] = np.where(free, RATIO * scales[..., :6], sigma[..., :6])
+            known[..., :6] |= free
         if lift.plant.pivoted:  # what the weight does to it is much where the CG is off by little
             scales[..., MOMENT] *= PULL["balanced cg"]
         far = known & ((theta - about) ** 2 > most * sigma * scales)
@@ -380,6 +397,8 @@ class Regression(Triangle):
 
     def _split(self, run: Run, theta: Array, sigma: Array) -> Array:
         """(K, 10) error of c or κ, as its product with J is split about the reference: its own move, where another axis' J is faint."""
+        if not self.lift.plant.translates:  # what the accelerometer feels is linear in θ
+            return np.zeros_like(theta)
         relative = np.minimum(sigma[:, MOMENTS] / np.maximum(theta[:, MOMENTS], np.finfo(float).tiny), 1.0)
         relative[:, ~self.lift.plant.told[MOMENTS]] = 0.0
         found = np.zeros_like(theta)

@@ -11,6 +11,7 @@ from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.known import belied
+from massprop_cli.estimate.pivot import about_pivot
 from massprop_cli.estimate.quantities import alone, quantities
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.vehicle import Phase
@@ -30,6 +31,7 @@ class Told:
         count = cycles.stop - cycles.start
         self.normalised = spill.empty(count, 6)
         self.values, self.sigmas = (spill.empty(count if every else 1, 10) for _ in range(2))
+        self.pivot = spill.empty(len(self.values), 18) if vehicle.on_pedestal else None
         self.innovation, self.innovation_sigma = (spill.empty(len(self.values), 6) for _ in range(2))
         self.count = 0
 
@@ -49,6 +51,10 @@ class Told:
         # where what is known is orders of magnitude more than the log tells, rounding may leave nothing of a variance
         left = variance > 0
         self.values[here], self.sigmas[here] = np.where(left, values, np.nan), np.sqrt(np.where(left, variance, np.nan))
+        if self.pivot is not None:
+            assumed = 1 / (rows.mean if self.every else self.last.mean)[:, MU]
+            about, spread = about_pivot(values, full, np.array(self.vehicle.environment.bearing_position_m), assumed)
+            self.pivot[here] = np.hstack([about, np.sqrt(np.maximum(np.einsum("kii->ki", spread), 0.0))])
         self.innovation[here], self.innovation_sigma[here] = rows.innovation[own], rows.sigma[own]
         spill.give_back()
 
@@ -81,6 +87,7 @@ class Told:
             bare=(bare[0][0], bare[1][0]),
             reference=reference,
             unread=samples.unread,
+            pivot=self.pivot,
             belied=against,
             notices=notices,
         )

@@ -31,7 +31,10 @@ IDLE = 0.5
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[CommandKind, Array]:
-    """What was commanded: on-times of jets, torque about O and force, or what rotors are told; nothing, (K, 0), beside momentum alone."""
+    """What was commanded: on-times of jets, torque about O and force, or what rotors are told.
+
+    Nothing, (K, 0), beside momentum alone, and where a vehicle swings freely on a pedestal.
+    """
     path, logged = source.table.path, source.logged
     if vehicle.rotors:
         return "rotors", _rotors(source, vehicle, records, n)
@@ -46,7 +49,7 @@ def commands(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[
         raise InputError(f"{path}: has both jet_* and cmd_* columns; keep the one kind that was executed")
     if wrench:
         return "wrench", _each(source, WRENCH, records, n)
-    if not known and vehicle.spinning:
+    if not known and (vehicle.spinning or vehicle.on_pedestal):
         return "jets", np.zeros((n // records if source.issued is None else len(source.issued), 0))
     if not known:
         raise InputError(f"{path}: no commands: neither jet_*_s nor cmd_torque_*/cmd_force_* columns, and the vehicle file has no [[jets]]")

@@ -13,7 +13,11 @@ EDGE = 1e-9
 """s, within which a pulse begins at a time."""
 
 
-EnvironmentKind = Literal["free", "air_bearing", "planar"]
+EnvironmentKind = Literal["free", "air_bearing", "pedestal", "planar"]
+
+
+PIVOTED: tuple[EnvironmentKind, ...] = ("air_bearing", "pedestal")
+"""Where a vehicle turns about a pivot under its weight."""
 
 
 class Cycle(Section):
@@ -101,10 +105,12 @@ class Imu(Section):
 
 
 class Environment(Section):
-    """Free flight; a spherical air bearing on a base that slides on a horizontal plane; or a table on which the vehicle slides and yaws."""
+    """Free flight; a spherical air bearing, on a base that slides on a horizontal plane or on a fixed pedestal; or a table."""
 
     kind: EnvironmentKind = Field(
-        "free", description="planar: a table with x, y and yaw; body Z points up from it, and the accelerometer feels gravity along Z"
+        "free",
+        description="air_bearing: a spherical bearing on a base that slides; pedestal: a spherical bearing that is fixed to the ground; "
+        "planar: a table with x, y and yaw; body Z points up from it, and the accelerometer feels gravity along Z",
     )
     gravity_m_s2: NonNegative = 9.80665
     bearing_position_m: Place = Field(ZERO, description="centre of rotation, from O")
@@ -129,8 +135,19 @@ class Environment(Section):
 
     @model_validator(mode="after")
     def _has_a_vertical(self) -> Self:
-        if self.kind == "air_bearing" and self.gravity_m_s2 == 0:
-            raise ValueError('kind = "air_bearing" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity')
+        if self.kind in PIVOTED and self.gravity_m_s2 == 0:
+            raise ValueError(
+                f'kind = "{self.kind}" with gravity_m_s2 = 0: no bearing holds a vehicle then; state kind = "free", or gravity'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _stands_on_the_ground(self) -> Self:
+        if self.kind == "pedestal" and self.bearing_mass_kg > 0:
+            raise ValueError(
+                f"bearing_mass_kg = {self.bearing_mass_kg:g} has no part in the motion on a pedestal, which stands still; leave it out, or "
+                'state kind = "air_bearing" if the base slides'
+            )
         return self
 
     @model_validator(mode="after")

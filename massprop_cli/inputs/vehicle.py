@@ -20,11 +20,15 @@ from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro
 from massprop_cli.inputs.actuators.rotor import Rotor
 from massprop_cli.inputs.actuators.wheel import Wheel
 from massprop_cli.inputs.columns import Column
-from massprop_cli.inputs.equipment import Cycle, Environment, Imu, Jet, Thrust
+from massprop_cli.inputs.equipment import PIVOTED, Cycle, Environment, Imu, Jet, Thrust
 from massprop_cli.inputs.estimatorsettings import ConvergenceSettings, Drift, EstimatorSettings
 from massprop_cli.inputs.section import Positive, Real, Section
 
 Quantity = Literal["ixx", "ixy", "ixz", "iyy", "iyz", "izz", "cg_x", "cg_y", "cg_z", "mass"]
+ASSUMED_KG = 10.0
+"""On a pedestal, where no mass is stated: CG and mass are then not reported, and what is doesn't depend on it."""
+HEAVIER, HEAVIEST_KG = 1e3, 1e7
+"""Times the vehicle's mass, and where that isn't stated kg, above which no base of a bearing slides: it is a pedestal."""
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 
@@ -145,8 +149,10 @@ class Vehicle(Section):
                     f"phases {first.name!r} ({first.start_s:g} to {first.end_s:g} s) and {second.name!r} ({second.start_s:g} to "
                     f"{second.end_s:g} s) overlap; end one where the other starts, or estimate each in a run of its own"
                 )
-        if self.environment.kind == "planar" and self.estimator.method == "thesis":
-            raise ValueError('estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a table')
+        if self.environment.kind in ("planar", "pedestal") and self.estimator.method == "thesis":
+            where = "table" if self.environment.kind == "planar" else "pedestal"
+            raise ValueError(f'estimator.method = "thesis" knows free flight and the air bearing only; leave it out on a {where}')
+        self._check_bearing()
         if self.known and len(self.phases) > 1:
             raise ValueError(
                 f"known.{next(iter(self.known))} does not say which of {len(self.phases)} phases it is of; state it under that phase "
@@ -160,6 +166,20 @@ class Vehicle(Section):
                 if name not in phases:
                     raise ValueError(f"docking names phase {name!r}, which [[phases]] does not have")
         return self
+
+    def _check_bearing(self) -> None:
+        """Refuse a bearing that can't slide under what it carries: the CG would follow its mass, and nothing would show that."""
+        bearing = self.bearing_mass_kg
+        stated = [one.value for one in (self.known.get("mass"), *(phase.known.get("mass") for phase in self.phases)) if one is not None]
+        whole = [*stated, self.nominal.mass] if self.nominal.mass is not None else stated
+        # a mass that is less than the bearing's is of the vehicle alone
+        alone = [mass - bearing if mass > bearing else mass for mass in whole]
+        if bearing > HEAVIEST_KG or any(bearing > HEAVIER * mass for mass in alone):
+            beside = f"the limit is {HEAVIER:g} times the vehicle's {min(alone):g} kg" if alone else f"the limit is {HEAVIEST_KG:g} kg"
+            raise ValueError(
+                f'environment.bearing_mass_kg = {bearing:g}: {beside}. If the bearing is fixed to the ground, state kind = "pedestal" and '
+                "leave bearing_mass_kg out; if its base slides, state the mass that slides"
+            )
 
     @field_validator("columns")
     @classmethod
@@ -182,9 +202,25 @@ class Vehicle(Section):
         return self.model_copy(update={"known": grown if any(drifted.values()) else known})
 
     @property
+    def pivoted(self) -> bool:
+        """Whether the body turns about a pivot under its weight, so that its attitude counts."""
+        return self.environment.kind in PIVOTED
+
+    @property
     def on_air_bearing(self) -> bool:
-        """Whether the body turns on a bearing under gravity."""
+        """Whether that pivot is a bearing on a base that slides."""
         return self.environment.kind == "air_bearing"
+
+    @property
+    def on_pedestal(self) -> bool:
+        """Whether that pivot stands still, so that no force shows the mass."""
+        return self.environment.kind == "pedestal"
+
+    @property
+    def pedestal_mass_kg(self) -> float:
+        """The mass by which a first moment on a pedestal is written as a CG: as known, else nominal, else assumed."""
+        known = self.known.get("mass")
+        return known.value if known is not None else self.nominal.mass or ASSUMED_KG
 
     @property
     def uncertain_geometry(self) -> bool:

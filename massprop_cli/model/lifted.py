@@ -246,7 +246,7 @@ def _translation(about: _About, whole: Array, vehicle: Vehicle, onto: Array | No
     if about.scaling is not None:
         scale = layout.own(layout.scale)
         observation[:, 3:, scale] = euler @ own @ about.scaling.whole / duration[:, None, None]
-        if vehicle.thrust.scale_sigma > 0:
+        if vehicle.thrust.scale_sigma > 0 and lift.plant.translates:
             observation[:, 3:, scale.start] += within.theta[THETA_MU] * whole[:, lift.plant.force]
     measured = np.zeros((len(duration), 6, 1 + (lift.size if onto is None else onto.shape[1])))
     measured[:, :3, 0] = here.rate_rad_s
@@ -356,7 +356,7 @@ def integrals(samples: Samples, lift: Lift, theta: Array, within: Within) -> tup
         jets = np.concatenate([jets[..., :3] + np.stack(own), jets[..., 3:]], -1)
     parts = [*plant.by_attitude(motion, within.ups, executed.skew_bins, bin_s), *parts]
     each = [windows(channels, bin_s, lateness) for channels, lateness in parts]
-    if plant.pivoted:
+    if plant.pivoted and plant.translates:
         each[1] = _sensed(executed, motion, bin_s, each[1])
     acting = Windows(*(np.concatenate(columns, -1) for columns in zip(jets, *each, strict=True)))
     known = windows(plant.swing(theta, motion), bin_s).step if plant.pivoted else np.zeros((len(duration) - 1, 3))

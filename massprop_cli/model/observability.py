@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_cli import INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray, singular
 from massprop_cli.base.moments import Moments
-from massprop_cli.base.rigidbody import angular_acceleration, times, torque_regressor
+from massprop_cli.base.rigidbody import angular_acceleration, cross, times, torque_regressor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import CG, PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import less_tilt, linearise
@@ -35,17 +36,36 @@ def observable(capability: Array, reference: Reference, vehicle: Vehicle, unread
     torque, force = wrench[:, :3], wrench[:, 3:]
     size = np.abs(torque).max() or 1.0
     rate = drawn[:, :3] * np.sqrt(size / np.trace(reference.inertia))
+    up = _directions(drawn[:, 3:6])
+    plant = plant_of(vehicle)
+    if not plant.translates:
+        torque, force = plant.commanded(wrench) - _by_weight(reference, plant.pivot, up, vehicle), np.zeros_like(force)
     rate_dot = angular_acceleration(reference.inertia, reference.cg, rate, torque, force)
     if vehicle.estimator.method == "thesis":
         gravity = vehicle.environment.gravity_m_s2 if vehicle.on_air_bearing else 0.0
-        reaction = gravity / reference.mu * _directions(drawn[:, 3:6])
+        reaction = gravity / reference.mu * up
         rows = np.concatenate([torque_regressor(rate, rate_dot, force + reaction), (force * reference.mu)[..., None]], -1)
         rows = np.concatenate([rows, np.zeros((_MOTIONS, 3, 10))], 1)
         rows[:, 3:, 9] = rows[:, :3, 9]
         rows[:, :3, 9] = 0.0
     else:
-        rows = plant_of(vehicle).shown(reference, rate, rate_dot, force, _directions(drawn[:, 3:6]))
-    return _in_row_space(rows[:, ~unread].reshape(-1, 10))
+        rows = plant.shown(reference, rate, rate_dot, force, up)
+    return _in_row_space(np.concatenate([rows[:, ~unread].reshape(-1, 10), _weighed(rows, vehicle)]))
+
+
+def _by_weight(reference: Reference, pivot: Array, up: Array, vehicle: Vehicle) -> Array:
+    """(K, 3) torque about a pivot that holds the weight up, N m."""
+    found: Array = vehicle.environment.gravity_m_s2 / reference.mu * cross(reference.cg - pivot, up)
+    return found
+
+
+def _weighed(rows: Array, vehicle: Vehicle) -> Array:
+    """(n, 10) what is known of inertia on a pedestal, where without commands motion tells ratios alone: as clear as any motion."""
+    if not vehicle.on_pedestal:
+        return np.zeros((0, 10))
+    index = [QUANTITIES.index(name) for name in vehicle.known if name in INERTIA]
+    found: Array = np.eye(10)[index] * np.sqrt((rows**2).sum((0, 1)))
+    return found
 
 
 def _patternless(columns: int) -> Array:

@@ -114,7 +114,7 @@ def beginnings(here: Samples, samples: Source, vehicle: Resolved) -> Array:
         values, axes = np.linalg.eigh(here.measured.covariance[0][np.ix_(known, known)])
         found[np.ix_(own, 1 + own)] = axes * np.sqrt(np.maximum(values, 0.0)) / prior(samples, vehicle)[own]
         found[own, 0] = here.measured.known[0][known]
-    elif vehicle.on_air_bearing:
+    elif vehicle.pivoted:
         found[tilt, 1:][:, tilt] = np.diag(here.attitude_error_rad[0, :, 4])
     if biased_attitude(samples.attitude_logged, vehicle):
         bias = layout.own(layout.gyro_bias)
@@ -132,7 +132,7 @@ def prior(samples: Mounted, vehicle: Vehicle) -> Array:
     sigma[layout.accel_bias] = vehicle.imu.accel_bias_sigma_m_s2
     sigma[layout.torque] = WIDE
     sigma[layout.damping] = vehicle.environment.damping_sigma_n_m_s
-    sigma[layout.tilt] = vehicle.imu.gyro_noise_rad_s if vehicle.on_air_bearing else plant_of(vehicle).tilt_sigma
+    sigma[layout.tilt] = vehicle.imu.gyro_noise_rad_s if vehicle.pivoted else plant_of(vehicle).tilt_sigma
     if samples.attitude_logged:
         sigma[layout.tilt] = 1.0  # in units of what is known of it
     sigma[layout.scale] = scale_sigmas(vehicle)

@@ -102,7 +102,7 @@ def _cg_spread(file: GuessFile, vehicle: VehicleSource) -> float:
     if file.cg_spread_m is not None:
         return file.cg_spread_m
     body = file.body.values
-    if not vehicle.vehicle.on_air_bearing:
+    if not vehicle.vehicle.pivoted:
         return float(CG_SPREAD * natural_sizes(body)[6])
     return float(SPREAD * np.linalg.norm(body[6:9] - vehicle.vehicle.environment.bearing_position_m))
 

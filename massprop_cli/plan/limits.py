@@ -52,7 +52,7 @@ def allowed(
 ) -> dict[str, float]:
     """What is stated, what the IMU can show, and on a bearing :data:`TILT_RAD`."""
     inertial = vehicle.imu
-    tilt = TILT_RAD if tilt_rad is None and vehicle.on_air_bearing else tilt_rad
+    tilt = TILT_RAD if tilt_rad is None and vehicle.pivoted else tilt_rad
     stated = {
         "impulse_n_s": impulse_n_s,
         "rate_rad_s": rate_rad_s,

@@ -147,7 +147,7 @@ def _rounded(values: Array) -> tuple[float, float, float]:
 
 def _topple(vehicle: Vehicle, guess: Guess) -> float:
     """N m/rad."""
-    if not vehicle.on_air_bearing:
+    if not vehicle.pivoted:
         return 0.0
     environment, body = vehicle.environment, guess.file.body
     off = np.linalg.norm(body.values[6:9] - environment.bearing_position_m)

@@ -25,6 +25,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 FELT = 0.02
 """Part of gravity's that specific force is taken to scatter by, with all that thrust and rotation make an IMU feel. With less a push at the
 beginning looks like a tilt, with more the bias shows later."""
+LEVELLED = 0.001
+"""The same on a pedestal, where no thrust is felt: what rotation makes of it averages out."""
 FARTHEST = 3.0
 """Sigmas of the bias beyond which it is none: an IMU that is turned or in other units shows any."""
 
@@ -106,12 +108,12 @@ class BiasSeen(NamedTuple):
         """Of one of many."""
         return BiasSeen(*(part[edge] for part in self))
 
-    def off(self, sigma: float, tilted: float = 0.0) -> Array:
+    def off(self, sigma: float, tilted: float = 0.0, scatter: float = FELT) -> Array:
         """(..., 3) rotation vector in world axes by which the integrated attitude is off.
 
-        ``sigma`` of the gyro's bias in rad/s, ``tilted`` that of the accelerometer's over gravity.
+        ``sigma`` of the gyro's bias in rad/s, ``tilted`` that of the accelerometer's over gravity; ``scatter`` as :data:`FELT`.
         """
-        prior = np.repeat([FELT / sigma, FELT / tilted] if tilted > 0 else [FELT / sigma], 3)
+        prior = np.repeat([scatter / sigma, scatter / tilted] if tilted > 0 else [scatter / sigma], 3)
         own = slice(len(prior))
         bias = np.linalg.solve(self.information[..., own, own] + np.diag(prior**2), self.told[..., own, None])[..., :3, 0]
         size = np.linalg.norm(bias, axis=-1, keepdims=True)

@@ -14,6 +14,8 @@ from massprop_cli.base.rigidbody import cross, lever_arm, times
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import Aligned
 from massprop_cli.prepare.attitude import (
+    FELT,
+    LEVELLED,
     BiasSeen,
     at_first,
     attitude_error,
@@ -181,11 +183,11 @@ def compensate(aligned: Aligned, vehicle: Vehicle, before: Before | None = None,
     carried, error = rate, np.broadcast_to(0.0, (len(rate), 3, 5))
     if measured is not None:
         carried, up = rate + measured.drawn_rad / aligned.duration_s[:, None], world_up_b(measured.attitude_wxyz)
-    elif vehicle.on_air_bearing:
+    elif vehicle.pivoted:
         carried, error, up = _carried(aligned, vehicle, rate, before)
     force = times(body_from_imu, aligned.specific_force_imu_m_s2) - _steady_force(aligned, vehicle)
     apart_s = aligned.late_s[1] - aligned.late_s[0]
-    if apart_s and vehicle.on_air_bearing:  # the weight as it was when the gyro's motion was
+    if apart_s and vehicle.pivoted:  # the weight as it was when the gyro's motion was
         force = force - apart_s * vehicle.environment.gravity_m_s2 * cross((up[:-1] + up[1:]) / 2, rate)
     return Samples(
         executed=aligned,
@@ -222,7 +224,8 @@ def _carried(aligned: Aligned, vehicle: Vehicle, rate: Array, before: Before | N
     if biased_attitude(False, vehicle):
         level = felt(aligned.specific_force_imu_m_s2, aligned.ignored, vehicle)
         found = bias_seen(attitude, level, aligned.duration_s, BiasSeen.none() if before is None else before.seen)
-        off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2)
+        tilted = vehicle.imu.accel_bias_sigma_m_s2 / vehicle.environment.gravity_m_s2
+        off = found.off(vehicle.imu.gyro_bias_sigma_rad_s, tilted, LEVELLED if vehicle.on_pedestal else FELT)
         error[..., :4] = attitude_error(attitude, off, found)[:-1]
         attitude, turns = freed(attitude, turns, off)
         carried = turns / aligned.duration_s[:, None]
@@ -240,7 +243,7 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
 
     The centre is O in free flight and the bearing on a testbed; ω̇ is the differenced rate over the cycle.
     """
-    centre = vehicle.environment.bearing_position_m if vehicle.on_air_bearing else (0.0, 0.0, 0.0)
+    centre = vehicle.environment.bearing_position_m if vehicle.pivoted else (0.0, 0.0, 0.0)
     arm = np.array(vehicle.imu.position_m) - np.array(centre)
     rate_dot = samples.rate_step_rad_s / samples.executed.duration_s[:, None]
     gravity = vehicle.environment.gravity_m_s2 * (samples.up_b[:-1] + samples.up_b[1:]) / 2
@@ -250,4 +253,4 @@ def acceleration(samples: Samples, vehicle: Vehicle) -> Array:
 
 def biased_attitude(attitude_logged: bool, vehicle: Vehicle) -> bool:
     """Whether the attitude is integrated from a gyro that has a bias, of which gravity alone tells."""
-    return vehicle.on_air_bearing and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0
+    return vehicle.pivoted and not attitude_logged and vehicle.imu.gyro_bias_sigma_rad_s > 0

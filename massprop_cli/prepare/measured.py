@@ -126,7 +126,7 @@ def measured(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Measured 
 
     ``gyro`` is a factor on what the gyro measured. :class:`InputError` where attitude and gyro contradict each other.
     """
-    if log.attitude_wxyz is None or not vehicle.on_air_bearing:
+    if log.attitude_wxyz is None or not vehicle.pivoted:
         return None
     imu, late_s = vehicle.imu, shown_late_s(log, vehicle)[0]
     stated = imu.attitude_sigma_rad, imu.attitude_latency_s + late_s, imu.gyro_noise_rad_s, *sigmas(vehicle)
@@ -159,7 +159,7 @@ def given(log: Log, vehicle: Vehicle, gyro: float | Array = 1.0) -> Given | None
 
     :class:`InputError` where attitude and gyro turn otherwise, or the attitudes scatter by far more than is stated.
     """
-    if log.attitude_wxyz is None or not vehicle.on_air_bearing:
+    if log.attitude_wxyz is None or not vehicle.pivoted:
         return None
     motion, logged = read(log, vehicle, gyro)
     if not len(logged.cycle):

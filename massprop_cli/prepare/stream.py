@@ -102,7 +102,7 @@ class Stream:
     def _before(self, cycle: int) -> Before | None:
         if cycle == 0:
             return None
-        carried = self.vehicle.on_air_bearing and self._measured is None
+        carried = self.vehicle.pivoted and self._measured is None
         rate, turn = self._motion(slice(cycle - 1, cycle))
         return Before(rate[0], turn[0], *(self._edge(cycle) if carried else self._edges[0]))
 

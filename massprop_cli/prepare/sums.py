@@ -95,7 +95,7 @@ def wrenches(integral: Array, moment: Array, duration: Array, each: tuple[Array,
 
 def _alike(*parts: Array) -> list[Array]:
     """(K B, C) each of (K, B, C), whose numbers stand equally far apart."""
-    flat = [each.reshape(-1, each.shape[2]) for each in parts]
+    flat = [each.reshape(each.shape[0] * each.shape[1], each.shape[2]) for each in parts]
     return flat if flat[0].strides == flat[1].strides else [np.ascontiguousarray(each) for each in flat]
 
 

@@ -50,6 +50,8 @@ class Phase:
 
     anchor: str
     title: str
+    pivot: view.Table | None
+    """What is about a fixed pivot; None without one."""
     grids: list[matrices.Grid]
     axes: list[matrices.Axis]
     note: str
@@ -182,6 +184,7 @@ def _phase(recorded: Recorded, number: int, item: PhaseItem, table: view.Table) 
     return Phase(
         anchor=table.anchor,
         title=table.title,
+        pivot=view.about_pivot(item, table, recorded.result),
         grids=matrices.matrices(item, bearing_mass, body.array(item.inertia_about_origin)),
         axes=matrices.axes(item),
         note=item.physical.note,

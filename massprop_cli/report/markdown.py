@@ -143,10 +143,17 @@ def _part(part: str, body: PhaseItem | DockedObject, found: Result) -> list[str]
         _row(_cells(name, item) + (_nominal(item) if nominal else []) + (_expected(item) if held else []))
         for name, item in body.estimates.items()
     ]
+    pivot = _about_pivot(body, found) if isinstance(body, PhaseItem) and body.about_pivot else []
     note = [f"Physical consistency: {shown(body.physical.note)}.", ""] if isinstance(body, PhaseItem) and body.physical.note else []
     implied = assumptions.implied_thrust(body)
     note += [f"{shown(implied[0].upper() + implied[1:])}.", ""] if implied else []
-    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_table(columns, alignment), *rows, "", *note]
+    return [f"### {shown(part[0].upper() + part[1:])}{span}", "", *_table(columns, alignment), *rows, "", *pivot, *note]
+
+
+def _about_pivot(phase: PhaseItem, found: Result) -> list[str]:
+    columns = ["quantity", "value", assumptions.sigma_heading(found), "unit", "verdict", "final at"]
+    rows = [_row(_cells(name, item)) for name, item in phase.about_pivot.items()]
+    return [f"{vocabulary.ABOUT_PIVOT.capitalize()}:", "", *_table(columns, "lrrllr"), *rows, ""]
 
 
 def _mended(one: Mended) -> list[str]:

@@ -7,7 +7,10 @@ from massprop_cli.report import vocabulary
 from massprop_cli.result.judge import contradiction, parts
 from massprop_cli.result.schema import EstimateItem, PhaseItem, Result
 
-NAMES_MOTION = ("no-motion-informs", "sensor-absent", "sensor-absent-mass", "hardly-informed", "no-part")
+NAMES_MOTION = (
+    *("no-motion-informs", "sensor-absent", "sensor-absent-mass", "hardly-informed", "no-part"),
+    *("unweighed-pedestal", "ratios-only"),
+)
 """Reasons that name what would inform a quantity, or that nothing does."""
 
 
@@ -17,9 +20,14 @@ def gaps(found: Result) -> list[str]:
         f"{name} in {part}: {gap(name, item, contradiction(body))}"
         for part, body in parts(found)
         if isinstance(body, PhaseItem)
-        for name, item in body.estimates.items()
+        for name, item in {**body.estimates, **_own(body)}.items()
         if item.verdict != "converged"
     ]
+
+
+def _own(phase: PhaseItem) -> dict[str, EstimateItem]:
+    """What is about the pivot alone, where the ten have no values to say it of."""
+    return phase.about_pivot if phase.estimates["izz"].verdict == "unobservable" else {}
 
 
 def gap(quantity: str, item: EstimateItem, contradicted: str = "") -> str:

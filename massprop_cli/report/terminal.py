@@ -34,6 +34,8 @@ def show(found: Result, console: Console) -> None:
 
 def _part(title: str, body: PhaseItem | DockedObject, found: Result, console: Console) -> None:
     fitted(_table(title, body.estimates, assumptions.sigma_heading(found)), console, _SPARE)
+    if isinstance(body, PhaseItem) and body.about_pivot:
+        fitted(_table(vocabulary.ABOUT_PIVOT, body.about_pivot, assumptions.sigma_heading(found)), console, _SPARE)
     implied = assumptions.implied_thrust(body)
     if implied:
         console.print(escape.rich(f"{implied[0].upper()}{implied[1:]}."))
@@ -104,6 +106,7 @@ def _legend(found: Result) -> list[str]:
         "ixy = -Σ m x y (positive-integral convention: opposite sign). CG from O in body axes. ± is one standard deviation."
         + (" Mass includes the bearing's." if bearing else ""),
         *([vocabulary.ON_TABLE] if vehicle.environment == "planar" else []),
+        *([vocabulary.ON_PEDESTAL] if vehicle.environment == "pedestal" else []),
     ]
     return [*lines, vocabulary.thrust_scale(found)]
 

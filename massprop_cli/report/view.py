@@ -122,6 +122,15 @@ def tables(result: Result) -> list[Table]:
     return found
 
 
+def about_pivot(phase: PhaseItem, own: Table, result: Result) -> Table | None:
+    """What is about a fixed pivot, beside a phase's ``own`` table; None without one."""
+    if not phase.about_pivot:
+        return None
+    rows = tuple(_row(name, item, own.contradiction, None) for name, item in phase.about_pivot.items())
+    title = f"{own.title}: {vocabulary.ABOUT_PIVOT}"
+    return Table(f"{own.anchor}-pivot", title, own.short, rows, phase.about_pivot, assumptions.sigma_heading(result), "", own.contradiction)
+
+
 def table(anchor: str, title: str, part: PhaseItem | DockedObject, result: Result) -> Table:
     """The table of ten estimates."""
     cause = contradiction(part)

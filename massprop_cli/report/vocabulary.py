@@ -12,8 +12,9 @@ from massprop_cli.result.schema import Result
 SYMBOLS = {
     "ixx": "Ixx", "ixy": "Ixy", "ixz": "Ixz", "iyy": "Iyy", "iyz": "Iyz", "izz": "Izz",
     "cg_x": "CG x", "cg_y": "CG y", "cg_z": "CG z", "mass": "Mass",
+    "moment_x": "Moment x", "moment_y": "Moment y", "moment_z": "Moment z",
 }  # fmt: skip
-"""How people write the ten quantities."""
+"""How people write the ten quantities, and the first moment about a pivot."""
 VERDICTS: dict[Verdict, str] = {
     "converged": "informed by the motion, and steady within tolerance to the end",
     "not_converged": "informed, but still moving, or informed too late to be called steady; a longer log would settle it",
@@ -25,7 +26,17 @@ SIGNS: dict[Verdict, str] = {"converged": "✓", "not_converged": "~", "not_exci
 """A sign for each verdict, so that colour is never the only one."""
 
 
-ENVIRONMENTS: dict[EnvironmentKind, str] = {"free": "free flight", "air_bearing": "air bearing", "planar": "on a table"}
+ENVIRONMENTS: dict[EnvironmentKind, str] = {
+    "free": "free flight",
+    "air_bearing": "air bearing",
+    "pedestal": "on a pedestal",
+    "planar": "on a table",
+}
+ABOUT_PIVOT = "about the pivot"
+ON_PEDESTAL = (
+    "On a fixed pedestal the motion gives inertia and first moment about the pivot, moment = mass × (CG − pivot). CG and inertia about it "
+    "need a weighed mass (known.mass)."
+)
 ON_TABLE = "On a table the vehicle slides and yaws: Izz, CG x, CG y and mass are told; nothing else has a part in that motion."
 
 
@@ -54,6 +65,8 @@ def conventions(result: Result) -> list[str]:
         lines.append(f"Mass includes the bearing's {result.vehicle.bearing_mass_kg:g} kg, which does not rotate.")
     if result.vehicle.environment == "planar":
         lines.append(ON_TABLE)
+    if result.vehicle.environment == "pedestal":
+        lines.append(ON_PEDESTAL)
     return [*lines, thrust_scale(result)]
 
 
@@ -103,5 +116,9 @@ def remedy(quantity: str, verdict: str, contradiction: str = "", reason_code: st
     if verdict == "unobservable":
         if reason_code == "no-part":
             return "another test: in free flight, or on an air bearing"
+        if reason_code == "unweighed-pedestal":
+            return "weigh the vehicle and state known.mass"
+        if reason_code == "ratios-only":
+            return "state known.ixx, known.iyy and known.izz, or command torques"
         return f"{cure(quantity)}: this vehicle's commands can't give it; other thrusters could, or a value measured elsewhere ([known])"
     return f"{cure(quantity)}"

@@ -89,7 +89,7 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         name=used.name,
         environment=used.environment.kind,
         bearing_mass_kg=used.bearing_mass_kg,
-        bearing_position_m=list(used.environment.bearing_position_m if used.on_air_bearing else ZERO),
+        bearing_position_m=list(used.environment.bearing_position_m if used.pivoted else ZERO),
         commands=analysis.log.command_kind,
         jets=[jet.name for jet in used.jets] if analysis.log.command_kind == "jets" else [],
         rotors=[rotor.name for rotor in used.rotors],
@@ -137,6 +137,7 @@ def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Arr
         covariance=matrix(conclusion.covariance),
         inertia_about_origin=matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=physical(conclusion),
+        about_pivot=estimate_items(conclusion.about_pivot),
         innovations=_innovations(settled, factors),
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
@@ -163,7 +164,7 @@ def _known(known: Mapping[Quantity, Known]) -> dict[str, tuple[float, float]]:
 def _implied(conclusion: Conclusion, known: Known | None) -> ImpliedScale | None:
     """A known mass over the one that the log gives by itself."""
     mass, variance = float(conclusion.bare[0][9]), float(conclusion.bare[1][9, 9])
-    if known is None or not np.isfinite(mass + variance) or mass <= 0:
+    if known is None or variance <= 0 or not np.isfinite(mass + variance) or mass <= 0:
         return None
     value = known.value / mass
     return ImpliedScale(by="known.mass", value=value, sigma=value * float(np.hypot(known.sigma / known.value, np.sqrt(variance) / mass)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -12,6 +11,7 @@ from massprop_cli import QUANTITIES
 from massprop_cli.base import arrow
 from massprop_cli.base.arrays import Array
 from massprop_cli.estimate.history import History
+from massprop_cli.estimate.pivot import ABOUT_PIVOT
 from massprop_cli.flow import Analysis
 from massprop_cli.prepare.compensate import acceleration
 from massprop_cli.result.schema import AXES
@@ -22,6 +22,8 @@ SIGNALS = {"torque": "n_m", "force": "n", "rate": "rad_s", "acceleration": "m_s2
 """What the vehicle was told and felt: kinds of columns of history.parquet, with their units."""
 PREDICTED = {"rate": "rad_s", "specific_force": "m_s2"}
 """What was measured and predicted."""
+PIVOT = "pivot_"
+"""Before what is about a fixed pivot."""
 EXECUTED = "executed_"
 """Before a jet's name: seconds at full thrust that it executed in a cycle."""
 
@@ -37,7 +39,7 @@ def write_history(analysis: Analysis, path: Path | BinaryIO) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(_jets(analysis)))])
+    schema = pa.schema([("phase", pa.string()), *((name, pa.float64()) for name in _columns(analysis))])
     # numbers hardly repeat: a dictionary of them would take more room than they do, and as long to make
     with pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=["phase"]) as writer:
         for history, settled in zip(analysis.histories, analysis.settled, strict=True):
@@ -51,7 +53,7 @@ def _jets(analysis: Analysis) -> list[str]:
     return [jet.name for jet in analysis.vehicle.jets] if analysis.log.command_kind == "jets" else []
 
 
-def _columns(jets: Sequence[str]) -> list[str]:
+def _columns(analysis: Analysis) -> list[str]:
     def axes(kind: str, *parts: str) -> list[str]:
         return ["_".join((kind, axis, *parts)) for axis in AXES]
 
@@ -61,7 +63,8 @@ def _columns(jets: Sequence[str]) -> list[str]:
         *("time_s", *QUANTITIES, *(f"{name}_sigma" for name in QUANTITIES), *innovations, *(f"{name}_sigma" for name in innovations)),
         *(name for kind, unit in SIGNALS.items() for name in axes(kind, unit)),
         *(*axes("specific_force", "m_s2"), *predicted, *(name for kind in PREDICTED for name in axes(f"whitened_{kind}"))),
-        *(f"{EXECUTED}{jet}_s" for jet in jets),
+        *(f"{EXECUTED}{jet}_s" for jet in _jets(analysis)),
+        *(f"{PIVOT}{name}{part}" for part in ("", "_sigma") for name in ABOUT_PIVOT if analysis.vehicle.on_pedestal),
     ]
 
 
@@ -76,13 +79,21 @@ def _rows(analysis: Analysis, history: History, settled: History, part: slice) -
     if settled.residual is not None:
         left, sigma = (values[part] for values in settled.residual)
     executed = samples.executed.channels.whole[:, : len(_jets(analysis))]  # of wheels and rotors there is no on-time
+    values, sigmas, pivot = _estimates(analysis, history, part)
     return np.hstack(
         [
-            *(
-                history.time_s[part, None],
-                *(v[part] for v in (history.values, history.sigmas, history.innovation, history.innovation_sigma)),
-            ),
+            *(history.time_s[part, None], values, sigmas, history.innovation[part], history.innovation_sigma[part]),
             *(wrench, measured[:, :3], moved),
-            *(measured[:, 3:], measured - left, sigma, whitened, executed),
+            *(measured[:, 3:], measured - left, sigma, whitened, executed, pivot),
         ]
     )
+
+
+def _estimates(analysis: Analysis, history: History, part: slice) -> tuple[Array, Array, Array]:
+    """(K, 10) the ten quantities and (K, 10) their sigmas, and (K, 18 or 0) both about a fixed pivot: with no mass that is all there is."""
+    values, sigmas = history.values[part], history.sigmas[part]
+    if history.pivot is None:
+        return values, sigmas, np.zeros((len(values), 0))
+    if "mass" not in analysis.vehicle.in_phase(history.phase).known:
+        values, sigmas = np.full((2, *values.shape), np.nan)
+    return values, sigmas, history.pivot[part]

@@ -172,9 +172,19 @@ class PhaseItem(Item):
     inertia_about_origin: Matrix3 | None
     physical: Physical
     innovations: Innovations | None
+    about_pivot: dict[str, EstimateItem] = Field(
+        {},
+        description="on a fixed pedestal: inertia about the pivot (ixx ... izz, kg m^2) and first moment about it, mass times offset of "
+        "the CG (moment_x, moment_y, moment_z, kg m), body axes; absent elsewhere",
+    )
     contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        return {key: value for key, value in found.items() if key != "about_pivot" or value}
 
 
 class DockedObject(Item):

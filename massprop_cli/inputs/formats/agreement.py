@@ -45,7 +45,7 @@ def check(path: Path, made: Made, vehicle: Vehicle, theta_imu: Array, force_imu:
     if _rms(wanted) >= _NEAR / 2:
         edges = edges[::_LONGER] if len(edges) > _LONGER * _LEAST else edges
         _check_scale(path, made, angle[edges], attitude[edges])
-    if vehicle.on_air_bearing and force_imu.any(0).all():
+    if vehicle.pivoted and force_imu.any(0).all():
         up = into_body(np.broadcast_to([0.0, 0.0, vehicle.environment.gravity_m_s2], (len(attitude), 3)), attitude)
         _compare(path, made, "accelerometer", force_imu[logged] @ body.T, up, 1.0, {"as it is": 1.0, "g": G, "m/s^2": 1 / G})
 

@@ -87,6 +87,7 @@ def _environment(found: Traits) -> list[str]:
         return [
             f"# in {found.quiet} quiet cycles the accelerometer feels {found.felt:.4g} m/s^2: something holds it. State what:",
             '# kind = "air_bearing"   # it turns about a fixed point',
+            '# kind = "pedestal"      # the same on a bearing that is fixed to the ground',
             '# kind = "planar"        # it slides and yaws on a table: the accelerometer feels the same there',
             "# (if it only stands on the ground there, cut that off with [[phases]], and state the kind of the rest)",
             "# bearing_position_m = [x, y, z]   # the centre of rotation from O: the bearing's drawing",

@@ -7,6 +7,7 @@ import numpy as np
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.plant.bearing import BearingBody
 from massprop_cli.model.plant.free import FreeBody
+from massprop_cli.model.plant.pedestal import PedestalBody
 from massprop_cli.model.plant.planar import PlanarBody
 from massprop_cli.model.plant.plant import Felt, Motion, Plant, Reference
 
@@ -18,7 +19,10 @@ def plant_of(vehicle: Vehicle) -> Plant:
         return FreeBody()
     if environment.kind == "planar":
         return PlanarBody(environment.gravity_m_s2 * environment.table_tilt_sigma_rad)
-    return BearingBody(np.array(environment.bearing_position_m), environment.bearing_mass_kg, environment.gravity_m_s2)
+    pivot, gravity = np.array(environment.bearing_position_m), environment.gravity_m_s2
+    if environment.kind == "pedestal":
+        return PedestalBody(pivot, 0.0, gravity)
+    return BearingBody(pivot, environment.bearing_mass_kg, gravity)
 
 
-__all__ = ["BearingBody", "Felt", "FreeBody", "Motion", "PlanarBody", "Plant", "Reference", "plant_of"]
+__all__ = ["BearingBody", "Felt", "FreeBody", "Motion", "PedestalBody", "PlanarBody", "Plant", "Reference", "plant_of"]

@@ -33,6 +33,7 @@ class BearingBody(Whole):
     channels = 15
     force = slice(6, 9)
     pivoted = True
+    translates = True
 
     @property
     def pivot(self) -> Array:

@@ -29,6 +29,7 @@ class FreeBody(Whole):
     channels = 12
     force = slice(3, 6)
     pivoted = False
+    translates = True
 
     @property
     def pivot(self) -> Array:

@@ -1,8 +1,8 @@
 """What every environment says of a body in it; a further one is a further file beside this, and a line in ``plant_of``.
 
-The state's parameters are ixx … izz about the CG, cg_x … cg_z, mu = 1/m. The engine works on θ = (J, moment, mu) instead, ten as well,
-with J the inverse of the inertia about the point that the body turns about and ``moment`` what says where its CG is: the response is
-linear in φ, products of θ. With s the products of rates of :mod:`massprop_cli.model.gyroscopic`,
+The state's parameters are ixx … izz about the CG (on a pedestal about the pivot), cg_x … cg_z, mu = 1/m. The engine works on
+θ = (J, moment, mu) instead, ten as well, with J the inverse of the inertia about the point that the body turns about and ``moment`` what
+says where its CG is: the response is linear in φ, products of θ. With s the products of rates of :mod:`massprop_cli.model.gyroscopic`,
 
     angular acceleration = Φ z,      z = (what the environment makes of the commands and of the attitude, s)
 
@@ -30,7 +30,7 @@ class Reference:
     """The mass properties about which the equations are linearised."""
 
     inertia: Array
-    """(3, 3) about the CG, kg m²."""
+    """(3, 3) about the CG, on a pedestal about the pivot, kg m²."""
     cg: Array
     """(3,) from O, m."""
     mu: float
@@ -119,6 +119,10 @@ class Plant(Protocol):
     @property
     def pivoted(self) -> bool:
         """Whether the body turns about a support under its weight, so that what acts depends on its attitude, and it is balanced."""
+
+    @property
+    def translates(self) -> bool:
+        """Whether forces move its centre, so that the accelerometer shows mass and CG."""
 
     @property
     def told(self) -> BoolArray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.inputs.equipment import PIVOTED
 from massprop_cli.report.figures import axis, palette
 from massprop_cli.report.figures.panel import Panel, Picture
 from massprop_cli.report.figures.recording import Covered, covered, extent, sensed
@@ -58,7 +59,7 @@ NOTHING = 1e-3
 def picture(recorded: Recorded, kind: str) -> Picture:
     """X, Y and Z, over all phases."""
     parts, signal = covered(recorded), KINDS[kind]
-    point = "the bearing" if recorded.result.vehicle.environment == "air_bearing" else "O"
+    point = "the bearing" if recorded.result.vehicle.environment in PIVOTED else "O"
     letters = sensed(parts, kind)
     columns = [columns[f"{kind}_{letter}_{SIGNALS[kind]}"] for letter in letters for *_, columns in parts]
     largest = max((float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in columns), default=0.0)

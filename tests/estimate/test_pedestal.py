@@ -1,0 +1,127 @@
+"""Estimates on a fixed pedestal, against motion that is integrated apart (tests/anypedestal.py)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_cli import CG, INERTIA, QUANTITIES, flow
+from massprop_cli.base.arrays import Array
+from massprop_cli.conclude.analysis import Analysis
+from massprop_cli.conclude.verdict import Conclusion
+from massprop_cli.estimate.pivot import ABOUT_PIVOT
+from massprop_cli.inputs.vehiclefile import VehicleSource
+from massprop_cli.result import build, schema
+from tests import anypedestal
+
+pytestmark = pytest.mark.numerical
+
+
+def found_of(
+    seed: int, kind: anypedestal.Kind, count: int, noise: float = 1.0, biases: bool = False, weighed: bool = True, inertia: float = 0.0
+) -> tuple[anypedestal.Tables, list[Analysis]]:
+    """Estimates of some tables, of which mass and, with a relative sigma ``inertia``, moments of inertia are known."""
+    rng = np.random.default_rng(seed)
+    own, answers = anypedestal.tables(rng, count), []
+    flown = anypedestal.fly(rng, own, kind, 0.05, 60.0 if kind == "swing" else 30.0)
+    for body in range(count):
+        known = {"mass": {"value": float(own.mass[body]), "sigma": 1e-3 * float(own.mass[body])}} if weighed else {}
+        size = inertia * float(np.trace(own.inertia[body])) / 3
+        for name, value in zip(INERTIA, own.inertia[body][np.triu_indices(3)], strict=True):
+            if inertia:
+                known[name] = {"value": float(value + noise * size * rng.normal()), "sigma": size}
+        used = anypedestal.vehicle_of(own, body, flown, biases, **known)
+        log = anypedestal.log_of(rng, own, body, flown, used, noise, biases)
+        answers.append(flow.examine(log, VehicleSource(used, "", "")))
+    return own, answers
+
+
+def deviations(own: anypedestal.Tables, answers: list[Analysis]) -> Array:
+    """(V, 9) of ``about_pivot``, in sigmas."""
+    found = [[told.about_pivot[name] for name in ABOUT_PIVOT] for told in conclusions(answers)]
+    value, sigma = (np.array([[getattr(one, part) for one in row] for row in found], dtype=float) for part in ("value", "sigma"))
+    z: Array = (value - own.nine) / sigma
+    return z
+
+
+def conclusions(answers: list[Analysis]) -> list[Conclusion]:
+    return [answer.conclusions[0] for answer in answers]
+
+
+@pytest.mark.parametrize(
+    ("kind", "biases", "inertia", "most"),
+    [
+        ("jets", False, 0.0, 0.05),
+        ("wheels", False, 0.0, 0.05),
+        ("swing", False, 0.01, 0.1),
+        pytest.param("jets", True, 0.0, 0.5, marks=pytest.mark.thorough),
+        pytest.param("wheels", True, 0.0, 0.5, marks=pytest.mark.thorough),
+    ],
+)
+def test_without_noise_nothing_is_left(kind: anypedestal.Kind, biases: bool, inertia: float, most: float) -> None:
+    own, answers = found_of(1, kind, 2, noise=0.0, biases=biases, inertia=inertia)
+    assert np.abs(deviations(own, answers)).max() < most
+    for told, truth in zip(conclusions(answers), own.ten, strict=True):
+        assert np.abs((told.values - truth) / told.sigmas).max() < most
+
+
+@pytest.mark.parametrize(("kind", "inertia"), [("jets", 0.0), ("wheels", 0.0), ("swing", 0.01)])
+def test_inertia_and_first_moment_about_the_pivot_converge_within_their_sigmas(kind: anypedestal.Kind, inertia: float) -> None:
+    own, answers = found_of(2, kind, 2, inertia=inertia)
+    assert np.abs(deviations(own, answers)).max() < 4
+    assert {one.verdict for told in conclusions(answers) for one in told.about_pivot.values()} == {"converged"}
+    assert all(
+        told.estimates["mass"].sigma == pytest.approx(1e-3 * mass) for told, mass in zip(conclusions(answers), own.mass, strict=True)
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("kind", "biases", "inertia"), [("jets", False, 0.0), ("wheels", False, 0.0), ("swing", False, 0.01)])
+def test_sigmas_hold_over_many_tables(kind: anypedestal.Kind, biases: bool, inertia: float) -> None:
+    own, answers = found_of(7, kind, 40, biases=biases, inertia=inertia)
+    z = deviations(own, answers)
+    assert 0.93 <= (np.abs(z) < 1.96).mean() <= 0.97
+    assert 0.9 < np.sqrt((z**2).mean()) < 1.1
+    assert np.abs(z).max() < 4.5
+
+
+def test_a_weighed_mass_gives_cg_and_inertia_about_it_and_leaves_the_first_moment_alone() -> None:
+    """A mass that is a permille heavier moves the CG towards the pivot by as much, and κ and I_p not at all."""
+    own, (answer,) = found_of(3, "jets", 1)
+    told = answer.conclusions[0]
+    arm = told.values[6:9] - own.pivot[0]
+    assert np.array([told.about_pivot[name].value for name in ABOUT_PIVOT[6:]]) == pytest.approx(told.values[9] * arm, rel=1e-9)
+    moment = np.array([told.about_pivot[name].sigma for name in ABOUT_PIVOT[6:]], dtype=float) / told.values[9]
+    assert told.sigmas[6:9] == pytest.approx(np.hypot(moment, 1e-3 * arm), rel=0.02)
+
+
+def test_without_a_mass_the_nine_are_the_same_and_the_ten_say_what_to_weigh() -> None:
+    own, (weighed,) = found_of(3, "jets", 1)
+    _, (unweighed,) = found_of(3, "jets", 1, weighed=False)
+    one, other = weighed.conclusions[0], unweighed.conclusions[0]
+    for name in ABOUT_PIVOT:
+        value, sigma = one.about_pivot[name].value, one.about_pivot[name].sigma
+        assert value is not None
+        assert other.about_pivot[name].value == pytest.approx(value, abs=0.05 * (sigma or 0))
+        assert other.about_pivot[name].sigma == pytest.approx(sigma, rel=0.02)
+    assert {other.estimates[name].verdict for name in QUANTITIES} == {"unobservable"}
+    assert all(other.estimates[name].value is None for name in QUANTITIES)
+    assert "weigh the vehicle and state known.mass" in str(other.estimates["cg_z"].reason)
+    assert np.isfinite(own.nine).all()
+
+
+def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> None:
+    _, answers = found_of(4, "swing", 1)
+    told = answers[0].conclusions[0]
+    assert {one.verdict for one in told.about_pivot.values()} == {"unobservable"}
+    assert "ratios" in str(told.about_pivot["moment_z"].reason)
+    assert all(told.estimates[name].value is None for name in (*INERTIA, *CG))
+
+
+def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
+    _, (answer,) = found_of(3, "wheels", 1)
+    found = schema.Result.model_validate_json(schema.to_json(build.result(answer)))
+    nine = found.phases[0].about_pivot
+    assert tuple(nine) == ABOUT_PIVOT
+    assert {one.unit for one in nine.values()} == {"kg m^2", "kg m"}
+    assert all(one.value is not None and one.sigma is not None and one.verdict == "converged" for one in nine.values())
