@@ -54,6 +54,8 @@ LITTLE = 0.05
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Of low-passes searched."""
 SENSORS = ("gyro", "accel")
+ALIKE = 1e-9
+"""Part of the largest singular value below which commands are the same."""
 MISMATCH = 0.1
 """Cycles by which a stated delay may be off and what the log says of it still be linear."""
 
@@ -244,8 +246,9 @@ def _unexplained(motion: _Motion, made: Impulses, piece: slice) -> tuple[float, 
         (motion.acceleration[piece], np.hstack([whole, products, np.ones((len(rate), 1))])),
     ):
         size = np.sqrt((causes**2).sum(0))
-        basis, _ = np.linalg.qr(causes[:, size > 0] / size[size > 0])
-        left = moved - basis @ (basis.T @ moved)
+        told = causes[:, size > 0] / size[size > 0]
+        # jets that always fire together are one: a factorisation would take a direction of rounding for the other
+        left = moved - told @ np.linalg.lstsq(told, moved, rcond=ALIKE)[0]
         cost.append(len(moved) * float(np.log((left**2).mean(0) + 1e-300).sum()))
     return cost[0], cost[1]
 
