@@ -31,8 +31,8 @@ from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import MU
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
+from massprop_cli.prepare.absentaxes import force_axes
 from massprop_cli.prepare.actuators import channel_names
-from massprop_cli.prepare.sensed import force_axes
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 

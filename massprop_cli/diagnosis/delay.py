@@ -143,10 +143,8 @@ def detect(
         now = shifted(now, unknown, last)
         moved = np.abs([cycles_of(now, name) - own for name, own in zip(unknown, at, strict=True)])
         sigmas = np.sqrt(np.diag(covariance))
-        if (
-            moved
-            < np.maximum(SETTLED, [LITTLE * own if name.endswith("cutoff") else 0.0 for name, own in zip(unknown, sigmas, strict=True)])
-        ).all():
+        small = np.where([name.endswith("cutoff") for name in unknown], LITTLE * sigmas, SETTLED)
+        if (moved < np.maximum(small, SETTLED)).all():
             break
     else:
         return None
@@ -157,16 +155,13 @@ def detect(
     return Found(now.timing, _sigmas(unknown, covariance), found.after, before, tuple(unknown), covariance, imu)
 
 
-def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str], pieces: Sequence[slice] | None = None) -> Vehicle:
+def cutoffs(log: Log, vehicle: Vehicle, timing: Timing, automatic: Sequence[str]) -> Vehicle:
     """The vehicle with those of :data:`CUTOFFS_HZ` by which commands explain most, for sensors whose cutoff is to be found."""
     for sensor in automatic:
         key, costs = f"imu.{sensor}_filter.cutoff_hz", []
         for cutoff in CUTOFFS_HZ:
             tried = Setup(log, vehicle, timing).having(key, np.array([cutoff])).vehicle
-            made = impulses(log, tried, timing.delay, timing.lag_s(tried))
-            motion = _motion(timing.of(log, tried, made), tried)
-            whole = [slice(int(np.argmax(made.usable)), log.cycles)] if pieces is None else pieces
-            costs.append(sum(_unexplained(motion, made, piece)[SENSORS.index(sensor)] for piece in whole))
+            costs.append(unexplained_by(log, tried, timing)[SENSORS.index(sensor)])
         vehicle = Setup(log, vehicle, timing).having(key, np.array([CUTOFFS_HZ[int(np.argmin(costs))]])).vehicle
     return vehicle
 
@@ -203,17 +198,18 @@ def search(
     return candidates[int(np.argmin(costs))] if np.isfinite(costs).any() else None
 
 
-def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, cycles: slice) -> tuple[float, float]:
+def unexplained_by(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -> tuple[float, float]:
     """−2 log likelihood, but for a constant, of rates and of specific force over commands under one timing, with nothing known of the body.
 
+    By cycles from ``first`` on whose commands are known.
     :class:`massprop_cli.base.errors.InputError` where that leaves too little of the log.
     """
     made = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
     motion = _motion(timing.of(log, vehicle, made), vehicle)
-    begin = max(cycles.start, int(np.argmax(made.usable)) + 1)
-    if cycles.stop - begin < LEAST + 3 * made.whole.shape[1]:
-        raise InputError(f"{log.path}: {cycles.stop - begin} cycles are too few")
-    return _unexplained(motion, made, slice(begin, cycles.stop))
+    cycles = slice(max(first, int(np.argmax(made.usable)) + 1), log.cycles)
+    if cycles.stop - cycles.start < LEAST + 3 * made.whole.shape[1]:
+        raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to tell what the IMU records; record longer")
+    return _unexplained(motion, made, cycles)
 
 
 class _Motion(NamedTuple):

@@ -50,8 +50,6 @@ PAIRS = (
 """Of which a vehicle file may state a correlation: the first in thrust, the others in imu.filter_correlation."""
 FIRST_HZ = 50.0
 """Cutoff that the search for one begins with."""
-OPEN = 1e4
-"""Cycles; one sigma of what is to be found."""
 NARROWER, FARTHEST = 0.5, 4.0
 """Part of a stated sigma that the log's own must be below to be heard beside it; sigmas beyond which the two are not of the same thing."""
 
@@ -125,22 +123,16 @@ def found_timing(log: Log, source: VehicleSource, say: Progress) -> Found | None
     if not unknown:
         return _narrowed(log, vehicle, say)
     say("finding delay, lag and low-passes", 0.0)
-    # whatever it is, to begin with
-    vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).vehicle
-    for sensor in open_:
+    for sensor in open_:  # whatever it is, to begin with
         vehicle = Setup(log, vehicle, Timing(0.0, 0.0)).having(f"imu.{sensor}_filter.cutoff_hz", np.array([FIRST_HZ])).vehicle
     given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
     part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONGEST)
-    found, coarse = None, given
-    if automatic["delay"] or automatic["lag"]:
-        searched = delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
-        coarse = searched or given
-        unable = searched is None
-    else:
-        unable = False
-    if not unable:
+    found, coarse = None, given if unknown == [f"{sensor}_cutoff" for sensor in open_] else None
+    if coarse is None:
+        coarse = delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
+    if coarse is not None:
         vehicle = delay.cutoffs(part, vehicle, coarse, open_)
         found = _beside_stated(log, vehicle, coarse, automatic) or _detected(log, vehicle, coarse, unknown)
     if found is None:

@@ -1,7 +1,7 @@
 """What an IMU's records are, where nobody states it: means or samples, and behind which low-pass.
 
 Rates and specific force are regressed on the commands as each kernel would show them, with nothing known of the body
-(:func:`massprop_cli.diagnosis.delay.unexplained`). A kernel is taken where it explains the log better than means without a low-pass by
+(:func:`massprop_cli.diagnosis.delay.unexplained_by`). A kernel is taken where it explains the log better than means without a low-pass by
 :data:`CLEAR` of −2 log likelihood; its cutoff is then found with its sigma, as one that is stated as "auto".
 """
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis import delay
-from massprop_cli.diagnosis.delay import unexplained_by as _cost
 from massprop_cli.diagnosis.resolve import PHASE
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs.columns import DELTA_THETA, DELTA_V
@@ -35,7 +34,6 @@ SHIFTS = (-2.0, -1.0, 1.0, 2.0)
 """Sigmas of a phase that is not stated, by which means or samples without a low-pass may be early or late."""
 LONGEST = 4800
 """Cycles that are looked at."""
-SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
 
 
 class _Kernel(NamedTuple):
@@ -51,10 +49,10 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
     """
     vehicle = source.vehicle
     rates = (log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V) != unfit
-    unstated = [sensor for sensor in SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
+    unstated = [sensor for sensor in delay.SENSORS if f"{sensor}_filter" not in vehicle.imu.model_fields_set]
     open_kind = not unfit and "measures" not in vehicle.imu.model_fields_set and log.made is None and not any(log.sampled)
     lagged = vehicle.imu.gyro_lag_s > 0 or vehicle.imu.accel_lag_s > 0
-    if not rates or len(unstated) < len(SENSORS) or lagged or vehicle.estimator.method != "default":
+    if not rates or len(unstated) < len(delay.SENSORS) or lagged or vehicle.estimator.method != "default":
         return log, source
     say("finding what the IMU records", 0.0)
     costs = _costs(log, vehicle, (False, True) if open_kind else (any(log.sampled),))
@@ -65,7 +63,7 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
         return log, source
     imu: dict[str, object] = {
         f"{sensor}_filter": LowPass(order=one.order, cutoff_hz="auto")
-        for sensor, one in zip(SENSORS, best, strict=True)
+        for sensor, one in zip(delay.SENSORS, best, strict=True)
         if one.order  # 0 is none
     }
     sampled = best[0].sampled
@@ -80,7 +78,7 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
 
 def without(source: VehicleSource) -> VehicleSource:
     """The vehicle file with no low-pass, stated so."""
-    imu = source.vehicle.imu.model_copy(update={f"{sensor}_filter": None for sensor in SENSORS})
+    imu = source.vehicle.imu.model_copy(update={f"{sensor}_filter": None for sensor in delay.SENSORS})
     return replace(source, vehicle=source.vehicle.model_copy(update={"imu": imu}))
 
 
@@ -98,13 +96,13 @@ def _costs(log: Log, vehicle: Vehicle, kinds: tuple[bool, ...]) -> dict[_Kernel,
     longest = int(np.ceil(at.delay + 2)) + 5 * int(np.ceil(lag + 1 / (2 * np.pi * CUTOFFS_HZ[-1] * vehicle.cycle.period_s)))
     for one in tried:
         low_pass = LowPass(order=one.order, cutoff_hz=one.cutoff_hz) if one.order else None
-        imu = vehicle.imu.model_copy(update={f"{sensor}_filter": low_pass for sensor in SENSORS})
+        imu = vehicle.imu.model_copy(update={f"{sensor}_filter": low_pass for sensor in delay.SENSORS})
         # of the bins within a cycle nothing is asked
         used = vehicle.model_copy(update={"imu": imu, "estimator": vehicle.estimator.model_copy(update={"bins_per_cycle": 2})})
         own = replace(part, sampled=(one.sampled, one.sampled))
         shifts = (0.0,) if one.order else (0.0, *SHIFTS)
         try:
-            each = [_cost(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), slice(longest, part.cycles)) for by in shifts]
+            each = [delay.unexplained_by(own, used, at._replace(delay=max(at.delay + by * phase, 0.0)), longest) for by in shifts]
         except InputError:
             return {}
         costs[one] = min(gyro for gyro, _ in each), min(accelerometer for _, accelerometer in each)
@@ -143,7 +141,7 @@ def _notice(best: tuple[_Kernel, _Kernel], sampled: bool) -> Notice:
     words = [f"the {word}'s are {orders[one.order]}" for word, one in zip(("gyro", "accelerometer"), best, strict=True)]
     keys = [
         *(["imu.measures"] if sampled else []),
-        *(f"imu.{sensor}_filter" for sensor, one in zip(SENSORS, best, strict=True) if one.order),
+        *(f"imu.{sensor}_filter" for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order),
     ]
     return Notice(
         "imu-kernel",

@@ -12,7 +12,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import nearest
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.actuators.actuator import MomentumLog
-from massprop_cli.inputs.columns import WRENCH, jet
+from massprop_cli.inputs.columns import COMMAND_TIME, WRENCH, jet
 from massprop_cli.inputs.equipment import Cycle
 from massprop_cli.inputs.logtable import LogTable
 from massprop_cli.inputs.vehicle import Vehicle
@@ -139,11 +139,16 @@ def _rotors(source: LogTable, vehicle: Vehicle, records: int, n: int) -> Array:
 def momentum(source: LogTable, vehicle: Vehicle, records: int, n: int) -> tuple[MomentumLog, ...]:
     """What the log's n rows say of each of :attr:`massprop_cli.inputs.vehicle.Vehicle.spinning`."""
     found: list[MomentumLog] = []
-    source.issued = None  # what momentum devices do is read in every record
     for kind, own in vehicle.actuators:
         kind.refuse_strangers(source, [one.name for one in own])
         stored = [one for one in own if one.device is not None]
         said = [one.read(source, records, n) for one in stored]
+        summed = next((one.name for one, it in zip(stored, said, strict=True) if it.integrated), None)
+        if summed is not None and source.issued is not None:
+            raise InputError(
+                f"{source.table.path}: the speed of wheel {summed!r} follows from its torque in each control cycle, and commands have "
+                f"times of their own ({source.name(COMMAND_TIME)}); log its speed instead"
+            )
         kind.check_together(source, stored, said)
         found += said
     return tuple(found)

@@ -21,10 +21,10 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare import actuators, sensed
+from massprop_cli.prepare import absentaxes, actuators
 from massprop_cli.prepare.actuators import capability, channel_wrench, executed, longest_lag_s
 from massprop_cli.prepare.clock import by_commands_clock, cycle_edges, pace
-from massprop_cli.prepare.sensor import Sensor, Shown, sensors, shown
+from massprop_cli.prepare.sensor import SensorKernel, Shown, sensors, shown
 from massprop_cli.prepare.signal import Signal, window_integrals
 from massprop_cli.prepare.stored import Stored, first_known_s, turned
 from massprop_cli.prepare.sums import of_records, windows, wrenches
@@ -94,7 +94,7 @@ class Aligned:
     axes: tuple[bool, ...]
     """Which IMU axes the log has: gyro x y z, accelerometer x y z."""
     unread: BoolArray
-    """(6,) channels that the log doesn't have (:mod:`massprop_cli.prepare.sensed`)."""
+    """(6,) channels that the log doesn't have (:mod:`massprop_cli.prepare.absentaxes`)."""
     force_axes: Array | None
     """(3, 3) axes, in its rows, along which specific force is measured; None: the body's."""
     stored: Stored | None = None
@@ -163,7 +163,7 @@ def impulses(log: Log, vehicle: Vehicle, delay_cycles: float, lag_s: float, cycl
     labelled, length = cycle_edges(log, of)
     start, duration = by_commands_clock(log, vehicle, labelled), length * pace(vehicle)
     # and those whose commands may still act; the one that comes next may go on with a pulse
-    begun, memory_s = log.command_start_s, _memory_s(vehicle, delay_s, lag_s)
+    begun, memory_s = log.command_start_s, _memory_s(log, vehicle, delay_s, lag_s)
     before = max(int(np.searchsorted(begun, start[0] - memory_s)) - 1, 0)
     issued = slice(before, int(np.searchsorted(begun, max(float(start[-1]), float(labelled[-1])) + 2 * vehicle.cycle.period_s)))
     acted = _Acted(log, vehicle, issued, begun[issued] + delay_s, delay_s, lag_s)
@@ -219,7 +219,7 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     ends = by_commands_clock(log, vehicle, log.time_s[rows])
     share = share / share.sum(1, keepdims=True)
     gyro, accelerometer = sensors(log, vehicle, lag_s)
-    late = float(np.mean(duration)) / records / 2 if gyro.instant else 0.0
+    late = float(np.mean(log.interval_s)) * pace(vehicle) / 2 if gyro.instant else 0.0
     edges = _bin_edges(start + late, duration, bins)
     signals, left = actuators.signals(log, vehicle, issued, begin_s, edges, lag_s)
     if left == 0.0 < lag_s:
@@ -228,7 +228,9 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     behind = [(signal, gyro, accelerometer) for signal in signals]
     if log.spinning:
         bare = sensors(log, vehicle)
-        torques, stored = turned(log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=bare[0], edges=edges))
+        torques, stored = turned(
+            log, vehicle, delay_s, edges, bins, partial(_in_bins, sensor=bare[0], edges=edges), _shown_s(log, vehicle, LAGS_KEPT)
+        )
         behind += [(torque, *bare) for torque in torques]
     parts = [_read(*one, edges, np.append(start, start[-1] + duration[-1]), ends, share, duration) for one in behind]
     integral, moment, rising, falling, whole = (np.stack(each, -1) for each in zip(*parts, strict=True))
@@ -236,7 +238,7 @@ def _by_sensors(acted: _Acted, cycles: slice, start: Array, duration: Array) -> 
     return integral.reshape(shape), moment.reshape(shape), frozen(rising), frozen(falling), frozen(whole), thrusting, stored
 
 
-def _in_bins(signals: Sequence[Signal], sensor: Sensor, edges: Array) -> tuple[Array, Array]:
+def _in_bins(signals: Sequence[Signal], sensor: SensorKernel, edges: Array) -> tuple[Array, Array]:
     """Integrals and first moments of signals as a sensor shows them, (bins, signals) each."""
     each = [_binned(shown(signal, sensor, edges), edges) for signal in signals]
     return np.stack([one[0] for one in each], 1), np.stack([one[1] for one in each], 1)
@@ -247,7 +249,14 @@ def _binned(at: Shown, edges: Array) -> tuple[Array, Array]:
 
 
 def _read(
-    signal: Signal, gyro: Sensor, accelerometer: Sensor, edges: Array, cycle_edges_s: Array, ends: Array, share: Array, duration: Array
+    signal: Signal,
+    gyro: SensorKernel,
+    accelerometer: SensorKernel,
+    edges: Array,
+    cycles_s: Array,
+    ends: Array,
+    share: Array,
+    duration: Array,
 ) -> tuple[Array, ...]:
     """Of one channel: integral and moment by bins; under the rising and the falling half as the gyro shows it, whole as the other does.
 
@@ -262,7 +271,7 @@ def _read(
     if accelerometer.instant:
         whole = duration * (shown(signal, accelerometer, ends).value.reshape(share.shape) * share).sum(1)
     else:
-        whole = np.diff(shown(signal, accelerometer, cycle_edges_s).first)
+        whole = np.diff(shown(signal, accelerometer, cycles_s).first)
     return *_binned(binned, edges), boundary[1:] - mean, mean - boundary[:-1], whole
 
 
@@ -292,10 +301,10 @@ def align(
         pulse_covariance=_pulse_covariance(channels.whole[:, : made.thrusting], wrench[: made.thrusting], vehicle.thrust.pulse_sigma),
         capability=capability(log, vehicle),
         usable=made.usable,
-        ignored=sensed.ignored(log, vehicle, of),
+        ignored=absentaxes.ignored(log, vehicle, of),
         axes=log.axes,
-        unread=sensed.unread(log, vehicle),
-        force_axes=sensed.force_axes(log, vehicle),
+        unread=absentaxes.unread(log, vehicle),
+        force_axes=absentaxes.force_axes(log, vehicle),
         stored=made.stored,
         late_s=shown_late_s(log, vehicle),
     )
@@ -311,7 +320,7 @@ def shown_late_s(log: Log, vehicle: Vehicle) -> tuple[float, float]:
 def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
     """From when on all that is executed was commanded within the log; :class:`InputError` where that leaves less than two cycles."""
     first, last = (float(cycle_edges(log, slice(k, k + 1))[0][0]) for k in (0, log.cycles - 2))
-    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _late_s(log, vehicle)
+    memory_s = delay_s + LAGS_FORGOTTEN * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_FORGOTTEN)
     usable_s = max(max(first, float(log.command_start_s[0])) + memory_s, first_known_s(log, vehicle)) - 1e-6 * vehicle.cycle.period_s
     if last < usable_s:
         raise InputError(
@@ -321,16 +330,17 @@ def first_usable_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> 
     return usable_s
 
 
-def _late_s(log: Log, vehicle: Vehicle) -> float:
-    """How far back what a sensor shows may have been, beyond its record."""
-    late = (one.latency_s + LAGS_FORGOTTEN * float(np.abs(one.lags_s).max(initial=0.0)) for one in sensors(log, vehicle))
-    return max(*late, 0.0)
+def _shown_s(log: Log, vehicle: Vehicle, lags: float) -> float:
+    """How far back what a sensor shows may have been, beyond its record: so many time constants of its low-pass."""
+    back = (one.latency_s + lags * float(np.abs(one.lags_s).max(initial=0.0)) for one in sensors(log, vehicle))
+    return max(*back, 0.0)
 
 
-def _memory_s(vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
-    """How far back what acts now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
+def _memory_s(log: Log, vehicle: Vehicle, delay_s: float, lag_s: float) -> float:
+    """How far back what is shown now may have been commanded; what a lag keeps of earlier commands is below the last digit."""
     ramps = max((jet.rise_s + jet.fall_s for jet in vehicle.jets), default=0.0)
-    return delay_s + 3 * vehicle.cycle.period_s + ramps + LAGS_KEPT * longest_lag_s(vehicle, lag_s)
+    lags_s = LAGS_KEPT * longest_lag_s(vehicle, lag_s) + _shown_s(log, vehicle, LAGS_KEPT)
+    return delay_s + 3 * vehicle.cycle.period_s + ramps + lags_s
 
 
 def _bin_edges(start: Array, duration: Array, bins: int) -> Array:

@@ -8,7 +8,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import AttitudeError, InputError
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.prepare.measured import START, Given, Linear, Noise, given, linear, measured
+from massprop_cli.prepare.measured import START, Given, LinearFilter, Noise, given, linear, measured
 
 REFUTED = 50.0
 """Chi-square of a bias, a misalignment or a latency beyond what is stated; of three degrees of freedom, by chance once in 10¹⁰ logs."""
@@ -46,7 +46,7 @@ def checked(log: Log, vehicle: Vehicle) -> Noise | None:
     return known.noise
 
 
-def _linear(log: Log, vehicle: Vehicle) -> tuple[Linear, int]:
+def _linear(log: Log, vehicle: Vehicle) -> tuple[LinearFilter, int]:
     """What shows of bias, misalignment and latency where none is known, and the number of innovations."""
     known, about = given(log, vehicle), measured(log, vehicle)
     if known is None or about is None:  # a latency beyond the log
@@ -54,7 +54,7 @@ def _linear(log: Log, vehicle: Vehicle) -> tuple[Linear, int]:
     return linear(known, about, START**2 * np.eye(3), (BIAS, TURN, LATENCY)), 3 * int(np.isfinite(about.noise_rad).sum())
 
 
-def _unstated(known: Given, found: Linear, latency_s: float, late_s: float) -> list[tuple[float, str, str]]:
+def _unstated(known: Given, found: LinearFilter, latency_s: float, late_s: float) -> list[tuple[float, str, str]]:
     """Chi-square of each that isn't stated, what it is, and what to state."""
     bias, turn, last, covariance = slice(3, 6), slice(6, 9), found.states[-1], found.covariance[-1]
 

@@ -41,7 +41,7 @@ from massprop_cli.prepare.sums import of_records
 
 Quaternion = tuple[float, float, float, float]
 STATES = 10
-"""Of :class:`Linear`."""
+"""Of :class:`LinearFilter`."""
 START = 1.0
 """rad, one sigma of the reference before the first logged attitude: nothing is known."""
 KEPT = 4
@@ -72,7 +72,7 @@ class Measured:
     noise_rad: Array
     """(K,) one sigma of the offset about each axis; infinite in cycles without a logged attitude."""
     known: Array
-    """(K + 1, 10) the states of :class:`Linear`, by the attitudes logged before each edge, ..."""
+    """(K + 1, 10) the states of :class:`LinearFilter`, by the attitudes logged before each edge, ..."""
     covariance: Array
     """(K + 1, 10, 10) ... and their covariance."""
 
@@ -83,7 +83,7 @@ class Measured:
         return Measured(self.attitude_wxyz[edges], drawn, offset, share, noise, self.known[edges], self.covariance[edges])
 
 
-class Motion(NamedTuple):
+class GyroTurns(NamedTuple):
     """What the gyro measured, K cycles."""
 
     duration_s: Array
@@ -208,7 +208,7 @@ def _offsets(given: Given, reference: tuple[Array, Array]) -> Measured:
     )
 
 
-def read(log: Log, vehicle: Vehicle, gyro: float | Array) -> tuple[Motion, Logged]:
+def read(log: Log, vehicle: Vehicle, gyro: float | Array) -> tuple[GyroTurns, Logged]:
     """What gyro and attitude of a log hold."""
     assert log.attitude_wxyz is not None
     records, duration = log.records_per_cycle, cycle_edges(log, slice(0, log.cycles))[1]
@@ -229,7 +229,7 @@ def read(log: Log, vehicle: Vehicle, gyro: float | Array) -> tuple[Motion, Logge
     share = (gone_s - ahead_s) / duration[cycle]
     turned = times(body, gyro * (turned - ahead[:, None] * log.delta_theta_imu_rad[record]))
     found = Logged(log.attitude_wxyz[rows], cycle, share, turned - share[:, None] * turns[cycle])
-    return Motion(duration, turns, rotation_vectors(turns)), found
+    return GyroTurns(duration, turns, rotation_vectors(turns)), found
 
 
 def _mean_variance(logged: Logged, edges: IntArray, noise: Noise) -> Array:
@@ -248,7 +248,7 @@ def _mean_variance(logged: Logged, edges: IntArray, noise: Noise) -> Array:
 class Given(NamedTuple):
     """What the filter takes."""
 
-    motion: Motion
+    motion: GyroTurns
     logged: Logged
     edges: IntArray
     """(K + 1,) where each cycle's logged attitudes begin."""
@@ -261,7 +261,7 @@ class Given(NamedTuple):
     """rad"""
 
 
-class Linear(NamedTuple):
+class LinearFilter(NamedTuple):
     """What a linear filter on φ, gyro bias, misalignment and latency beyond the stated one makes of it."""
 
     states: Array
@@ -307,8 +307,10 @@ def filtered(given: Given, begun: Array, covariance: Array) -> tuple[Array, Arra
 
 def linear(
     given: Given, about: Measured, begun: Array, sigmas: tuple[float, float, float] | None = None, at: Array | None = None
-) -> Linear:
-    """Linear about a reference that stays as it is, from its error ``at`` the beginning (3,), 0 by default, of covariance ``begun`` (3, 3).
+) -> LinearFilter:
+    """LinearFilter about a reference that stays as it is, from its error ``at`` the beginning (3,), 0 by default.
+
+    ``begun`` (3, 3) is the covariance of that.
 
     When a share s of a cycle has gone by, its attitudes measure ``R(−θ s) φ − J s T b − J s δ + μ − ω λ``, δ what turns the reference in
     addition to the gyro. ``sigmas`` of bias, misalignment and latency; None: as stated.
@@ -336,10 +338,10 @@ def linear(
         state, spread = transition[k] @ state, transition[k] @ ((spread + spread.T) / 2) @ transition[k].T + white
         state[:3] -= drive[k]
         states[k + 1], each[k + 1] = state, spread
-    return Linear(states, each, chi_square)
+    return LinearFilter(states, each, chi_square)
 
 
-def begun_as_logged(motion: Motion, logged: Logged) -> Array:
+def begun_as_logged(motion: GyroTurns, logged: Logged) -> Array:
     """(4,) the attitude at the log's beginning, from the first that is logged and the gyro."""
     cycle = int(logged.cycle[0])
     before = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns[:cycle])[-1]
@@ -347,7 +349,7 @@ def begun_as_logged(motion: Motion, logged: Logged) -> Array:
     return quaternion_product(logged.wxyz[0], _inverse(turned))
 
 
-def _noise(log: Log, vehicle: Vehicle, motion: Motion, logged: Logged) -> Noise:
+def _noise(log: Log, vehicle: Vehicle, motion: GyroTurns, logged: Logged) -> Noise:
     """By the differences d = n[k] − n[k−1] + gyro noise of neighbouring attitudes beside the gyro, world axes: cov(d, next) = −σ²."""
     stated = vehicle.imu
     attitude = integrate_attitude(np.array([1.0, 0.0, 0.0, 0.0]), motion.turns)

@@ -31,7 +31,7 @@ ROUNDED_S = 1e-9
 """s, by which a sample is before what begins at its time: times are rounded, and a sample shows what went before."""
 
 
-class Sensor(NamedTuple):
+class SensorKernel(NamedTuple):
     """A kernel: of complex pairs of lags one stands for both, with twice its weight."""
 
     instant: bool
@@ -43,7 +43,7 @@ class Sensor(NamedTuple):
     """(P,) τ."""
 
     @staticmethod
-    def of(instant: bool, low_pass: LowPass | None, lag_s: float = 0.0) -> Sensor:
+    def of(instant: bool, low_pass: LowPass | None, lag_s: float = 0.0) -> SensorKernel:
         """With a first-order lag of the thrust before it."""
         order, latency_s = (0, 0.0) if low_pass is None else (low_pass.order, low_pass.latency_s)
         tau = 0.0 if low_pass is None else 1 / (2 * np.pi * low_pass.cutoff)
@@ -55,7 +55,7 @@ class Sensor(NamedTuple):
         lags = np.array(own, dtype=complex)
         weights = np.array([np.prod([one / (one - other) for other in lags if other != one]) for one in lags], dtype=complex)
         kept = lags.imag >= 0
-        return Sensor(instant, latency_s, np.where(lags.imag > 0, 2, 1)[kept] * weights[kept], lags[kept])
+        return SensorKernel(instant, latency_s, np.where(lags.imag > 0, 2, 1)[kept] * weights[kept], lags[kept])
 
     @property
     def plain(self) -> bool:
@@ -68,10 +68,10 @@ class Sensor(NamedTuple):
         return self.latency_s + float((self.weights * self.lags_s).sum().real)
 
 
-def sensors(log: Log, vehicle: Vehicle, lag_s: float = 0.0) -> tuple[Sensor, Sensor]:
+def sensors(log: Log, vehicle: Vehicle, lag_s: float = 0.0) -> tuple[SensorKernel, SensorKernel]:
     """Gyro and accelerometer."""
     low_passes = vehicle.imu.gyro_filter, vehicle.imu.accel_filter
-    gyro, accelerometer = (Sensor.of(instant, one, lag_s) for instant, one in zip(log.sampled, low_passes, strict=True))
+    gyro, accelerometer = (SensorKernel.of(instant, one, lag_s) for instant, one in zip(log.sampled, low_passes, strict=True))
     return gyro, accelerometer
 
 
@@ -83,7 +83,7 @@ class Shown(NamedTuple):
     second: Array
 
 
-def shown(signal: Signal, sensor: Sensor, time_s: Array) -> Shown:
+def shown(signal: Signal, sensor: SensorKernel, time_s: Array) -> Shown:
     """A piecewise linear signal as a sensor has it in what it shows at times (Q,), its latency included."""
     order = np.argsort(signal.time_s, kind="stable")
     time, step, slope = signal.time_s[order], signal.step[order], signal.slope[order]

@@ -51,16 +51,19 @@ class _Along(NamedTuple):
     momentum: Array
 
 
-def turned(log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int, by: Integrals) -> tuple[list[Signal], Stored]:
+def turned(
+    log: Log, vehicle: Vehicle, delay_s: float, edges_s: Array, bins: int, by: Integrals, before_s: float = 0.0
+) -> tuple[list[Signal], Stored]:
     """What momentum devices do: the torque along each axis, N m, and the momentum that they hold in bins of edges ``edges_s``.
 
-    There are ``bins`` of these in a cycle; ``by`` gives integrals and first moments in each as the gyro shows them.
+    There are ``bins`` of these in a cycle; ``by`` gives integrals and first moments in each as the gyro shows them, by what was up to
+    ``before_s`` before.
     """
     logged = _times(log, vehicle, delay_s)
     whole = [device.momentum(said, logged) for device, said in zip(vehicle.spinning, log.spinning, strict=True)]
-    grown = [_near(_Along(time_s, along), edges_s) for time_s, momentum in whole for along in momentum]
+    grown = [_near(_Along(time_s, along), edges_s[0] - before_s, edges_s[-1]) for time_s, momentum in whole for along in momentum]
     begun = np.concatenate([momentum[:, 0] for _, momentum in whole])
-    held, held_moment = by([_momentum(one, edges_s[0]) for one in grown])
+    held, held_moment = by([_momentum(one, edges_s[0] - before_s) for one in grown])
     length = np.diff(edges_s)[:, None]
     shape = (-1, bins, len(grown))
     skew = held_moment / length - held / 2
@@ -87,10 +90,10 @@ def _times(log: Log, vehicle: Vehicle, delay_s: float) -> LogTimes:
     return LogTimes(edge_s, log.interval_s, start, length, by_commands_clock(log, vehicle, start), start + delay_s, turn)
 
 
-def _near(grown: _Along, edges_s: Array) -> _Along:
-    """What of it concerns these bins."""
-    first = max(int(np.searchsorted(grown.time_s, edges_s[0], "right")) - 1, 0)
-    last = int(np.searchsorted(grown.time_s, edges_s[-1])) + 1
+def _near(grown: _Along, begin_s: float, end_s: float) -> _Along:
+    """What of it concerns that time."""
+    first = max(int(np.searchsorted(grown.time_s, begin_s, "right")) - 1, 0)
+    last = int(np.searchsorted(grown.time_s, end_s)) + 1
     return _Along(grown.time_s[first:last], grown.momentum[first:last])
 
 

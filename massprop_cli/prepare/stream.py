@@ -12,13 +12,13 @@ from massprop_cli.base.rigidbody import times
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare import lowpass
+from massprop_cli.prepare.absentaxes import force_axes, ignored, unread
 from massprop_cli.prepare.actuators import capability, channel_wrench
 from massprop_cli.prepare.align import Aligned, align, first_usable_s, shown_late_s
 from massprop_cli.prepare.attitude import BiasSeen, at_first, bias_seen, integrate_attitude
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.prepare.compensate import Before, Samples, biased_attitude, compensate, felt
 from massprop_cli.prepare.measured import measured
-from massprop_cli.prepare.sensed import force_axes, ignored, unread
 from massprop_cli.prepare.sums import of_records
 from massprop_cli.prepare.timing import Timing
 

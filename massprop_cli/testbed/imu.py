@@ -13,7 +13,7 @@ from massprop_cli.testbed.scenario import Scenario
 
 
 @dataclass
-class Response:
+class RecordKernel:
     """How a sensor answers within a record: a Butterworth low-pass as lags in parallel, and whether it is read off at records' ends."""
 
     instant: bool
@@ -22,15 +22,15 @@ class Response:
     _states: list[Array] = field(default_factory=list)
 
     @staticmethod
-    def of(instant: bool, low_pass: LowPass | None) -> Response | None:
+    def of(instant: bool, low_pass: LowPass | None) -> RecordKernel | None:
         """None for means over records."""
         if low_pass is None:
-            return Response(True, [], []) if instant else None
+            return RecordKernel(True, [], []) if instant else None
         tau = 1 / (2 * np.pi * low_pass.cutoff)
         if low_pass.order == 1:
-            return Response(instant, [tau], [1.0])
+            return RecordKernel(instant, [tau], [1.0])
         lags = [tau * (1 + 1j) / np.sqrt(2), tau * (1 - 1j) / np.sqrt(2)]
-        return Response(instant, lags, [lags[0] / (lags[0] - lags[1]), lags[1] / (lags[1] - lags[0])])
+        return RecordKernel(instant, lags, [lags[0] / (lags[0] - lags[1]), lags[1] / (lags[1] - lags[0])])
 
     def records(self, begin: Array, end: Array, width_s: float) -> Array:
         """(3, S, N) of what grows from ``begin`` to ``end`` (3, S, N, B) in each of the bins of N records; at rest before the first."""
@@ -71,7 +71,7 @@ class Sensor:
     record_s: float
     kept: float = 0.0
     """What its low-pass keeps of a record in the next."""
-    response: Response | None = None
+    response: RecordKernel | None = None
     """Where its records are no means."""
     increments: Array = field(init=False)
     """(3, S, K, N) what is logged, IMU axes."""
@@ -153,5 +153,5 @@ def _sensor(
         quantum=quantum,
         record_s=record_s,
         kept=float(np.exp(-record_s / slow[0])) if slow[0] > 0 else 0.0,
-        response=Response.of(scenario.vehicle.imu.measures == "sample", slow[1]),
+        response=RecordKernel.of(scenario.vehicle.imu.measures == "sample", slow[1]),
     )

@@ -10,13 +10,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.inputs.actuators.rotor import Held, thrust_integrals
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.inputs.vehiclefile import changed
 from massprop_cli.prepare import align
-from massprop_cli.prepare.sensor import Sensor, shown
+from massprop_cli.prepare.sensor import SensorKernel, shown
 from massprop_cli.prepare.signal import Signal, of_bins, window_integrals
 from tests import flight
+from tests.flown import fly
 
 pytestmark = pytest.mark.numerical
 BENDS = Signal(np.array([0.01, 0.02, 0.055, 0.055, 0.09]), np.array([1.0, 0.0, -0.5, 0.2, 0.0]), np.array([0.0, 8.0, -8.0, 3.0, -3.0]))
@@ -57,7 +60,7 @@ def by_equation(order: int, cutoff_hz: float, lag_s: float, time_s: Array) -> Ar
 @pytest.mark.parametrize(("order", "lag_s"), [(0, 0.0), (0, 0.01), (1, 0.0), (2, 0.0), (2, 0.01), (1, 1 / (2 * np.pi * 30.0))])
 def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(order: int, lag_s: float) -> None:
     time_s = np.array([0.005, 0.0101, 0.033, 0.055, 0.07, 0.13])
-    sensor = Sensor.of(instant=True, low_pass=LowPass(order=order, cutoff_hz=30.0) if order else None, lag_s=lag_s)
+    sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=order, cutoff_hz=30.0) if order else None, lag_s=lag_s)
     found = np.stack(shown(BENDS, sensor, time_s), 1)
     # the same lag twice is taken as two that differ by a little
     tolerance = 1e-5 if order == 1 and lag_s else 1e-8
@@ -66,15 +69,15 @@ def test_a_signal_behind_a_low_pass_and_its_integrals_solve_its_equation(order: 
 
 def test_a_latency_shows_the_signal_of_before() -> None:
     time_s = np.linspace(0.02, 0.2, 40)
-    late = Sensor.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0, latency_s=0.004))
-    prompt = Sensor.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0))
+    late = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0, latency_s=0.004))
+    prompt = SensorKernel.of(instant=True, low_pass=LowPass(order=2, cutoff_hz=25.0))
     np.testing.assert_allclose(np.stack(shown(BENDS, late, time_s)), np.stack(shown(BENDS, prompt, time_s - 0.004)), atol=1e-12)
     assert late.delay_s == pytest.approx(0.004 + np.sqrt(2) / (2 * np.pi * 25.0))
 
 
 def test_a_sample_shows_what_went_before_a_pulse_that_begins_at_its_time() -> None:
     step = Signal(np.array([0.3]), np.array([1.0]), np.array([0.0]))
-    found = shown(step, Sensor.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
+    found = shown(step, SensorKernel.of(instant=True, low_pass=None), np.array([0.1 * 3, 0.3 + 1e-6])).value
     np.testing.assert_array_equal(found, [0.0, 1.0])
 
 
@@ -128,3 +131,34 @@ def test_what_is_shown_in_all_is_what_was_commanded() -> None:
     found = impulses(flight.vehicle(imu=imu, delay=2.0), on, 4, sampled=False)
     for each in (found.whole, found.rising + found.falling, found.integral.sum(1)):
         np.testing.assert_allclose(each.sum(0), on[:60].sum(0), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["wheels", "wheels-and-jets", "control-moment-gyros"])
+def test_what_any_actuator_does_goes_through_the_same_kernel(name: str) -> None:
+    """A low-pass far above all else leaves torques of wheels and gyros and the momentum that they hold as they are."""
+    plan = 'plan=[{motion="random", axes=["roll", "pitch", "yaw"], start_s=0, end_s=6}]'
+    flown = fly(name, "duration_s=6", plan)
+    log = flown.log(0)
+    filtered = changed(flown.vehicle, [f"imu.{sensor}_filter={{order=1, cutoff_hz=1e8}}" for sensor in ("gyro", "accel")])
+    plain, shown_by = (align.align(log, used, 2.0, 0.0) for used in (flown.vehicle, filtered))
+    for part in ("rising", "falling", "whole", "impulse_bins"):
+        np.testing.assert_allclose(getattr(shown_by, part), getattr(plain, part), atol=1e-7, err_msg=part)
+    if plain.stored is not None:
+        assert shown_by.stored is not None
+        np.testing.assert_allclose(shown_by.stored.mean, plain.stored.mean, atol=1e-7)
+
+
+def test_rotors_go_through_it_bin_by_bin() -> None:
+    """Their thrust follows exponentials, taken as linear in each quarter of a bin: to a thousandth of it."""
+    begun = 0.05 * np.arange(60)
+    rotor = Held(begun, np.random.default_rng(1).uniform(0.2, 1.0, 60), 0.03, 0.05, (0.0, 0.5, 1.0))
+    edges = 0.05 / 16 * np.arange(16 * 50 + 1)
+    integral, moment = thrust_integrals([rotor], edges)
+    signal = of_bins(edges, integral[:, 0], moment[:, 0])
+    sensor = SensorKernel.of(instant=True, low_pass=LowPass(order=1, cutoff_hz=20.0))
+    found = shown(signal, sensor, edges[160::16])
+    fine = 0.05 / 640 * np.arange(640 * 50 + 1)
+    exact, later = thrust_integrals([rotor], fine)
+    other = shown(of_bins(fine, exact[:, 0], later[:, 0]), sensor, edges[160::16])
+    np.testing.assert_allclose(found.value, other.value, rtol=1e-3)
+    np.testing.assert_allclose(found.first, other.first, rtol=1e-5)

@@ -33,7 +33,7 @@ _EARLY = 0.25
 
 
 @dataclass(frozen=True)
-class Command:
+class StreamCommand:
     """One commanded quantity."""
 
     signal: Signal
@@ -49,7 +49,7 @@ class Streams:
 
     imu: Sequence[tuple[Signal, resample.Values]]
     """Gyro, and the accelerometer where the map has one; each with what its numbers are."""
-    commands: Sequence[Command]
+    commands: Sequence[StreamCommand]
     attitude: Signal | None
     instants: Sequence[tuple[Signal, str]]
     signals: Signals
@@ -127,7 +127,7 @@ def _read_off(signal: Signal, cycle_s: float) -> str:
     )
 
 
-def _commands(signals: Signals, attitude: Signal | None) -> list[Command]:
+def _commands(signals: Signals, attitude: Signal | None) -> list[StreamCommand]:
     found = []
     for key, wrench, known, names in wrenches(signals):
         signal = signals.wrench(key, wrench, known)
@@ -135,13 +135,13 @@ def _commands(signals: Signals, attitude: Signal | None) -> list[Command]:
             at = resample.attitude_at(attitude.values, attitude.times.s, signal.times.s)
             signal = replace(signal, values=resample.into_body(signal.values, at))
             signals.made.append(f"{key}: turned from world into body axes with the logged attitude at each command's time")
-        found.append(Command(signal, wrench.holds, names, "mean"))
+        found.append(StreamCommand(signal, wrench.holds, names, "mean"))
     jets = [(jet, *signals.jet(name, jet)) for name, jet in signals.map.jets.items()]
     _check_open(signals, [signal for _, signal, share in jets if share])
     for name, (jet, signal, share) in zip(signals.map.jets, jets, strict=True):
         kind = "share" if share else "on_time" if signal.paths else "mean"
-        found.append(Command(signal, jet.holds, (columns.jet(name),), kind))
-    found += [Command(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
+        found.append(StreamCommand(signal, jet.holds, (columns.jet(name),), kind))
+    found += [StreamCommand(signal, holds, (column,), "mean") for signal, column, kind, holds in signals.spinners() if kind == "mean"]
     return found
 
 
@@ -174,7 +174,7 @@ class _Span:
     at_s: Array
 
 
-def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[Command]) -> Array:
+def _edges(signals: Signals, records: Records, spans: Sequence[_Span], commands: Sequence[StreamCommand]) -> Array:
     """Where records begin and end, whole control cycles of them within all streams; the gyro's span is the first."""
     gyro, knots = spans[0].signal, spans[0].at_s
     first, last = max(spans, key=lambda one: one.at_s[0]), min(spans, key=lambda one: one.at_s[-1])
@@ -254,7 +254,7 @@ def _check(signals: Signals, edges: Array, sensors: Sequence[Signal], slow: Sequ
             )
 
 
-def _on_cycles(signals: Signals, command: Command, cycles: Array) -> Array:
+def _on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
     """(K, n) the command of each control cycle."""
     signal, step, length = command.signal, command.signal.times.step_s, median(np.diff(cycles))
     said = f"{signal.key}: {len(signal.values)} values every {step:.6g} s by {signal.times.path!r}"
@@ -305,7 +305,7 @@ def _astray(count: int) -> str:
     return f'{lost}; stamps that are times of arrival want "even = true", and a clock that drifts its scale, under the clock of [jets]'
 
 
-def _where_they_change(commands: Sequence[Command], least_s: float, cycle_s: float) -> float | None:
+def _where_they_change(commands: Sequence[StreamCommand], least_s: float, cycle_s: float) -> float | None:
     """When cycles begin of commands that stand in several records of each: as far into a cycle as most of their changes come together.
 
     A valve's pulses begin there and end anywhere, so that of jets what rises counts alone. None where they come together nowhere.

@@ -14,7 +14,7 @@ from massprop_cli.base.arrays import Array, IntArray, median
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import resample
 from massprop_cli.inputs.formats.mapfile import Records
-from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, Command, Streams
+from massprop_cli.inputs.formats.oncycles import SAME, STAMPED, StreamCommand, Streams
 from massprop_cli.inputs.formats.signals import Signal, sampled
 
 LIKE = 0.2
@@ -68,7 +68,7 @@ def _evened(scatter_s: float) -> str:
     return f", whose stamps scatter by up to {scatter_s:.3g} s and are taken as evenly spaced" if scatter_s > 0 else ""
 
 
-def _issued(commands: Sequence[Command], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
+def _issued(commands: Sequence[StreamCommand], interval_s: float, per_cycle: int) -> tuple[Array, float] | None:
     """When commands were issued, where all are one row each, and by how much their stamps scatter about even times, if these are taken."""
     recorded: list[Signal] = []
     for command in commands:

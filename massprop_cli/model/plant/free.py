@@ -100,17 +100,9 @@ class FreeBody(Whole):
 
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(40,) φ = (Φ, mu, c), and (40, 10) its derivative."""
-        inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]
-        turn = cross_matrix(moment)
-        gyro, gyro_by_inverse = coupling(inverse)
-        slopes = np.zeros((10, 3 * self.channels + 4))
-        rows = slopes[:, : 3 * self.channels].reshape(10, 3, self.channels)
-        rows[J, :, :3], rows[J, :, -6:] = UNIT, -gyro_by_inverse
-        rows[J, :, 3:6], rows[MOMENT, :, 3:6] = -(UNIT @ turn), -(inverse @ TURN)
-        slopes[MU, -4] = 1.0
-        slopes[MOMENT, -3:] = np.eye(3)
-        phi = np.hstack([inverse, -(inverse @ turn), -gyro])
-        return np.concatenate([phi.ravel(), [mu], moment]), slopes.T
+        phi, slopes = by_lever(theta)
+        slopes[-3:, MOMENT] = np.eye(3)
+        return np.concatenate([phi, theta[MOMENT]]), slopes
 
     def commanded(self, wrench: Array) -> Array:
         """(..., 6) the wrench."""
@@ -155,6 +147,21 @@ class FreeBody(Whole):
         rows[:, 3:, 9] = force
         rows[:, 3:, 6:9] = -(cross_matrix(rate_dot) + cross_matrix(rate) @ cross_matrix(rate))
         return rows
+
+
+def by_lever(theta: Array, pull: float = 1.0) -> tuple[Array, Array]:
+    """(37,) [J | −p J [κ]× | −J Γ(I)] by rows, and mu, of θ = (J, κ, mu); (40, 10) their derivative, zeros in its last three rows.
+
+    κ is what something pulls by ``pull`` p: the CG's place where a force does, the first moment where gravity does.
+    """
+    inverse, turn = tensor(theta[J]), pull * cross_matrix(theta[MOMENT])
+    gyro, gyro_by_inverse = coupling(inverse)
+    slopes = np.zeros((10, 40))
+    rows = slopes[:, :36].reshape(10, 3, 12)
+    rows[J, :, :3], rows[J, :, -6:] = UNIT, -gyro_by_inverse
+    rows[J, :, 3:6], rows[MOMENT, :, 3:6] = -(UNIT @ turn), -pull * (inverse @ TURN)
+    slopes[MU, 36] = 1.0
+    return np.append(np.hstack([inverse, -(inverse @ turn), -gyro]).ravel(), theta[MU]), slopes.T
 
 
 def coupling(inverse: Array) -> tuple[Array, Array]:

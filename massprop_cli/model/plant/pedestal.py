@@ -9,7 +9,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import cross_matrix, elements, tensor, times
 from massprop_cli.model.gyroscopic import gamma
 from massprop_cli.model.plant.bearing import BearingBody
-from massprop_cli.model.plant.free import TURN, UNIT, coupling, turned_rows
+from massprop_cli.model.plant.free import UNIT, by_lever, turned_rows
 from massprop_cli.model.plant.plant import MOMENT, MU, Felt, J, Motion, Reference, Turning
 
 TOLD: BoolArray = np.arange(10) != MU
@@ -82,16 +82,8 @@ class PedestalBody(BearingBody):
 
     def coefficients(self, theta: Array) -> tuple[Array, Array]:
         """(40,) φ = (Φ, mu, 0), and (40, 10) its derivative: the accelerometer feels no mass properties beside Φ."""
-        inverse, moment, mu = tensor(theta[J]), theta[MOMENT], theta[MU]
-        turn = cross_matrix(moment)
-        gyro, gyro_by_inverse = coupling(inverse)
-        slopes = np.zeros((10, 3 * self.channels + 4))
-        rows = slopes[:, : 3 * self.channels].reshape(10, 3, self.channels)
-        rows[J, :, :3], rows[J, :, -6:] = UNIT, -gyro_by_inverse
-        rows[J, :, 3:6], rows[MOMENT, :, 3:6] = -self.gravity * (UNIT @ turn), -self.gravity * (inverse @ TURN)
-        slopes[MU, -4] = 1.0
-        phi = np.hstack([inverse, -self.gravity * (inverse @ turn), -gyro])
-        return np.concatenate([phi.ravel(), [mu], np.zeros(3)]), slopes.T
+        phi, slopes = by_lever(theta, self.gravity)
+        return np.concatenate([phi, np.zeros(3)]), slopes
 
     def acting(self, wrench: Array, up: Array, level_of: Array) -> Array:  # noqa: ARG002
         """(K, B, 6) the torque about the pivot, the vertical."""

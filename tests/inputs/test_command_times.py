@@ -1,0 +1,114 @@
+"""Commands with times of their own, in a table and in what refuses it."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_cli.base import arrow
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.errors import InputError
+from massprop_cli.inputs import columns
+from massprop_cli.inputs.tablefile import Cells, Places, Table
+from massprop_cli.inputs.telemetry import Log, read
+from massprop_cli.inputs.vehicle import Vehicle
+
+ROWS, STEP_S, ISSUED = 200, 0.01, np.arange(3, 197, 7)
+"""Commands come every 0.07 s, 4 ms before the end of the record in whose row they stand."""
+JET = {"name": "j", "position_m": [0.0, 0.3, 0.0], "force_n": [0.0, 0.0, 1.0]}
+WHEEL = {
+    "name": "w",
+    "axis": [1.0, 0.0, 0.0],
+    "spin_inertia_kg_m2": 1e-3,
+    "locked_in_inertia": False,
+    "column": "torque",
+    "start_rad_s": 0.0,
+}
+
+
+def recorded() -> dict[str, Array]:
+    """Columns of a log whose control is slower than its IMU, and in step with nothing."""
+    time_s, rng = STEP_S * np.arange(1, ROWS + 1), np.random.default_rng(1)
+    made: dict[str, Array] = {columns.TIME: time_s}
+    made |= {name: 1e-3 * rng.normal(size=ROWS) for name in (*columns.GYRO, *columns.ACCEL)}
+    for name, values in ((columns.COMMAND_TIME, time_s[ISSUED] - 0.004), (columns.jet("j"), np.full(len(ISSUED), 0.02))):
+        made[name] = np.full(ROWS, np.nan)
+        made[name][ISSUED] = values
+    return made
+
+
+def log_of(made: dict[str, Array], **imu: str) -> Log:
+    path, places = Path("log.csv"), Places(None)
+    cells = {name: Cells(path, name, partial(arrow.numbers, values), places) for name, values in made.items()}
+    wheels = [WHEEL] if any(name.startswith("wheel_") for name in made) else []
+    data = {"schema": 1, "cycle": {"period_s": 0.07}, "imu": imu, "jets": [JET], "wheels": wheels}
+    return read(Table(path, "", cells, ROWS, places, None), Vehicle.model_validate(data))
+
+
+def test_records_stay_and_commands_keep_their_times() -> None:
+    log = log_of(recorded(), measures="sample")
+    assert log.command_s is not None
+    np.testing.assert_allclose(log.command_s, STEP_S * (ISSUED + 1) - 0.004)
+    assert (log.command == 0.02).all()
+    assert log.sampled == (True, True)
+    # a control cycle of 70 ms is longer than what is taken together, 60 ms: half of its seven records, whole ones
+    assert log.records_per_cycle == 3
+    assert log.cycles == ROWS // 3
+    part = log.part(10, 20)
+    assert part.command_s is not None
+    begin, end = STEP_S * 10 * log.records_per_cycle, STEP_S * 20 * log.records_per_cycle
+    np.testing.assert_array_equal(part.command_s, log.command_s[(log.command_s >= begin) & (log.command_s < end)])
+
+
+def without_command(made: dict[str, Array]) -> None:
+    made[columns.jet("j")][ISSUED[4]] = np.nan
+
+
+def astray(made: dict[str, Array]) -> None:
+    made[columns.jet("j")][ISSUED[4] + 1] = 0.01
+
+
+def backwards(made: dict[str, Array]) -> None:
+    made[columns.COMMAND_TIME][ISSUED[4]] -= 1.0
+
+
+def of_another_epoch(made: dict[str, Array]) -> None:
+    made[columns.COMMAND_TIME] += 1e3
+
+
+def none(made: dict[str, Array]) -> None:
+    made[columns.COMMAND_TIME][:] = np.nan
+
+
+def by_torque(made: dict[str, Array]) -> None:
+    made["wheel_w_n_m"] = np.where(np.isfinite(made[columns.COMMAND_TIME]), 1e-3, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "said"),
+    [
+        (without_command, r"row 31, column jet_j_s: no command in a row with command_time_s; write one \(0 for none\)"),
+        (astray, r"row 32, column jet_j_s: 0.01 has no command_time_s in its row; state when it was issued"),
+        (backwards, r"row 31, column command_time_s: time goes back: -0.684 s after 0.246 s; sort or cut the commands"),
+        (of_another_epoch, r"commands from 1000.036 to .* s, and the IMU from 0.01 to 2 s: .* bring both clocks to one epoch"),
+        (none, r"column command_time_s: 0 command\(s\); a log needs at least two"),
+        (by_torque, r"the speed of wheel 'w' follows from its torque .* log its speed instead"),
+    ],
+)
+def test_what_is_no_command_of_its_time_is_refused(spoilt: object, said: str) -> None:
+    made = recorded()
+    assert callable(spoilt)
+    spoilt(made)
+    with pytest.raises(InputError, match=said):
+        log_of(made)
+
+
+def test_an_increment_is_no_sample() -> None:
+    made = recorded()
+    for rate, increment in zip(columns.GYRO, columns.DELTA_THETA, strict=True):
+        made[increment] = STEP_S * made.pop(rate)
+    with pytest.raises(InputError, match=r"delta_theta_x_rad: an increment is over its record, and imu.measures is \"sample\""):
+        log_of(made, measures="sample")
