@@ -51,7 +51,8 @@ class _Both:
         consider: Consider,
         *_: object,
     ) -> History:
-        assert compiled.holds(samples, vehicle, consider), "NumPy would be compared with itself"
+        if not compiled.holds(samples, vehicle, consider):  # a log that fits nothing is tried in other ways, too
+            return replayed(samples, cycles, phase, vehicle, consider)
         own = replayed(samples, cycles, phase, vehicle, consider)
         with pytest.MonkeyPatch.context() as numpy_alone:
             numpy_alone.setattr(compiled, "holds", lambda *_: False)
@@ -93,7 +94,7 @@ def both(log: str, *assignments: str) -> list[tuple[History, History]]:
     with pytest.MonkeyPatch.context() as each:
         each.setattr(engine, "replay", found.replay)
         job.of_file(SAMPLES / f"{log}.parquet", None, assignments)
-    assert found.pairs
+    assert found.pairs, "NumPy would be compared with itself"
     return found.pairs
 
 
