@@ -23,7 +23,7 @@ from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
 
 GRAVITY = 9.80665
-LONGEST_S = 0.004
+LONGEST_S = 0.0065
 JETS = 10
 FIRST = 2
 """Readings before the record begins."""
@@ -96,27 +96,21 @@ class Flown:
     """(V, 4) at the IMU's first record's beginning."""
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        -1,
-    )
+def cross(a: Array, b: Array) -> Array:
+    """A × b of stacks of vectors; numpy's own takes five times as long for the few vectors of a step."""
+    products = a.take(_FIRST, -1) * b.take(_SECOND, -1)
+    found: Array = products[..., :3] - products[..., 3:]
+    return found
 
 
-def _turn(q: Array) -> Array:
+_EYE = np.eye(3)
+_FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+
+
+def up(q: Array) -> Array:
+    """(V, 3) the world's vertical in body axes, of unit quaternions."""
     w, x, y, z = q.T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        -2,
-    )
+    return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]).T
 
 
 class _Plant:
@@ -132,29 +126,29 @@ class _Plant:
         """Angular acceleration; specific force at the IMU. Torque about O and force in body axes."""
         own = self.own
         inner = np.einsum("vij,vj->vi", own.inertia, rate)
-        about = torque - _cross(own.cg, force) - _cross(rate, inner)
+        about = torque - cross(own.cg, force) - cross(rate, inner)
         if not own.bearing:
             turned: Array = np.einsum("vij,vj->vi", self.inverse, about)
             centre = force / own.mass[:, None]
             lever = own.imu_position - own.cg
-            return turned, centre + _cross(turned, lever) + _cross(rate, _cross(rate, lever))
-        up = _turn(q)[:, 2]  # the world's vertical in body axes
-        level = np.eye(3) - up[:, :, None] * up[:, None, :]
+            return turned, centre + cross(turned, lever) + cross(rate, cross(rate, lever))
+        vertical = up(q)
+        level = _EYE - vertical[:, :, None] * vertical[:, None, :]
         m, total = own.mass[:, None], (own.mass + own.bearing_mass)[:, None]
-        swung = _cross(rate, _cross(rate, own.cg))
+        swung = cross(rate, cross(rate, own.cg))
         # pivot: (m + b) a = P (F − m (ω̇ × c + swung)); the pivot's force on the body f = m (a + ω̇ × c + swung + g up) − F
-        kernel = m[..., None] * (np.eye(3) - (m / total)[..., None] * level)  # of ω̇ × c in f
-        known = m * (np.einsum("vij,vj->vi", level, force - m * swung) / total + swung + GRAVITY * up) - force
+        kernel = m[..., None] * (_EYE - (m / total)[..., None] * level)  # of ω̇ × c in f
+        known = m * (np.einsum("vij,vj->vi", level, force - m * swung) / total + swung + GRAVITY * vertical) - force
         matrix = own.inertia - self.skew @ kernel @ self.skew
-        turned = np.linalg.solve(matrix, (about - _cross(own.cg, known))[..., None])[..., 0]
-        pushed: Array = np.einsum("vij,vj->vi", level, force - m * (_cross(turned, own.cg) + swung)) / total
+        turned = np.linalg.solve(matrix, (about - cross(own.cg, known))[..., None])[..., 0]
+        pushed: Array = np.einsum("vij,vj->vi", level, force - m * (cross(turned, own.cg) + swung)) / total
         arm = own.imu_position
-        return turned, pushed + GRAVITY * up + _cross(turned, arm) + _cross(rate, _cross(rate, arm))
+        return turned, pushed + GRAVITY * vertical + cross(turned, arm) + cross(rate, cross(rate, arm))
 
 
 def _spun(q: Array, rate: Array) -> Array:
     w, v = q[:, :1], q[:, 1:]
-    return 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + _cross(v, rate)], 1)
+    return 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + cross(v, rate)], 1)
 
 
 def _poles(order: int, cutoff_hz: float) -> tuple[ComplexArray, ComplexArray]:
@@ -234,7 +228,7 @@ def fly(
     edges = (command_s[:, None] + tick * np.arange(parts)).ravel() + delay_s
     times = np.unique(np.round(np.concatenate([[0.0], edges, taken[taken > 0]]), 12))
     times = times[(times <= taken[-1] + 1e-12) & np.append(True, np.diff(times) > 1e-10)]
-    plant, wrench = _Plant(own), np.concatenate([_cross(own.jet_position, own.jet_force), own.jet_force], -1)
+    plant, wrench = _Plant(own), np.concatenate([cross(own.jet_position, own.jet_force), own.jet_force], -1)
     rate, q = _begun(rng, own)
     nothing = np.zeros((count, 6))
     low_pass = _Lowpass(imu, np.concatenate([rate, plant.moved(rate, q, nothing[:, :3], nothing[:, 3:])[1]], 1))

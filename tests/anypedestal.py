@@ -19,10 +19,11 @@ from massprop_cli.inputs import columns
 from massprop_cli.inputs.tablefile import Cells, Places, Table
 from massprop_cli.inputs.telemetry import Log, read
 from massprop_cli.inputs.vehicle import Vehicle
+from tests.anyimu import cross
 
 GRAVITY = 9.80665
 JETS, PARTS = 12, 8
-STEP_S = 0.004
+STEP_S = 0.0065
 CANDIDATES = 6
 BIAS = 1e-3, 0.01
 """rad/s and m/s², one sigma."""
@@ -108,14 +109,9 @@ class Flown:
     kind: Kind
 
 
-def _cross(a: Array, b: Array) -> Array:
-    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
-
-
 def _up(q: Array) -> Array:
     w, x, y, z = q.T
-    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z], -1)
+    return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]).T
 
 
 class _Motion:
@@ -129,10 +125,10 @@ class _Motion:
         h, grown = momentum[0] + at_s * momentum[1], momentum[1]
         up = _up(q) / (q**2).sum(1, keepdims=True)
         inner = np.einsum("vij,vj->vi", self.inertia, rate) + h
-        turned = np.einsum("vij,vj->vi", self.inverse, torque - GRAVITY * _cross(self.moment, up) - grown - _cross(rate, inner))
-        felt = GRAVITY * up + _cross(turned, self.arm) + _cross(rate, _cross(rate, self.arm))
+        turned = np.einsum("vij,vj->vi", self.inverse, torque - GRAVITY * cross(self.moment, up) - grown - cross(rate, inner))
+        felt = GRAVITY * up + cross(turned, self.arm) + cross(rate, cross(rate, self.arm))
         w, v = q[:, :1], q[:, 1:]
-        spun = 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + _cross(v, rate)], 1)
+        spun = 0.5 * np.concatenate([-(v * rate).sum(1, keepdims=True), w * rate + cross(v, rate)], 1)
         return np.concatenate([spun, turned, rate, felt], 1)
 
     def stepped(self, y: Array, torque: Array, momentum: tuple[Array, Array], h: float) -> Array:
@@ -152,7 +148,7 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
     y[:, :4] /= np.linalg.norm(y[:, :4], axis=1, keepdims=True)
     y[:, 4:7] = rng.normal(0, 0.05 if kind == "swing" else 0.01, (count, 3))
     attitude, sums = y[:, :4].copy(), np.zeros((cycles + 1, count, 6))
-    jets = _cross(own.jet_position - own.pivot[:, None], own.jet_force)
+    jets = cross(own.jet_position - own.pivot[:, None], own.jet_force)
     issued = np.zeros((count, cycles, {"jets": JETS, "wheels": 4, "swing": 0}[kind]))
     speed: Array = rng.uniform(-50, 50, (count, 4))
     part_s, nothing = period_s / PARTS, np.zeros((count, 3))
@@ -183,7 +179,7 @@ def fly(rng: np.random.Generator, own: Tables, kind: Kind, period_s: float, dura
 
 def _best(drawn: Array, impulse: Array, motion: _Motion, y: Array) -> Array:
     """(V, n) of (C, V, n) the one whose impulse (C, V, 3) slows the turn and levels the table most."""
-    wanted = y[:, 4:7] + 0.3 * _cross(_up(y[:, :4]), np.array([0.0, 0.0, 1.0]))
+    wanted = y[:, 4:7] + 0.3 * cross(_up(y[:, :4]), np.array([0.0, 0.0, 1.0]))
     left = np.einsum("vij,cvj->cvi", motion.inverse, impulse) + wanted
     found: Array = drawn[np.argmin((left**2).sum(-1), 0), np.arange(len(y))]
     return found
