@@ -9,7 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -81,26 +81,9 @@ def test_a_terminal_of_any_encoding_gets_its_table(encoding: str, log: Path) -> 
     assert "converged" in done.stdout.decode(encoding)
 
 
-def _limited(size: int) -> Callable[[], None]:
-    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-
-def begun(folder: Path, arguments: Sequence[str], limited: Callable[[], None] | None = None) -> subprocess.Popen[str]:
-    """A command in a new interpreter."""
-    line, given = [sys.executable, "-m", "massprop_cli", *arguments], folder / STDIN
-    # what Python compiles would be cut by the limit, too, and stay so
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "PYTHONDONTWRITEBYTECODE": "1"}
-    with given.open() if given.exists() else Path(os.devnull).open() as stdin:
-        return subprocess.Popen(
-            line,
-            cwd=folder,
-            env=environment,
-            stdin=stdin,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=limited,
-        )
+def _limited(size: int) -> None:
+    sys.dont_write_bytecode = True  # what Python compiles would be cut by the limit, too, and stay so
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
 @pytest.mark.thorough
@@ -110,11 +93,10 @@ def test_a_quota_that_is_reached_leaves_what_was_there(command: str, tmp_path: P
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
     before = contents(tmp_path)
-    done = begun(tmp_path, arguments, _limited(300))
-    said = done.communicate(timeout=120)[1]
-    assert done.returncode == 3, said
-    assert said.count("\n") == 1
-    assert "cannot be written" in said
+    done = commandline.ended(tmp_path, arguments, {}, partial(_limited, 300))
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "cannot be written" in done.stderr
     left = {file for file in contents(tmp_path) if not file.startswith("out/results/")}
     assert left == set(before), "something half-written, or hidden, is left"
     assert command == "batch" or not (tmp_path / "out").exists(), "an empty folder is left"
@@ -182,11 +164,10 @@ def _on(disk: Path, arguments: Sequence[str]) -> list[str]:
 
 
 def _refused(folder: Path, arguments: Sequence[str], words: str) -> None:
-    done = begun(folder, arguments)
-    said = done.communicate(timeout=120)[1]
-    assert done.returncode == 3, said
-    assert said.count("\n") == 1, said
-    assert words in said
+    done = massprop(folder, *arguments)
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert words in done.stderr
 
 
 @pytest.mark.thorough
@@ -317,12 +298,14 @@ def test_any_command_takes_files_and_folders_of_any_name(command: str, name: str
 def test_two_processes_on_one_folder_end_in_one_whole_result(command: str, tmp_path: Path) -> None:
     prepare, arguments = COMMANDS[command]
     prepare(tmp_path)
-    both = [begun(tmp_path, arguments) for _ in range(2)]
-    said = [process.communicate(timeout=120)[1] for process in both]
-    codes = sorted(process.returncode for process in both)
+    paths = [[tmp_path.parent / f"{tmp_path.name}-{n}-{name}" for name in ("stdout", "stderr", "peak")] for n in range(2)]
+    both = [commandline.begun(tmp_path, arguments, each, {}) for each in paths]
+    for process in both:
+        process.join(60)
+    codes, said = sorted(process.exitcode or 0 for process in both), "".join(each[1].read_text(encoding="utf-8") for each in paths)
     assert codes in ([0, 0], [0, 3]), said
     if codes == [0, 3]:
-        assert "another massprop is at work there" in "".join(said) or any(words in "".join(said) for words in THERE)
+        assert "another massprop is at work there" in said or any(words in said for words in THERE)
     together = contents(tmp_path)
     assert not [file for file in together if "/." in f"/{file}"]
     again = massprop(tmp_path, *arguments)
