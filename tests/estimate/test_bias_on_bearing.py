@@ -51,12 +51,12 @@ def errors(found: tuple[Array, simulate.Flight], *stated: str) -> Array:
     return np.array(z)
 
 
-@pytest.mark.parametrize(("bias", "seeds"), [(1e-3, 4), *(pytest.param(bias, 16, marks=pytest.mark.thorough) for bias in (1e-3, 3e-3))])
+@pytest.mark.parametrize(("bias", "seeds"), [(1e-3, 4), pytest.param(3e-3, 8, marks=pytest.mark.thorough)])
 def test_errors_are_within_their_sigmas_and_nothing_is_warned_of(bias: float, seeds: int) -> None:
-    """0.06 and 0.17 degrees per second. Root mean square of all errors 0.7 to 1.3 sigma; the mean of none over 16 seeds is beyond 0.8."""
+    """0.06 and 0.17 degrees per second. Errors are 0.7 to 1.3 sigma in the root mean square, no mean over n seeds is beyond 3.2 / √n."""
     z = errors(flown(seeds, *settings(bias)))
     assert 0.7 < np.sqrt((z**2).mean()) < 1.3
-    assert np.abs(z.mean(0)).max() < 0.8 * np.sqrt(16 / seeds)
+    assert np.abs(z.mean(0)).max() < 3.2 / np.sqrt(seeds)
 
 
 def test_a_phase_that_begins_later_is_as_good() -> None:
