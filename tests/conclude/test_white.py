@@ -124,7 +124,7 @@ def swinging(log: Log, part: float, hz: float) -> Log:
 @pytest.mark.numerical
 @pytest.mark.parametrize(
     ("part", "hz", "seed"),
-    [(0.01, 0.3, 5), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.02, 0.3, 2), (0.02, 0.3, 3), (0.01, 0.5, 3)))],
+    [(0.01, 0.3, 5), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.02, 0.3, 2), (0.01, 0.5, 3)))],
 )
 def test_a_part_that_swings_leaves_no_value_wrong_and_converged(part: float, hz: float, seed: int) -> None:
     log, vehicle = flown(seed)
@@ -132,7 +132,7 @@ def test_a_part_that_swings_leaves_no_value_wrong_and_converged(part: float, hz:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (2, 3, 4))])
+@pytest.mark.parametrize("seed", [5, pytest.param(2, marks=pytest.mark.thorough)])
 def test_commands_that_were_not_executed_leave_no_value_wrong_and_converged(seed: int) -> None:
     """A twentieth of the cycles hold commands of others that no jet ever got: steps as large as theirs, and no white torque."""
     log, vehicle = flown(seed)

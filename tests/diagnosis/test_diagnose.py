@@ -196,8 +196,8 @@ def test_clean_samples_raise_no_warning(name: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["free-flyer", "testbed"])
 def test_clean_logs_raise_no_warning(name: str) -> None:
-    flown = fly(name, seeds=tuple(range(1, 11)))
-    for member in range(4):
+    flown = fly(name, seeds=(1, 2))
+    for member in range(2):
         assert faulty.examined(flown.log(member), flown.vehicle).notices == ()
 
 
@@ -346,30 +346,28 @@ ANOTHERS = "another's commands"
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "seeds"),
+    ("name", "kind"),
     [
-        ("free-flyer", ANOTHERS, range(1)),
-        pytest.param("free-flyer", ANOTHERS, range(1, 4), marks=pytest.mark.thorough),
-        *(pytest.param(name, ANOTHERS, range(1), marks=pytest.mark.thorough) for name in ("high-rate", "air-bearing")),
-        ("free-flyer", "a dead gyro", range(1)),
-        ("air-bearing", "a dead accelerometer", range(1)),
-        pytest.param("free-flyer", "a dead accelerometer", range(1), marks=pytest.mark.thorough),
-        pytest.param("air-bearing", "a dead gyro", range(1), marks=pytest.mark.thorough),
+        ("free-flyer", ANOTHERS),
+        pytest.param("air-bearing", ANOTHERS, marks=pytest.mark.thorough),
+        ("free-flyer", "a dead gyro"),
+        ("air-bearing", "a dead accelerometer"),
+        pytest.param("free-flyer", "a dead accelerometer", marks=pytest.mark.thorough),
+        pytest.param("air-bearing", "a dead gyro", marks=pytest.mark.thorough),
     ],
 )
-def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: str, seeds: range) -> None:
+def test_a_motion_that_follows_no_commands_is_not_passed_over(name: str, kind: str) -> None:
     """A torque that wanders would explain it: nothing was called excited, and nothing said, where chance would have it."""
     log, used = faulty.sample(name)
-    for seed in seeds:
-        if kind == ANOTHERS:
-            wrong = replace(log, command=np.random.default_rng(seed).permutation(log.command))
-        else:
-            column = "delta_theta_imu_rad" if kind.endswith("gyro") else "delta_v_imu_m_s"
-            wrong = replace(log, **{column: 0 * getattr(log, column)})
-        found = faulty.examined(wrong, used)
-        (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
-        assert ("hardly follows the commands" if kind == ANOTHERS else "reads 0 in every cycle") in said
-        assert "converged" not in faulty.verdicts(found).values()
+    if kind == ANOTHERS:
+        wrong = replace(log, command=np.random.default_rng(0).permutation(log.command))
+    else:
+        column = "delta_theta_imu_rad" if kind.endswith("gyro") else "delta_v_imu_m_s"
+        wrong = replace(log, **{column: 0 * getattr(log, column)})
+    found = faulty.examined(wrong, used)
+    (said,) = [notice.message for notice in found.notices if notice.code == "cause-unknown"]
+    assert ("hardly follows the commands" if kind == ANOTHERS else "reads 0 in every cycle") in said
+    assert "converged" not in faulty.verdicts(found).values()
 
 
 def pulses(cycles: int) -> tuple[str, str]:
