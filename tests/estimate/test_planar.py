@@ -22,21 +22,21 @@ pytestmark = pytest.mark.numerical
 
 TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
 SEEDS = range(1, 7)
-SHORT_S = 20.0
+SECONDS = 20.0
 
 
 @cache
-def flown(hold: float, seconds: float) -> tuple[ScenarioSource, Flight]:
+def flown(hold: float) -> tuple[ScenarioSource, Flight]:
     """0.3 degrees of tilt, of whose pull this part is held."""
-    plan = f'plan=[{{motion="random", axes=["x", "y", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s={seconds}}}]'
-    source = scenario.load("planar", [f"duration_s={seconds}", plan, f"disturbance.table_hold={hold}"])
+    plan = f'plan=[{{motion="random", axes=["x", "y", "yaw"], every_cycles=5, max_cycles=4, start_s=0.0, end_s={SECONDS}}}]'
+    source = scenario.load("planar", [f"duration_s={SECONDS}", plan, f"disturbance.table_hold={hold}"])
     return source, simulate.fly(source, list(SEEDS))
 
 
 @cache
-def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS), seconds: float = SHORT_S) -> tuple[Array, Array]:
+def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS)) -> tuple[Array, Array]:
     """(S, 4) errors and (S, 4) sigmas."""
-    _, flights = flown(hold, seconds)
+    _, flights = flown(hold)
     environment = flights.vehicle.environment.model_copy(update={"table_tilt_sigma_rad": tilt_sigma_rad})
     vehicle = flights.vehicle.model_copy(update={"environment": environment})
     found = [flow.examine(flights.log(i), VehicleSource(vehicle, "planar", "")).conclusions[0] for i in range(seeds)]
@@ -47,7 +47,7 @@ def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS)
 
 
 def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
-    source, flights = flown(1.0, SHORT_S)
+    source, flights = flown(1.0)
     error, sigma = estimated(1.0)
     limit = np.sqrt(np.diag(bound.cramer_rao(source, flights, 0)[0]))[TOLD]
     np.testing.assert_allclose(sigma[0], limit, rtol=0.06)
@@ -60,17 +60,16 @@ def test_what_is_felt_of_the_slope_makes_no_difference() -> None:
     assert (np.abs(estimated(1.0)[0][:2] - error) < 0.02 * sigma).all()
 
 
-@pytest.mark.parametrize(("seeds", "seconds"), [(1, SHORT_S), pytest.param(len(SEEDS), 40.0, marks=pytest.mark.thorough)])
-def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over(seeds: int, seconds: float) -> None:
+def test_a_slope_that_is_felt_and_not_reckoned_with_is_not_passed_over() -> None:
     """The accelerometer's noise is widened, and the mass is no better than what that leaves of it."""
-    error, sigma = estimated(1.0, 0.0, seeds, seconds)
-    assert (sigma[:, 3] > 5 * estimated(1.0, seeds=seeds, seconds=seconds)[1][:, 3]).all()
+    error, sigma = estimated(1.0, 0.0, seeds=1)
+    assert (sigma[:, 3] > 5 * estimated(1.0)[1][:1, 3]).all()
     assert (np.abs(error[:, 3]) < 4 * sigma[:, 3]).all()
 
 
 def test_a_stated_gyro_bias_makes_no_difference() -> None:
     """0.18 degrees a second about the vertical: in 20 seconds the slope turns by 3 degrees too far, no value by a tenth of a sigma."""
-    _, flights = flown(1.0, SHORT_S)
+    _, flights = flown(1.0)
 
     def values(bias: float) -> tuple[Array, Array]:
         log, vehicle = flights.log(0), changed(flights.vehicle, [f"imu.gyro_bias_sigma_rad_s={bias}"])

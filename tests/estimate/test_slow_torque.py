@@ -30,17 +30,16 @@ def pushed() -> simulate.Flight:
     """Beside a steady torque, too."""
     data = {name: part for name, part in SCENARIOS[NAME].items() if name != "seed"}
     data["disturbance"] = {"constant_n_m": [8.0, -8.0, 4.0]}
-    return simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), "vehicle-40"), range(1, 7))
+    return simulate.fly(scenario.ScenarioSource(scenario.Scenario.model_validate(data), "vehicle-40"), range(1, 4))
 
 
 @pytest.mark.parametrize(
     ("fly", "members"),
     [
         (lambda: flown(NAME, None), range(1, 3)),
-        pytest.param(lambda: flown(NAME, None), range(1, 5), marks=pytest.mark.thorough),
-        pytest.param(pushed, range(6), marks=pytest.mark.thorough),
+        pytest.param(pushed, range(3), marks=pytest.mark.thorough),
     ],
-    ids=["alone", "alone, of four", "beside a steady one"],
+    ids=["alone", "beside a steady one"],
 )
 def test_the_cg_is_as_far_off_as_its_sigma_says(fly: Callable[[], simulate.Flight], members: range) -> None:
     """What swings the body was taken as commands and weight alone: it was 2 cm ± 1.5 mm off, and on the way 15 sigma."""

@@ -77,10 +77,9 @@ def test_its_own_test_passes(built: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("name", "options"), [("free-flyer", ()), ("air-bearing", ("SANITIZED=",))])
-def test_its_own_test_passes_under_the_sanitizers_and_with_other_limits(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
-    where = exported(name, tmp_path / "out")
-    run = make(where, "test", *options)
+def test_its_own_test_passes_under_the_sanitizers_and_with_other_limits(tmp_path: Path) -> None:
+    where = exported("free-flyer", tmp_path / "out")
+    run = make(where, "test")
     assert run.returncode == 0, run.stdout + run.stderr
     assert (where / "replayed.txt").read_text() == (where / "expected.txt").read_text()
 
@@ -150,9 +149,8 @@ def test_the_vector_ends_with_what_result_json_says(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not (shutil.which(ARM) and shutil.which(QEMU)), reason=f"no {ARM} or no {QEMU}")
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])
-def test_arm_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
-    where = exported(name, tmp_path / "out")
+def test_arm_gives_the_same_bytes(tmp_path: Path) -> None:
+    where = exported("air-bearing", tmp_path / "out")
     run = make(where, "test", f"CC={ARM}", f"RUN={QEMU} -L /usr/arm-linux-gnueabihf", "SANITIZED=")
     assert run.returncode == 0, run.stdout + run.stderr
 
