@@ -81,7 +81,6 @@ def test_lost_commands_are_told_of_beside_a_disturbance_that_stands_for_them(sec
     assert all(lost.conclusions[0].estimates[name].verdict != "converged" for name in found)
 
 
-@pytest.mark.numerical
 @pytest.mark.parametrize(("seconds", "seed"), [(25.0, 2), pytest.param(60.0, 3, marks=pytest.mark.thorough)])
 def test_pulses_that_scatter_are_not_lost(seconds: float, seed: int) -> None:
     """They leave squares that grow with the command as well, and no bias."""

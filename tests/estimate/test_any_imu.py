@@ -14,8 +14,6 @@ from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from tests import anyimu
 
-pytestmark = pytest.mark.numerical
-
 
 def found_of(
     seed: int, imu: anyimu.Imu, period_s: float, auto: bool = False, noise: float = 1.0, bare: bool = False, **kind: bool
@@ -34,6 +32,7 @@ def found_of(
     return found
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize(
     ("imu", "period_s", "most"),
     [

@@ -13,8 +13,6 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import bound, scenario, simulate
 
-pytestmark = pytest.mark.numerical
-
 SEEDS = 4
 ALL = 'plan=[{motion="random", axes=["roll", "pitch", "yaw", "x", "y", "z"], start_s=0.0, end_s=10.0}]'
 ON_TABLE = 'plan=[{motion="random", axes=["x", "y", "yaw"], start_s=0.0, end_s=10.0}]'
@@ -82,10 +80,12 @@ def test_what_is_found_of_the_damping_is_what_acted(name: str) -> None:
     assert np.abs(z).max() < 4.5
 
 
+@pytest.mark.numerical
 def test_a_table_tells_no_damping_but_of_yaw() -> None:
     np.testing.assert_allclose(flown("planar").damping[:, :2], [[[0.0, 0.2]] * 2] * SEEDS, atol=1e-12)
 
 
+@pytest.mark.numerical
 def test_what_damping_does_to_a_far_imu_is_no_misfit() -> None:
     """A sharp accelerometer 27 cm from O feels the damping as angular acceleration; what is found of it leaves nothing to contradict."""
     plan, damping = CASES["free-flyer"]

@@ -14,8 +14,6 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.result import build, schema
 from tests import anypedestal
 
-pytestmark = pytest.mark.numerical
-
 
 def found_of(
     seed: int, kind: anypedestal.Kind, count: int, noise: float = 1.0, biases: bool = False, weighed: bool = True, inertia: float = 0.0
@@ -48,6 +46,7 @@ def conclusions(answers: list[Analysis]) -> list[Conclusion]:
     return [answer.conclusions[0] for answer in answers]
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize(
     ("kind", "biases", "inertia", "most"),
     [
@@ -98,6 +97,7 @@ def test_a_weighed_mass_gives_cg_and_inertia_about_it_and_leaves_the_first_momen
     assert told.sigmas[6:9] == pytest.approx(np.hypot(moment, 1e-3 * arm), rel=0.02)
 
 
+@pytest.mark.numerical
 def test_without_a_mass_the_nine_are_the_same_and_the_ten_say_what_to_weigh() -> None:
     own, (weighed,) = found_of(3, "jets", 1)
     _, (unweighed,) = found_of(3, "jets", 1, weighed=False)

@@ -18,8 +18,6 @@ from massprop_cli.testbed import bound, scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 from massprop_cli.testbed.simulate import Flight
 
-pytestmark = pytest.mark.numerical
-
 TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
 SEEDS = range(1, 7)
 SECONDS = 20.0
@@ -46,6 +44,7 @@ def estimated(hold: float, tilt_sigma_rad: float = 0.01, seeds: int = len(SEEDS)
     return errors, np.sqrt([np.diag(c.covariance)[TOLD] for c in found])
 
 
+@pytest.mark.numerical
 def test_the_sigmas_are_the_bound_and_the_errors_are_within_them() -> None:
     source, flights = flown(1.0)
     error, sigma = estimated(1.0)

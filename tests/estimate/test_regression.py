@@ -25,8 +25,6 @@ from tests import flight
 from tests.analysed import SAMPLES, analysed
 from tests.model.test_linearise import reference
 
-pytestmark = pytest.mark.numerical
-
 ALL = Phase(name="all", start_s=0, end_s=1e9)
 
 
@@ -59,7 +57,7 @@ def errors_on_the_way(found: list[tuple[History, Array]]) -> Array:
     return given
 
 
-@pytest.mark.parametrize("name", ["refined", "free-flyer", "air-bearing", "docking"])
+@pytest.mark.parametrize("name", ["refined", pytest.param("free-flyer", marks=pytest.mark.numerical), "air-bearing", "docking"])
 def test_values_hold_from_the_first_that_is_given(name: str) -> None:
     """The estimator before this one: up to 9,800 sigma on the way on such logs."""
     z = errors_on_the_way(causal(name, 1, 2) if name == "refined" else of_sample(name))
@@ -83,6 +81,7 @@ def test_values_are_given_for_most_of_the_log() -> None:
         assert np.isfinite(history.values).mean() > 0.9
 
 
+@pytest.mark.numerical
 def test_what_is_kept_does_not_grow_with_the_log() -> None:
     flown = flight.standard("free", 320)
     samples = flown.samples(np.random.default_rng(1))
@@ -95,6 +94,7 @@ def test_what_is_kept_does_not_grow_with_the_log() -> None:
     assert len(set(sizes)) == 1
 
 
+@pytest.mark.numerical
 def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted in cycles that are linearised: each once, and at most the ring as often as the estimate moves."""
     spans: list[slice] = []
@@ -115,6 +115,7 @@ def test_no_cycle_is_looked_at_again_but_those_of_the_ring(monkeypatch: pytest.M
     assert sum(span.stop - span.start for span in spans) < 6 * len(samples)
 
 
+@pytest.mark.numerical
 def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     """Everything linear: the coefficients that fit best, block by block, against all rows at once."""
     flown = flight.standard("free", 320)
@@ -132,6 +133,7 @@ def test_the_triangle_holds_what_batch_least_squares_holds() -> None:
     np.testing.assert_allclose(held, batch, rtol=1e-6, atol=1e-6 * np.abs(batch).max())
 
 
+@pytest.mark.numerical
 def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
     """Two axes driven: noise must not stand in for the third."""
     on = flight.pulses(300, seed=4)
@@ -148,6 +150,7 @@ def test_the_coupling_stays_free_until_each_axis_has_been_driven() -> None:
     assert history.sigmas[-1, QUANTITIES.index("izz")] > 0.2 * flight.TRUTH[5]
 
 
+@pytest.mark.numerical
 def test_a_rate_long_past_may_be_forgotten_without_a_misfit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Errors of where the rate began grow along the motion; started anew again and again, little is lost and nothing jars."""
     flown = flight.standard("free", 320)

@@ -18,7 +18,6 @@ from massprop_cli.testbed import scenario, simulate
 from tests.flight import resolved
 
 SEEDS = range(1, 9)
-pytestmark = pytest.mark.numerical
 
 
 def plan(seconds: float) -> list[str]:
@@ -54,6 +53,7 @@ LONG = [
 ]
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize(
     ("name", "key", "true", "seconds"),
     [
@@ -88,6 +88,7 @@ def test_a_gyro_that_is_noisier_than_stated_is_no_torque(name: str, times: float
     np.testing.assert_allclose(found[:, 2], times, rtol=0.08)
 
 
+@pytest.mark.numerical
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (1, 2, 3))])
 def test_rounding_decides_no_level(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of columns that are sums of others it leaves some, which another CPU's kernels leave otherwise: levels had moved with it."""

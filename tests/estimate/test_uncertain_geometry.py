@@ -18,8 +18,6 @@ from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.testbed import scenario, simulate
 from massprop_cli.testbed.scenario import ScenarioSource
 
-pytestmark = pytest.mark.numerical
-
 TOLD = [QUANTITIES.index(name) for name in ("izz", "cg_x", "cg_y", "mass")]
 THRUST, PLACE_M, ANGLE_RAD = 0.01, 0.001, 0.005
 SEEDS = range(1, 4)
@@ -72,6 +70,7 @@ def found(seed: int, uncertain: bool = True) -> tuple[Analysis, Array]:
     return flow.examine(flown(seed).log(0), VehicleSource(used, "planar", "")), flown(seed).truth[0][0]
 
 
+@pytest.mark.numerical
 def test_errors_within_what_is_stated_are_no_fault_and_within_the_sigmas() -> None:
     """Chi-square, one in a thousand is outside; innovations within four of the sigmas of their variance."""
     z = []
