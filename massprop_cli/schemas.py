@@ -22,6 +22,8 @@ MODULES = {
     "plan": "plan.document",
     "guess": "plan.guess",
     "check": "check.finding",
+    "ballast": "inputs.ballast",
+    "balance": "balance.document",
 }
 """Which module has the model, and ``schema()``, of each file."""
 NAMES = tuple(MODULES)

@@ -93,7 +93,7 @@ def navigation(pages: Path) -> Nav:
         {"Tests and campaigns": ["plan.md", "simulate.md", "campaigns.md"]},
         {
             "Tables, wheels, on board": [
-                *("planar.md", "pedestal.md", "actuators.md", "wheels.md"),
+                *("planar.md", "pedestal.md", "balance.md", "actuators.md", "wheels.md"),
                 *("uncertain-geometry.md", "kernel.md", "control.md"),
             ]
         },

@@ -28,7 +28,7 @@ _PANELS = {
     "On board and live": ("export-flight", "live"),
     "Many logs": ("batch", "combine"),
     "Another program's recording": ("columns", "init"),
-    "Before and after a test": ("plan", "simulate", "check"),
+    "Before and after a test": ("plan", "simulate", "check", "balance"),
     "Files": ("schema",),
 }
 """Commands by their names; each is a function of its name in a module of its own."""

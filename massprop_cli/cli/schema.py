@@ -27,6 +27,8 @@ class SchemaName(StrEnum):
     plan = "plan"
     guess = "guess"
     check = "check"
+    ballast = "ballast"
+    balance = "balance"
 
 
 @guarded

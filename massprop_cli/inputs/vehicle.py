@@ -19,6 +19,7 @@ from massprop_cli.inputs.actuators.actuator import Actuator, MomentumDevice
 from massprop_cli.inputs.actuators.control_moment_gyro import ControlMomentGyro
 from massprop_cli.inputs.actuators.rotor import Rotor
 from massprop_cli.inputs.actuators.wheel import Wheel
+from massprop_cli.inputs.ballast import Ballast
 from massprop_cli.inputs.columns import Column
 from massprop_cli.inputs.equipment import PIVOTED, Cycle, Environment, Imu, Jet, Thrust
 from massprop_cli.inputs.estimatorsettings import ConvergenceSettings, Drift, EstimatorSettings
@@ -118,6 +119,7 @@ class Vehicle(Section):
     rotors: tuple[Rotor, ...] = Field((), max_length=64)
     wheels: tuple[Wheel, ...] = Field((), max_length=64)
     control_moment_gyros: tuple[ControlMomentGyro, ...] = Field((), max_length=64)
+    ballast: tuple[Ballast, ...] = Field((), max_length=64, description="for massprop balance; no part of the estimate")
     nominal: Nominal = Nominal.unset()
     known: KnownTable = Field({}, description="quantities measured elsewhere, of the only phase; with several, state them under each")
     phases: tuple[Phase, ...] = Field((), max_length=64)
@@ -135,7 +137,12 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _is_coherent(self) -> Self:
-        for kind, named in (("jet", self.jets), *((kind.NOUN, own) for kind, own in self.actuators), ("phase", self.phases)):
+        for kind, named in (
+            ("jet", self.jets),
+            ("ballast", self.ballast),
+            *((kind.NOUN, own) for kind, own in self.actuators),
+            ("phase", self.phases),
+        ):
             twice = configfile.repeated(one.name for one in named)
             if twice is not None:
                 raise ValueError(f"{kind} name {twice!r} is used twice; give each its own")

@@ -19,6 +19,7 @@ from massprop_cli.estimate.quantities import open_scale
 from massprop_cli.flow import Analysis, MendedAnswer
 from massprop_cli.inputs.section import ZERO
 from massprop_cli.inputs.vehicle import Known, Nominal, Quantity, Vehicle
+from massprop_cli.prepare.attitude import world_up_b
 from massprop_cli.prepare.clock import cycle_edges
 from massprop_cli.result.schema import (
     Assumption,
@@ -95,6 +96,9 @@ def _vehicle(analysis: Analysis) -> VehicleInfo:
         rotors=[rotor.name for rotor in used.rotors],
         thrust_scale_sigma=open_scale(used),
         wheels=[wheel.name for wheel in used.spinning],
+        gravity_m_s2=used.environment.gravity_m_s2 if used.on_pedestal else None,
+        initial_up=world_up_b(np.array(used.environment.initial_attitude_wxyz)).tolist() if used.on_pedestal else None,
+        ballast=list(used.ballast),
     )
 
 
@@ -138,11 +142,19 @@ def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Arr
         inertia_about_origin=matrix(about_origin) if np.isfinite(about_origin).all() else None,
         physical=physical(conclusion),
         about_pivot=estimate_items(conclusion.about_pivot),
+        about_pivot_covariance=_pivot_covariance(conclusion),
         innovations=_innovations(settled, factors),
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
         implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
     )
+
+
+def _pivot_covariance(conclusion: Conclusion) -> Matrix | None:
+    if conclusion.pivot is None or not conclusion.about_pivot:
+        return None
+    known = np.array([one.value is not None for one in conclusion.about_pivot.values()])
+    return matrix(np.where(known[:, None] & known, conclusion.pivot[1], np.nan))
 
 
 def physical(conclusion: Conclusion) -> Physical:

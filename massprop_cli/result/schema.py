@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 from massprop_cli.base import escape
 from massprop_cli.conclude.reason import VerdictReason
 from massprop_cli.conclude.verdict import Verdict
+from massprop_cli.inputs.ballast import Ballast
 from massprop_cli.inputs.equipment import EnvironmentKind
 
 AXES = ("x", "y", "z")
@@ -16,6 +17,7 @@ Six = Annotated[list[float], Field(min_length=6, max_length=6)]
 SixRead = Annotated[list[float | None], Field(min_length=6, max_length=6)]
 Matrix = list[list[float | None]]
 Matrix3 = Annotated[list[Annotated[list[float | None], Field(min_length=3, max_length=3)]], Field(min_length=3, max_length=3)]
+Matrix9 = Annotated[list[Annotated[list[float | None], Field(min_length=9, max_length=9)]], Field(min_length=9, max_length=9)]
 Matrix10 = Annotated[list[Annotated[list[float | None], Field(min_length=10, max_length=10)]], Field(min_length=10, max_length=10)]
 
 
@@ -56,11 +58,18 @@ class VehicleInfo(Item):
         [],
         description="what stores momentum that counts, by its name: a wheel, say; absent where there is none",
     )
+    gravity_m_s2: float | None = Field(None, description="on a fixed pedestal; absent elsewhere")
+    initial_up: Triple | None = Field(
+        None, description="unit vector up in body axes as the log begins, on a fixed pedestal; absent elsewhere"
+    )
+    ballast: list[Ballast] = Field([], description="the vehicle file's; absent where there is none")
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        return {key: value for key, value in found.items() if key not in ("rotors", "wheels") or value}
+        return {
+            key: value for key, value in found.items() if key not in ("rotors", "wheels", "gravity_m_s2", "initial_up", "ballast") or value
+        }
 
 
 class LogInfo(Item):
@@ -177,6 +186,7 @@ class PhaseItem(Item):
         description="on a fixed pedestal: inertia about the pivot (ixx ... izz, kg m^2) and first moment about it, mass times offset of "
         "the CG (moment_x, moment_y, moment_z, kg m), body axes; absent elsewhere",
     )
+    about_pivot_covariance: Matrix9 | None = Field(None, description="of about_pivot, in its order; absent with it")
     contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
@@ -184,7 +194,7 @@ class PhaseItem(Item):
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        return {key: value for key, value in found.items() if key != "about_pivot" or value}
+        return {key: value for key, value in found.items() if key not in ("about_pivot", "about_pivot_covariance") or value}
 
 
 class DockedObject(Item):

@@ -1,0 +1,86 @@
+"""``massprop balance``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from massprop_cli.base import exits
+from massprop_cli.base.errors import UsageError
+from massprop_cli.cli import options
+from massprop_cli.cli.guard import fail, guarded
+from massprop_cli.cli.terminal import console
+
+
+@guarded
+def balance(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)],
+    ballast: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Ballast or vehicle file with [[ballast]] (default: what RESULT carries).",
+            show_default=False,
+            rich_help_panel=options.INPUT,
+        ),
+    ] = None,
+    after: Annotated[
+        Path | None,
+        typer.Option(metavar="RESULT", help="Of a log after the moves, to check them.", show_default=False, rich_help_panel=options.INPUT),
+    ] = None,
+    moved: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=MM", help="Moved between the logs: mm, or g added (default: as recommended).", rich_help_panel=options.INPUT
+        ),
+    ] = None,
+    phase: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Phase of the result.", show_default=False, rich_help_panel=options.INPUT),
+    ] = None,
+    leave: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x=0,y=0,z=...",
+            help="First moment to leave, with units.",
+            show_default=False,
+            rich_help_panel=options.DEMANDS,
+        ),
+    ] = None,
+    allow_contradicted: options.AllowContradicted = False,
+    as_json: Annotated[bool, options.as_json("all of it as JSON")] = False,
+    quiet: Annotated[bool, options.quiet("No table.")] = False,
+    no_color: options.NoColor = False,
+) -> None:
+    """What to move or add so that a table on a fixed pedestal is balanced, and whether what was moved did what was predicted.
+
+    Writes nothing. Exit 0 where the remainder is reached and a check holds, 3 where the result tells no first moment about a pivot, 5
+    where a ballast cannot reach, or the first moment did not change as predicted, 6 where it is contradicted.
+
+    Examples:
+        massprop balance massprop-out/log --ballast ballast.toml
+        massprop balance massprop-out/log --ballast ballast.toml --leave "z=-500 g cm"
+        massprop balance massprop-out/log --ballast ballast.toml --after massprop-out/next --moved x=12.5 --moved y=-3
+    """
+    if moved and after is None:
+        raise UsageError("--moved: states what was moved before a second log; name its result with --after")
+    from massprop_cli.balance import document, flow, stated, table
+    from massprop_cli.result import read
+
+    first = read.read(result)
+    weights = stated.ballast(ballast, first)
+    later = read.read(after) if after is not None else None
+    texts = [item for text in moved or [] for item in text.split(",")]
+    found = flow.balance(first, weights, leave, phase, later, texts)
+    if as_json:
+        sys.stdout.write(document.to_json(found))
+    elif not quiet:
+        table.show(found, console(no_color))
+    bad = [] if allow_contradicted else [said for one in (first, later) if one is not None and (said := flow.contradicted(one, phase))]
+    if bad:
+        fail("; ".join(bad), exits.CONTRADICTED)
+    if missed := flow.failure(found):
+        fail(missed, exits.NOT_EXPECTED)
