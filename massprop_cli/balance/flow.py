@@ -54,7 +54,11 @@ def balance(
         later = chosen(after, phase)
         done = np.array(stated.moved(moved, ballast)) if moved else _solved(before, ballast, wanted)[0]
         scale = recorded.result.vehicle.thrust_scale_sigma
-        found = solve.compared(before, _hanging(after, later, ballast), ballast, done, scale)
+        try:
+            found = solve.compared(before, _hanging(after, later, ballast), ballast, done, scale)
+        except np.linalg.LinAlgError:
+            said = "masses, travels and their sigmas are orders of magnitude apart from the first moment; check their units"
+            raise InputError(f"{after.path}: {said}", "ballast") from None
         check, now = _check(found, ballast, done, bool(moved), before.gravity), found.hanging
         ballast = [_since(one, by) for one, by in zip(ballast, done.tolist(), strict=True)]
     return Balance(
@@ -94,6 +98,8 @@ def chosen(recorded: Recorded, phase: str | None) -> PhaseItem:
         )
     if item.about_pivot_covariance is None or None in (recorded.result.vehicle.gravity_m_s2, recorded.result.vehicle.initial_up):
         raise InputError(f"{recorded.path}: has no about_pivot_covariance: it was written by an earlier version; make it again")
+    if tuple(item.about_pivot) != ABOUT_PIVOT:
+        raise InputError(f"{recorded.path}: about_pivot holds {', '.join(item.about_pivot)}, not {', '.join(ABOUT_PIVOT)}; make it again")
     for name, one in item.about_pivot.items():
         if one.value is None or one.verdict not in (*INFORMED, "contradicted"):
             raise InputError(f"{recorded.path}: {name} is {one.verdict}: {one.reason}. Record a log that tells it, and estimate that")
@@ -110,6 +116,9 @@ def _hanging(recorded: Recorded, item: PhaseItem, ballast: Sequence[Ballast]) ->
     up = np.array(vehicle.initial_up, dtype=float)
     upright = np.where(np.arange(3) == np.abs(up).argmax(), np.sign(up), 0.0)
     gravity, pivot = float(vehicle.gravity_m_s2 or 0.0), np.array(vehicle.bearing_position_m)
+    told = np.isfinite(covariance).all() and bool(np.linalg.eigvalsh(covariance[:3, :3])[0] > 0)
+    if not (told and np.linalg.eigvalsh(tensor(values[:6]))[0] > 0 and gravity > 0):
+        raise InputError(f"{recorded.path}: about_pivot or its covariance is that of no body; it was edited, or its log tells too little")
     return Hanging(values[6:], tensor(values[:6]), masses, covariance, pivot, gravity, upright)
 
 
@@ -167,6 +176,9 @@ def _solved(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, f
 def _plan(hanging: Hanging, ballast: Sequence[Ballast], wanted: Mapping[int, float]) -> BallastPlan:
     change, aim = _solved(hanging, ballast, wanted)
     left = solve.moved(hanging, ballast, change)
+    if np.linalg.eigvalsh(left.inertia)[0] <= 0:
+        heavy = ", ".join(one.name for one, by in zip(ballast, change, strict=True) if by)
+        raise InputError(f"moving {heavy} leaves an inertia that no body has: check mass_kg, and position_m from O", "ballast")
     axis, down = _down(hanging)
     allowed = REACHED * max(np.abs(aim - hanging.moment).max(), np.abs(hanging.moment).max())
     off = np.abs(left.moment - aim) > allowed

@@ -51,6 +51,8 @@ class Ballast(Section):
         if self.travel_m is not None and not self.travel_m[0] <= self.at_m <= self.travel_m[1]:
             low, high = self.travel_m
             raise _wrong("at_m", f"{self.at_m:g} m is outside of travel_m = [{low:g}, {high:g}]; correct the one or the other")
+        if self.mass_sigma_kg > (self.mass_kg or self.max_mass_kg or 0.0):
+            raise _wrong("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than the weight itself; state one sigma of it in kg")
         if self.max_mass_kg is not None and self.at_m:
             raise _wrong("at_m", "is of a weight that slides; leave it out where weight is added")
         return self

@@ -190,6 +190,11 @@ REFUSED: dict[str, tuple[Any, tuple[str, ...]]] = {
     "both kinds at once": ({"max_mass_kg": 0.1}, ("ballast.0.mass_kg", "state two")),
     "an axis of no length": ({"axis": [0, 0, 0]}, ("ballast.0.axis", "points nowhere")),
     "a name that is used twice": ({"name": "y"}, ("'y' is used twice",)),
+    "a place in millimetres": (
+        {"mass_kg": 1.0, "position_m": [0.0, 0.0, -150.0], "axis": [0, 0, 1]},
+        ("inertia that no body has", "mass_kg", "--ballast"),
+    ),
+    "a sigma in grams": ({"mass_sigma_kg": 0.5}, ("ballast.0.mass_sigma_kg", "0.5 kg is more than the weight itself")),
     "a negative mass": ({"mass_kg": -0.3}, ("ballast.0.mass_kg = -0.3",)),
 }
 
@@ -251,6 +256,10 @@ def _elsewhere(result: dict[str, Any]) -> None:
     result["provenance"]["input_sha256"], result["vehicle"]["bearing_position_m"] = "another", [0.0, 0.0, 0.03]
 
 
+def _edited(result: dict[str, Any]) -> None:
+    result["phases"][0]["about_pivot_covariance"][7][7] = -1e-6
+
+
 def test_a_result_that_cannot_tell_says_which_log_would(lab: Path) -> None:
     edited(lab, "free", _free)
     said = refused(lab, "free", "--ballast", "ballast.toml")
@@ -258,6 +267,8 @@ def test_a_result_that_cannot_tell_says_which_log_would(lab: Path) -> None:
     assert 'Estimate a log of a table on a fixed pedestal (environment.kind = "pedestal"' in said
     edited(lab, "untold", _untold)
     assert "moment_x is unobservable: a free swing" in refused(lab, "untold", "--ballast", "ballast.toml")
+    edited(lab, "odd", _edited)
+    assert "that of no body; it was edited" in refused(lab, "odd", "--ballast", "ballast.toml")
     edited(lab, "elsewhere", _elsewhere)
     said = refused(lab, "first", "--ballast", "ballast.toml", "--after", "elsewhere")
     assert "environment.bearing_position_m is [0.0, 0.0, 0.03]" in said
@@ -289,3 +300,21 @@ def test_random_tables_are_balanced_to_a_hundredth(kind: anypedestal.Kind) -> No
     now, spread = balanced.moment(checked, "now")
     assert np.abs((now - true) / spread).max() < 4
     assert all(one.check is not None and one.check.as_predicted for one in checked)
+
+
+@pytest.mark.thorough
+def test_moves_of_known_weights_tell_the_scale_of_the_thrust() -> None:
+    """Thrust that is a few per cent other than stated: scale, first moment and masses come out with sigmas that hold."""
+    rng = np.random.default_rng(12)
+    own, scale = anypedestal.tables(rng, 3, 1e-3), 1 + 0.03 * np.array([1.2, -0.8, 0.5])
+    held = balanced.weights(rng, own)
+    logs = balanced.results(rng, own, "jets", scale, 0.03)
+    new = balanced.put(rng, own, held, balanced.changes(balanced.balances(logs, held)))
+    checked = balanced.balances(logs, held, balanced.results(rng, new, "jets", scale, 0.03))
+    now, spread = balanced.moment(checked, "now")
+    assert np.abs((now - balanced.moments(new)) / spread).max() < 4
+    for one, true in zip(checked, scale, strict=True):
+        assert one.check is not None
+        assert one.check.as_predicted
+        assert abs(one.check.thrust_scale - true) < 3 * one.check.thrust_scale_sigma
+        assert one.check.thrust_scale_sigma < 0.1 * 0.03
