@@ -17,6 +17,7 @@ from massprop_cli.conclude.judge import judged
 from massprop_cli.conclude.pivot import with_pivot
 from massprop_cli.diagnosis import UNKNOWN, sensorkernel
 from massprop_cli.errorparameters.table import LATE
+from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.phases import Progress
 from massprop_cli.inputs import clipped, vehiclefile
 from massprop_cli.inputs.actuators.actuator import called
@@ -92,9 +93,11 @@ def _examined(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
 
 
 def _tried(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress) -> Analysis | None:
-    """The same; None where the log can't tell what it was asked for."""
+    """The same; None where the log can't tell what it was asked for, or doesn't fit as it is then either."""
     try:
-        return _examined(log, source, assignments, say)
+        rough = estimated(log, source, assignments, say, check=False)
+        doubtful = any(one.sure and not one.faint for one in rough.doubts)
+        return None if doubtful or sized(rough.vehicle, rough.stated) else _examined(log, source, assignments, say)
     except InputError:
         return None
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
+from massprop_cli.conclude.discrepancy import Fits
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
@@ -36,6 +37,7 @@ class Checked(NamedTuple):
     doubts: Sequence[Doubt] = ()
     detected: Found | None = None
     """Of the timing."""
+    plain: Fits | None = None
 
 
 def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
@@ -70,6 +72,7 @@ def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: 
         faults=(*void, *named),
         unknown=unknown,
         doubts=tuple(told.doubts),
+        plain=told.plain,
     )
 
 
@@ -84,18 +87,19 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
+    fits = Fits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider)
     say("what the numbers rest on", 1.0)
     more = sized(used, begun.stated)
     examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)
     doubted = _doubted(examination, begun, answer)
     if not check:
-        return answer, Checked(doubts=doubted, detected=begun.detected)
+        return answer, Checked(doubts=doubted, detected=begun.detected, plain=fits)
     if any(one.sure and not one.faint for one in doubted) and diagnosis is None:
         diagnosis = _diagnosis(begun, used, say)
     detected = begun.detected or (diagnosis.detected if diagnosis else None)
     if detected is None and not sized(used, begun.stated):
         detected = _checked_timing(answer.settled, begun.timing, examination)  # no disturbance was added to explain a misfit
-    return answer, Checked(diagnosis, examination, doubted, detected)
+    return answer, Checked(diagnosis, examination, doubted, detected, fits)
 
 
 def _doubted(examination: Examined, begun: Ready, answer: Estimates[Resolved]) -> list[Doubt]:

@@ -10,6 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
+from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.executed import unexecuted
 from massprop_cli.conclude.physical import breach
@@ -19,46 +20,79 @@ from massprop_cli.conclude.swing import swinging
 from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.white import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
+from massprop_cli.estimate.discrepancy import LEAST
+from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 
+SWINGS = 8.0
+"""Cycles beyond which what swings on is no misfit of timing."""
 
-def judged(found: Analysis, mended: Sequence[MendedAnswer]) -> Analysis:
-    """With what is contradicted, the docked object, and every notice."""
-    each = [_one(found, i, mended) for i in range(len(found.conclusions))]
-    conclusions, factors = tuple(conclusion for conclusion, _ in each), tuple(factor for _, factor in each)
+
+def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) -> Analysis:
+    """With what is contradicted, the docked object, and every notice.
+
+    With ``widen`` the sigmas of a log that nothing with a name explains include what its model does not.
+    """
+    each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
+    conclusions, factors = tuple(conclusion for conclusion, _, _ in each), tuple(factor for _, factor, _ in each)
+    told = tuple(one for _, _, one in each)
     docked = docked_object(conclusions, found.vehicle)
-    notices = tuple(_notices(found, conclusions, docked))
-    return replace(found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended))
+    notices = (*_discrepancies(conclusions, told), *_notices(found, conclusions, docked))
+    return replace(
+        found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
+    )
 
 
-def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer]) -> tuple[Conclusion, Array]:
-    """One phase's conclusion; and (6,) by how much too small its sigmas are, channel by channel."""
+def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -> tuple[Conclusion, Array, Discrepancy | None]:
+    """One phase's conclusion; (6,) by how much too small its sigmas are, channel by channel; and what they include of a misfit."""
     conclusion, settled = found.conclusions[i], found.settled[i]
     own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
     answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
-    against = [
-        by_faults(conclusion, own, answers, [values[i] for answer in mended for values in answer.rivals]),
-        by_known(found.histories[i]),
-    ]
+    named = by_faults(conclusion, own, answers, [values[i] for answer in mended for values in answer.rivals])
+    known, nameless = by_known(found.histories[i]), list[Contradiction | None]()
     factor: Array = np.ones(6)
     if isinstance(found.vehicle, Resolved):
         misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
         doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
-        nameless = [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
-        against += [] if own else nameless
-    cause = together(against)
-    if found.unknown or (own and all(fault.notice.code == UNKNOWN for fault in own)):
+        nameless = [] if own else [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
+    unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
+    biased = {} if own and not unnamed else _biased(found, settled)
+    if widen and (unnamed or any(nameless)) and isinstance(found.vehicle, Resolved) and found.plain is not None:
+        told = discrepancy(found.samples, found.timing, found.vehicle, settled, found.plain, i)
+        if told is not None:
+            # a misfit of any kind looks like what swings within a few cycles
+            least_s = SWINGS * found.stated.cycle.period_s
+            slow = {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
+            widened = with_discrepancy(in_doubt(conclusion, slow), told, settled, found.vehicle.in_phase(conclusion.phase))
+            return widened if known is None else contradicted(widened, known.causes, known.touched), factor, told
+    if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
-        # against a floor that stands in for noise no model fits
-        if isinstance(found.vehicle, Resolved) and all(notice.code != "noise-floor" for notice in found.notices):
-            swing = swinging(settled, found.samples, found.vehicle, found.stated)
-            lost_commands = unexecuted(settled, found.samples, found.vehicle)
-            conclusion = in_doubt(conclusion, unlike_noise(settled, found.vehicle) | swing | lost_commands)
-    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor
+        conclusion = in_doubt(conclusion, _unlike_noise(found, settled) | biased)
+    cause = together([named, known, *nameless])
+    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor, None
+
+
+def _judgeable(found: Analysis) -> Resolved | None:
+    """The vehicle whose residuals say something: against a floor that stands in for noise no model fits."""
+    return None if not isinstance(found.vehicle, Resolved) or any(one.code == "noise-floor" for one in found.notices) else found.vehicle
+
+
+def _unlike_noise(found: Analysis, settled: History) -> dict[str, Reason]:
+    """Why values are not to be called converged where what is left is no noise."""
+    vehicle = _judgeable(found)
+    return {} if vehicle is None else unlike_noise(settled, vehicle)
+
+
+def _biased(found: Analysis, settled: History) -> dict[str, Reason]:
+    """... and where it is of a kind that makes values too small or too large, by what no log tells."""
+    vehicle = _judgeable(found)
+    if vehicle is None:
+        return {}
+    return swinging(settled, found.samples, vehicle, found.stated) | unexecuted(settled, found.samples, vehicle)
 
 
 def _explained(against: Contradiction | None, unknown: str) -> Contradiction | None:
@@ -66,6 +100,15 @@ def _explained(against: Contradiction | None, unknown: str) -> Contradiction | N
     return (
         against if against is None or not unknown else replace(against, causes=(Reason.of("unexplained", message=unknown), *against.causes))
     )
+
+
+def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None]) -> Iterator[Notice]:
+    for conclusion, one in zip(conclusions, told, strict=True):
+        if one is not None:
+            like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
+            usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
+            message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
+            yield Notice("discrepancy", f"phase {conclusion.phase.name}: {message}")
 
 
 def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None) -> Iterator[Notice]:

@@ -26,6 +26,8 @@ VerdictReason = Literal[
     "contradiction",
     "assumption-in-doubt",
     "cause-unknown",
+    "within-discrepancy",
+    "discrepancy",
     "noise-correlated",
     "noise-heavy-tailed",
     "oscillation",
@@ -101,6 +103,14 @@ SENTENCES: dict[Code, str] = {
     "cause-unknown": (
         "log and vehicle file don't fit and the cause is unknown, so its sigma leaves out what the cause may do to it; look at what came "
         "nearest in the warning cause-unknown"
+    ),
+    "within-discrepancy": (
+        "informed and steady, and ± {percent:.2g} % of its natural size with all that log and vehicle file don't explain of one another; "
+        "most of it: {main}"
+    ),
+    "discrepancy": (
+        "log and vehicle file don't explain one another, and it is ± {percent:.2g} % of its natural size with that, beyond the tolerance; "
+        "most of it: {main}"
     ),
     "noise-correlated": (
         f"{_NOT_NOISE}: the residual of the {{sensor}} is correlated from cycle to cycle (autocorrelation up to {{correlation:.2g}}, at "

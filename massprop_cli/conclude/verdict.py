@@ -148,14 +148,16 @@ def conclude(history: History, vehicle: Vehicle) -> Conclusion:
     bare = (np.where(hidden, np.nan, history.bare[0]), np.where(hidden[:, None] | hidden, np.nan, history.bare[1]))
     if thesis:
         bare = np.array([np.nan if e.value is None else e.value for e in estimates.values()]), covariance
-    return Conclusion(history.phase, estimates, covariance, rotating, bare, _pivot(history, vehicle))
+    pivot = about_its_pivot(history.values[-1], history.covariance, history, vehicle)
+    return Conclusion(history.phase, estimates, covariance, rotating, bare, pivot)
 
 
-def _pivot(history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
+def about_its_pivot(values: Array, covariance: Array, history: History, vehicle: Vehicle) -> tuple[Array, Array] | None:
+    """(9,) and (9, 9) of ten values (10,), (10, 10); None without a fixed pivot."""
     if not vehicle.on_pedestal:
         return None
     at, mass = np.array(vehicle.environment.bearing_position_m), np.nan if history.reference is None else 1 / history.reference.mu
-    return about_pivot(history.values[-1], history.covariance, at, np.array(mass))
+    return about_pivot(values, covariance, at, np.array(mass))
 
 
 def contradicted(conclusion: Conclusion, causes: tuple[Reason, ...], touched: BoolArray) -> Conclusion:

@@ -47,6 +47,7 @@ PARAMETERS = (
         "change of the mass over the log",
         "parts",
         prior=0.3,  # a tank is a third of a small vehicle
+        usual=0.05,
         no_key=_NO_KEY,
         sigma_key="drift.mass",
         states="size",
@@ -70,6 +71,7 @@ PARAMETERS = (
         "wheel-inertia",
         "spin inertia or momentum of wheels, rotors and gyros",
         "1",
+        usual=0.01,
         key="wheels.spin_inertia_kg_m2",
         sigma_key="wheels.spin_inertia_sigma_kg_m2",
         change=_heavier,

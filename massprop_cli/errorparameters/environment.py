@@ -57,13 +57,14 @@ def _stated(name: str, unit: str) -> Callable[[Setup], str]:
     return message
 
 
-def _assumed(name: str, code: str, unit: Unit, what: str, environments: tuple[str, ...]) -> ErrorParameter:
+def _assumed(name: str, code: str, unit: Unit, what: str, usual: float, environments: tuple[str, ...]) -> ErrorParameter:
     """A number that scales what gravity does; an error is a part of it."""
     return ErrorParameter(
         name,
         code,
         what,
         "1",
+        usual=usual,
         key=f"environment.{name}",
         no_sigma="it is weighed, or known, to better than it moves a value",
         lowest=0.0,
@@ -81,14 +82,15 @@ def _assumed(name: str, code: str, unit: Unit, what: str, environments: tuple[st
 
 
 PARAMETERS = (
-    _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn", ("air_bearing",)),
-    _assumed("gravity_m_s2", "gravity", "m/s²", "gravity", PIVOTED),
+    _assumed("bearing_mass_kg", "bearing-mass", "kg", "mass that translates with the vehicle and does not turn", 0.01, ("air_bearing",)),
+    _assumed("gravity_m_s2", "gravity", "m/s²", "gravity", 0.003, PIVOTED),
     ErrorParameter(
         "bearing",
         "bearing-position",
         "position of the bearing's centre",
         "m",
         prior=0.005,  # the ball is machined to a tenth of this; the offset of O from the drawing's datum is measured by hand
+        usual=0.0005,
         key="environment.bearing_position_m",
         no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
         size=3,
@@ -132,6 +134,7 @@ PARAMETERS = (
         "initial-attitude",
         "tilt at the start about the world's axes",
         "rad",
+        usual=0.2 * DEGREE,
         key="environment.initial_attitude_wxyz",
         no_sigma=_BY_GRAVITY,
         size=2,

@@ -47,6 +47,8 @@ def _turn(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         f"turn of the {WORDS[sensor]}'s axes alone",
         "rad",
         prior=0.3,  # as of the whole IMU
+        usual=DEGREE if sensor == "accel" else 0.0,  # of both, and of one: they span the other
+        difference=TURN if sensor == "accel" else 0.0,
         no_key=_TURNED,
         no_sigma=_TURNED,
         size=3,
@@ -87,6 +89,7 @@ PARAMETERS = (
         "position of the IMU",
         "m",
         prior=0.05,  # the size of an IMU: stated to its corner instead of its sensing centre
+        usual=0.005,
         key="imu.position_m",
         sigma_key="imu.position_sigma_m",
         size=3,
@@ -103,6 +106,7 @@ PARAMETERS = (
         "turn of the whole IMU",
         "rad",
         prior=0.3,  # beyond 17 degrees it is a right angle, which is tried by itself
+        usual=DEGREE,
         key="imu.body_from_imu",
         sigma_key="imu.mounting_sigma_rad",
         size=3,

@@ -129,6 +129,8 @@ class ErrorParameter:
     """Of the error in x."""
     prior: float = 0.0
     """One sigma of the error of a vehicle file that is wrong, in ``unit``; 0: never a hypothesis."""
+    usual: float = 0.0
+    """One sigma of the error of a vehicle file of a careful lab, in ``unit`` (of a direction: rad); 0: it goes by another parameter."""
     key: str | None = None
     """Of its value in the vehicle file."""
     no_key: str = ""
@@ -148,7 +150,7 @@ class ErrorParameter:
     """In ``unit``: by how much a first, linear step may lead below ``lowest`` where a full fit does not."""
     scale: Callable[[Vehicle], float] = lambda _: 1.0
     """Key's unit per ``unit``."""
-    change: Callable[[Setup, Array], Setup] | None = None
+    change: Callable[[Setup, Array], Setup | None] | None = None
     """Log and vehicle file corrected by an error; None: by ``key`` alone."""
     shown: Callable[[Array, Array], Array] | None = None
     """(3, 3) what the sensor shows of the truth, IMU axes, by the error and the mounting: corrected by factors on the log's columns."""
@@ -244,11 +246,9 @@ class ErrorParameter:
 
     def apply(self, setup: Setup, error: Array) -> Setup | None:
         """Log and vehicle file with the error in place; None where the value is out of range or neither can take it."""
-        if self.key is not None and not has_table(setup.vehicle, self.key):
-            return None
         if self.change is not None:
             return self.change(setup, error)
-        if self.key is None:
+        if self.key is None or not has_table(setup.vehicle, self.key):
             return None
         value = setup.value(self.key) + self.scale(setup.vehicle) * error
         return None if value.max(initial=self.lowest) > self.highest else setup.having(self.key, np.maximum(value, self.lowest))

@@ -10,13 +10,15 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.errorparameters.parameter import ErrorParameter, Facts, Finding, SpecialCase, Step, Unit, Wording
-from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.setup import Setup, has_table
 from massprop_cli.errorparameters.timing import DIFFERENCE, EARLIEST, LATER
 from massprop_cli.inputs.equipment import LowPass
 from massprop_cli.inputs.vehicle import Vehicle
 
 FINE, SHORTEST = 0.005, 0.05
 """Cycles behind derivatives by a low-pass that is shorter than a cycle; part of its time constant below which none gets."""
+UNSEEN = 200.0
+"""Cutoff of a low-pass that changes nothing, times a cycle."""
 DEGREE = float(np.pi / 180)
 GRAVITY = 9.80665
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
@@ -52,6 +54,7 @@ def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
         f"scale of the {word} along each of its axes",
         "1",
         prior=0.05,  # data sheets of small MEMS sensors: up to 3 %, and as much again over temperature
+        usual=0.01,
         no_key=_CALIBRATE,
         no_sigma=_CALIBRATE,
         size=3,
@@ -77,7 +80,7 @@ def _scale(sensor: Literal["gyro", "accel"]) -> ErrorParameter:
     )
 
 
-def _bias(sensor: str, unit: Unit, prior: float, columns: tuple[str, ...]) -> ErrorParameter:
+def _bias(sensor: str, unit: Unit, prior: float, usual: float, columns: tuple[str, ...]) -> ErrorParameter:
     name, key = f"{sensor}_bias", f"imu.{sensor}_bias_sigma_{'rad_s' if sensor == 'gyro' else 'm_s2'}"
     shown = "rad/s" if sensor == "gyro" else "m/s^2"
     return ErrorParameter(
@@ -86,9 +89,11 @@ def _bias(sensor: str, unit: Unit, prior: float, columns: tuple[str, ...]) -> Er
         f"bias of the {WORDS[sensor]}",
         unit,
         prior=prior,
+        usual=usual,
         no_key="no key: it is estimated where its sigma is stated",
         sigma_key=key,
         size=3,
+        difference=usual,
         change=lambda setup, error: _unbiased(sensor, setup, error),
         states="size",
         columns=columns,
@@ -125,11 +130,21 @@ def _lowpass(sensor: str) -> ErrorParameter:
     )
 
 
-def _slower(sensor: str, setup: Setup, error: Array) -> Setup:
+def _slower(sensor: str, setup: Setup, error: Array) -> Setup | None:
     """A low-pass with a time constant 1 / (2π f) that is so many cycles longer; never of the other sign."""
     key, cycle_s = f"imu.{sensor}_filter.cutoff_hz", 2 * np.pi * setup.period_s
+    if not has_table(setup.vehicle, key):
+        return None
     lag = 1 / (float(setup.value(key)[0]) * cycle_s)
     return setup.having(key, np.array([1 / (max(lag + float(error[0]), SHORTEST * lag) * cycle_s)]))
+
+
+def _later(sensor: str, setup: Setup, error: Array) -> Setup:
+    """Values that are so many cycles later, behind a low-pass that nobody sees where none is stated."""
+    imu, name, by = setup.vehicle.imu, f"{sensor}_filter", float(error[0]) * setup.period_s
+    low_pass = getattr(imu, name) or LowPass(order=1, cutoff_hz=UNSEEN / setup.period_s)
+    changed = imu.model_copy(update={name: low_pass.model_copy(update={"latency_s": low_pass.latency_s + by})})
+    return setup._replace(vehicle=setup.vehicle.model_copy(update={"imu": changed}))
 
 
 def _hertz(sensor: str, vehicle: Vehicle) -> float:
@@ -147,6 +162,7 @@ def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
             f"{sensor}-filter",
             f"time constant of the {WORDS[sensor]}'s low-pass, 1 / (2π cutoff)",
             "cycles",
+            usual=0.1,
             key=f"{table}.cutoff_hz",
             sigma_key=f"{table}.cutoff_sigma_hz",
             scale=lambda vehicle: _hertz(sensor, vehicle),
@@ -160,9 +176,11 @@ def _stated_lowpass(sensor: str) -> tuple[ErrorParameter, ErrorParameter]:
             f"{sensor}-filter",
             f"latency of the {WORDS[sensor]} beyond its low-pass",
             "cycles",
+            usual=0.1,
             key=f"{table}.latency_s",
             sigma_key=f"{table}.latency_sigma_s",
             scale=lambda vehicle: vehicle.cycle.period_s,
+            change=lambda setup, error: _later(sensor, setup, error),
             bends="always",
             redone="commands",
             difference=FINE,
@@ -174,8 +192,8 @@ PARAMETERS = (
     _scale("gyro"),
     _scale("accel"),
     # turn-on biases of small MEMS sensors: 3 °/s and 50 mg at worst
-    _bias("gyro", "rad/s", 0.05, ("rates", *(f"gyro_bias {i}" for i in range(3)))),
-    _bias("accel", "m/s²", 0.5, ()),
+    _bias("gyro", "rad/s", 0.05, 1e-3, ("rates", *(f"gyro_bias {i}" for i in range(3)))),
+    _bias("accel", "m/s²", 0.5, 0.01, ()),
     _lowpass("gyro"),
     _lowpass("accel"),
     *_stated_lowpass("gyro"),

@@ -33,6 +33,12 @@ TABLE = checked(
     )
 )
 """In the order in which corrections apply them and assumptions are listed."""
+FAMILY = {
+    one.name: module.__name__.rpartition(".")[2]
+    for module in (mounting, timing, thrust, sensor, body, environment)
+    for one in module.PARAMETERS
+}
+"""In which module each is declared."""
 BY_NAME = {one.name: one for one in TABLE}
 PRIORS = {name: BY_NAME[name].prior for name in ENTRIES if BY_NAME[name].prior > 0}
 LATE = frozenset(one.code for one in TABLE if one.late)

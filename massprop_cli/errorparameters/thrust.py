@@ -112,6 +112,7 @@ def _droop(key: str, column: str, what: str, when: str, part_of: str = "") -> Er
         "thrust-droop",
         what,
         "parts",
+        usual=0.01,
         prior=0.03,  # a supply that is worse is re-plumbed: a sixth of what the vehicle file allows, at two sigma a third
         key=f"thrust.{key}",
         no_sigma=_REFIT,
@@ -133,6 +134,7 @@ def _ramp(name: str, column: str, what: str) -> ErrorParameter:
         "thrust-rise",
         what,
         "cycles",
+        usual=0.05,
         prior=0.3,  # a ramp as long as 0.6 cycles: valves are chosen to be faster than the cycle
         key=f"jets.{name}_s",
         no_sigma=_REFIT,
@@ -155,6 +157,7 @@ PARAMETERS = (
         "direction of each jet's force",
         "N",
         prior=0.2,  # of the force, so rad: a bracket that is mounted 12 degrees off
+        usual=float(np.radians(1)),
         key="jets.force_n",
         sigma_key="jets.direction_sigma_rad",
         size=3,
@@ -169,6 +172,7 @@ PARAMETERS = (
         "thrust of each jet or component of the commanded wrench",
         "1",
         prior=0.3,  # calibrated thrust is within a few percent; a wrong regulator setting or nozzle is a third
+        usual=0.05,
         key="jets.force_n",
         sigma_key="jets.thrust_sigma",
         per_channel=True,
@@ -182,6 +186,7 @@ PARAMETERS = (
         "position of each jet",
         "m",
         prior=0.03,  # the size of a bracket: a mistaken mounting hole
+        usual=0.005,
         key="jets.position_m",
         sigma_key="jets.position_sigma_m",
         size=3,

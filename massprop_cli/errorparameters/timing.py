@@ -63,6 +63,7 @@ PARAMETERS = (
         "delay from command to execution",
         "cycles",
         prior=1.0,  # whether a command acts in the cycle that issues it or in the next
+        usual=0.1,
         key=DELAY,
         sigma_key="cycle.command_delay_sigma_cycles",
         lowest=0.0,
@@ -85,6 +86,7 @@ PARAMETERS = (
         "first-order lag of thrust or wrench",
         "cycles",
         prior=0.5,  # valves and motors answer within a cycle, or the loop would not hold
+        usual=0.1,
         key=LAG,
         sigma_key="thrust.lag_sigma_s",
         lowest=0.0,

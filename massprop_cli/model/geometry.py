@@ -7,7 +7,7 @@ whatever the log tells of them is used, and what it doesn't tell is in every sig
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import NamedTuple
 
@@ -65,3 +65,26 @@ def _changes(number: int, jet: Jet) -> Iterator[Change]:
         if jet.direction_sigma_rad > 0:
             turned = jet.direction_sigma_rad * size * across
             yield Change(number, "jet-direction", np.concatenate([np.cross(position, turned), turned]))
+
+
+def changed_wrenches(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, float]) -> Wrenches:
+    """What each channel, torque about O and force ``wrench`` (C, 6) at full command, does otherwise by one of ``sigmas``.
+
+    Thrust (a part), position (m) and direction (rad).
+    """
+    found = []
+    for number, (torque, force) in enumerate(zip(wrench[:, :3], wrench[:, 3:], strict=True)):
+        place = np.array(jets[number].position_m) if number < len(jets) else np.zeros(3)
+        couple = torque - np.cross(place, force)
+        found.append(Change(number, "thrust", sigmas["thrust"] * wrench[number]))
+        for axis in np.eye(3):
+            found.append(Change(number, "position", np.concatenate([sigmas["position"] * np.cross(axis, force), np.zeros(3)])))
+            turned = np.cross(axis, force)
+            about = np.cross(place, turned) + np.cross(axis, couple)
+            found.append(Change(number, "direction", sigmas["direction"] * np.concatenate([about, turned])))
+    found = [change for change in found if change.wrench.any()]
+    return Wrenches(
+        np.array([c.channel for c in found], dtype=np.intp),
+        np.array([c.wrench for c in found]).reshape(-1, 6),
+        tuple(c.kind for c in found),
+    )

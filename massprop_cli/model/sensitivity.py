@@ -10,6 +10,7 @@ that the regression finds beside the mass properties: an error of it may show in
 from __future__ import annotations
 
 from dataclasses import field, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.within import Within, motion_within
 from massprop_cli.prepare.compensate import Samples, Source
 from massprop_cli.prepare.stream import Stream
+
+FOLLOWED = 0.1
+"""Part of what a rate was read otherwise than expected, by which the next is expected otherwise."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,12 @@ class Reading:
     """(3, 3) derivative of the rate by an assumption's unit, body axes."""
     force: Array
     """(3, 3) of the specific force."""
+    of_motion: bool = False
+    """Whether it is the motion that is turned into something else, without its noise: of that an innovation is proof of nothing."""
 
-    def shown(self, read: Samples) -> Array:
-        """(K, 6) of what was read."""
-        return as_read(np.hstack([times(self.rate, read.rate_rad_s), times(self.force, read.specific_force_m_s2)]), read)
+    def shown(self, read: Samples, motion: tuple[Array, Array]) -> Array:
+        """(K, 6) of a motion, rates (K, 3) and specific force (K, 3)."""
+        return as_read(np.hstack([times(part, of) for part, of in zip((self.rate, self.force), motion, strict=True)]), read)
 
 
 def reads_alone(vehicle: Vehicle) -> bool:
@@ -87,7 +93,7 @@ def reading(parameter: ErrorParameter, vehicle: Vehicle, axis: int, by: float = 
 
 def variant(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int = 0) -> Variant | Reading | None:
     """One component of a parameter changed, per its unit, beside the log as it was read; None where the log is too short for it."""
-    if parameter.shown is not None and reads_alone(setup.vehicle):
+    if parameter.shown is not None and (parameter.sensor == "accel" or reads_alone(setup.vehicle)):
         return reading(parameter, setup.vehicle, axis)
     low, high = parameter.ends(setup)
     try:
@@ -102,7 +108,7 @@ def _side(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int, b
         shows = parameter.shown(parameter.error(by, axis), np.array(setup.vehicle.imu.body_from_imu))
         return Side(samples.changed(gyro=np.diag(shows)))
     used = parameter.differing(setup, by, axis)
-    if parameter.redone in ("commands", "all"):
+    if parameter.redone in ("commands", "all") or used.log is not setup.log:
         return Side(Stream.of(*used[:3]), used.vehicle if parameter.redone == "all" else None)
     return Side(samples if parameter.redone == "body" else samples.changed(used.vehicle), used.vehicle)
 
@@ -150,13 +156,17 @@ class Consider:
     scales: bool = False
     """Whether the scale of each of the accelerometer's axes follows, and each command channel's own thrust, per unit of their relative
     change; they add nothing to the covariance."""
+    pushes: Wrenches = field(default_factory=Wrenches)
+    """Changes of the channels' wrenches that follow these; they add nothing, either."""
+    aging: bool = False
+    """Whether all thrust's growing from half less to half more over the log follows; as the last two."""
     imu: tuple[ImuChange, ...] = ()
     """What is uncertain of the IMU. Unknowns from here on, with a prior of one sigma."""
     jets: Wrenches = field(default_factory=Wrenches)
 
     def columns(self, channels: int) -> int:
         """e, of a log with so many command channels; without the unknowns."""
-        return len(self.variants) + self.scales * (3 + channels)
+        return len(self.variants) + self.scales * (3 + channels) + len(self.pushes.channels) + self.aging
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -171,33 +181,28 @@ class Consider:
 def fed(
     here: Lifted, samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, consider: Consider, lift: Lift
 ) -> tuple[Array, Array]:
-    """(K − 1, n, e + u) and (K, m, e + u) derivatives of drive and measurements by each assumption, and by each unknown of the geometry.
+    """(K − 1, n, e + u) and (K, m, e + u) derivatives of drive and measurements by assumptions, and by unknowns of the geometry.
 
     At the reference and the measured rates; ``here`` is the response of ``cycles`` by the coefficients of ``lift``.
     """
     part, state = samples.part(cycles), np.zeros((len(here.measured), here.transition.shape[1]))
     state[:, :3] = part.rate_rad_s - reference.gyro_bias
     driven, measured, rows = list[Array](), list[Array](), 9 if samples.attitude_logged else 6
-    # the log as it was read is at hand; sides that several variants have in common are looked at once, and stay: ids are theirs
+    # the log as it was read is at hand; sides that variants have in common are looked at once, and stay: ids are theirs
     at_hand = _beyond(here, lift.coefficients(lift.theta(reference))[0], state)
-    read = {(id(samples), id(vehicle)): _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)}
-    shared, held = _Shared({}, {}, {}), list[Vehicle]()
-
-    def of(side: Side) -> tuple[Array, Array]:
-        held.append(stated := side.vehicle or vehicle)
-        if (own := (id(side.samples), id(stated))) not in read:
-            expected, layout = _expected(side, state, cycles, reference, stated, shared), Layout.of(side.samples, stated)
-            read[own] = _with_attitude(expected, side.samples.part(cycles), layout, reference, state)
-        return read[own]
+    sides = _Sides(state, cycles, reference, {}, _Shared({}, {}, {}), [vehicle])
+    sides.read[id(samples), id(vehicle)] = _with_attitude(at_hand, part, Layout.of(samples, vehicle), reference, state)
+    expected_motion = cache(partial(_expected_motion, part, at_hand, state))
 
     def add(variant: Variant | Reading) -> None:
         if isinstance(variant, Reading):
-            driven.append(np.zeros(here.drive.shape[:2]))
-            measured.append(variant.shown(part))
-            return
-        low, high = of(variant.low), of(variant.high)
-        driven.append((high[0] - low[0]) / variant.distance)
-        measured.append((high[1] - low[1]) / variant.distance)
+            shown = variant.shown(part, expected_motion() if variant.of_motion else (part.rate_rad_s, part.specific_force_m_s2))
+            change = np.zeros(here.drive.shape[:2]), np.pad(shown, ((0, 0), (0, rows - 6)))
+        else:
+            low, high = sides.of(variant.low), sides.of(variant.high)
+            change = (high[0] - low[0]) / variant.distance, (high[1] - low[1]) / variant.distance
+        driven.append(change[0])
+        measured.append(change[1])
 
     def push(growth: Array, force: Array, seen_by_scale: Array | None = None) -> None:
         drive, seen = _pushed(growth, force, seen_by_scale, state.shape[1])
@@ -207,15 +212,29 @@ def fed(
     for variant in consider.variants:
         add(variant.variant(samples, vehicle) if isinstance(variant, Restated) else variant)
     if consider.scales:
-        mounting = np.array(vehicle.imu.body_from_imu)
-        whole, of_each = part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2, part.executed.channels.wrench
-        columns = wrench_columns(samples, cycles, reference, vehicle, here, Wrenches(np.arange(len(of_each)), of_each))
-        push(*columns, mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :])
+        mounting, whole = np.array(vehicle.imu.body_from_imu), part.specific_force_m_s2 + vehicle.environment.steady_force_m_s2
+        seen_by_scale = mounting * (whole @ mounting * part.executed.axes[3:])[:, None, :]
+        push(*wrench_columns(samples, cycles, reference, vehicle, here, _all(part)), seen_by_scale)
+    if len(consider.pushes.channels):
+        push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.pushes))
+    if consider.aging:
+        push(*_aging(samples, cycles, reference, vehicle, here))
     for change in consider.imu:
         add(change.variant(samples, vehicle))
     if consider.jets.kinds:
         push(*wrench_columns(samples, cycles, reference, vehicle, here, consider.jets))
     return np.stack(driven, -1), np.stack(measured, -1)
+
+
+def _expected_motion(part: Samples, expected: tuple[Array, Array], state: Array) -> tuple[Array, Array]:
+    """Rates (K, 3) and specific force (K, 3) that were read, without the noise that they were read with in each cycle.
+
+    Forces are what the model expects, and rates what it expects from those before: ω⁻[k+1] = ω⁻[k] + growth[k] + g (ω[k] − ω⁻[k]).
+    """
+    rate, growth = part.rate_rad_s.copy(), expected[0][:, :3] - state[:-1, :3]
+    for k, step in enumerate(growth):
+        rate[k + 1] = rate[k] + step + FOLLOWED * (part.rate_rad_s[k] - rate[k])
+    return rate, part.specific_force_m_s2 - expected[1][:, 3:6]
 
 
 def _pushed(growth: Array, force: Array, seen_by_scale: Array | None, states: int) -> tuple[Array, Array]:
@@ -226,6 +245,20 @@ def _pushed(growth: Array, force: Array, seen_by_scale: Array | None, states: in
     if seen_by_scale is not None:
         seen[:, 3:, :3] = seen_by_scale
     return drive, seen
+
+
+def _all(part: Samples) -> Wrenches:
+    """Each channel by all that it gives."""
+    every = part.executed.channels.wrench
+    return Wrenches(np.arange(len(every)), every)
+
+
+def _aging(samples: Source, cycles: slice, reference: Reference, vehicle: Vehicle, here: Lifted) -> tuple[Array, Array]:
+    """(K − 1, 3, 1) growth of the rate and (K, 3, 1) specific force by thrust that grows by all of itself over the log."""
+    part, whole_s = samples.part(cycles), samples.end_s[[0, -1]]
+    grown, felt = wrench_columns(samples, cycles, reference, vehicle, here, _all(part))
+    clock = ((part.executed.end_s - whole_s.mean()) / np.ptp(whole_s))[:, None, None]
+    return clock[1:] * grown.sum(-1, keepdims=True), clock * felt.sum(-1, keepdims=True)
 
 
 def wrench_columns(
@@ -266,6 +299,28 @@ class _Shared(NamedTuple):
     """By samples and environment: another place of the IMU alone leaves the motion."""
     cycles: dict[int, Array]
     """By samples: as the kernel has them."""
+
+
+class _Sides(NamedTuple):
+    """What the same cycles look like on each side that was asked for."""
+
+    state: Array
+    cycles: slice
+    reference: Reference
+    read: dict[tuple[int, int], tuple[Array, Array]]
+    """By samples and vehicle."""
+    shared: _Shared
+    held: list[Vehicle]
+    """First the filter's own; all of them, as ids are theirs."""
+
+    def of(self, side: Side) -> tuple[Array, Array]:
+        """(K − 1, n) the state one step on, and (K, m) what is measured beyond what the state gives."""
+        self.held.append(vehicle := side.vehicle or self.held[0])
+        if (own := (id(side.samples), id(vehicle))) not in self.read:
+            expected = _expected(side, self.state, self.cycles, self.reference, vehicle, self.shared)
+            layout = Layout.of(side.samples, vehicle)
+            self.read[own] = _with_attitude(expected, side.samples.part(self.cycles), layout, self.reference, self.state)
+        return self.read[own]
 
 
 def _expected(side: Side, state: Array, cycles: slice, reference: Reference, vehicle: Vehicle, shared: _Shared) -> tuple[Array, Array]:

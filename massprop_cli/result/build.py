@@ -11,6 +11,7 @@ import numpy as np
 from massprop_cli import __version__
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.conclude import assumptions
+from massprop_cli.conclude.discrepancy import Discrepancy
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.physical import breach, nearest_consistent
 from massprop_cli.conclude.verdict import Conclusion, Estimate
@@ -25,6 +26,7 @@ from massprop_cli.result.schema import (
     Assumption,
     Conventions,
     Delay,
+    DiscrepancyItem,
     DockedObject,
     Effect,
     EstimateItem,
@@ -74,8 +76,8 @@ def result(analysis: Analysis) -> Result:
         lag=_lag(analysis),
         conventions=Conventions(),
         phases=[
-            _phase(conclusion, analysis.vehicle, history, factors)
-            for conclusion, history, factors in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, strict=True)
+            _phase(*each, analysis.vehicle)
+            for each in zip(analysis.conclusions, analysis.settled, analysis.lack_of_fit, analysis.discrepancies, strict=True)
         ],
         docked_object=_docked(analysis.docked, analysis.vehicle),
         mended=[_mended(answer) for answer in analysis.mended],
@@ -131,7 +133,7 @@ def _source(analysis: Analysis, section: str, key: str) -> Literal["vehicle", "o
     return "vehicle" if key in stated.model_fields_set else "default"
 
 
-def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Array) -> PhaseItem:
+def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discrepancy | None, used: Vehicle) -> PhaseItem:
     about_origin = conclusion.inertia_about_origin
     return PhaseItem(
         name=conclusion.phase.name,
@@ -147,6 +149,7 @@ def _phase(conclusion: Conclusion, used: Vehicle, settled: History, factors: Arr
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
         implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
+        discrepancy=None if told is None else _discrepancy(told),
     )
 
 
@@ -155,6 +158,11 @@ def _pivot_covariance(conclusion: Conclusion) -> Matrix | None:
         return None
     known = np.array([one.value is not None for one in conclusion.about_pivot.values()])
     return matrix(np.where(known[:, None] & known, conclusion.pivot[1], np.nan))
+
+
+def _discrepancy(told: Discrepancy) -> DiscrepancyItem:
+    shares = {name: [float(sigma) for sigma in sigmas] for name, sigmas in told.shares.items()}
+    return DiscrepancyItem(scale=told.scale, behaves_like=list(told.behaves_like), shares=shares)
 
 
 def physical(conclusion: Conclusion) -> Physical:

@@ -162,6 +162,17 @@ class Innovations(Item):
     )
 
 
+class DiscrepancyItem(Item):
+    """What the sigmas of a log include that does not fit and whose cause has no name."""
+
+    scale: float = Field(description="common size of all error parameters as the log tells it, over their usual ones; at least 0.3 is used")
+    behaves_like: list[str] = Field(description="error parameters that stand out, with their size: likely causes, none of them proven")
+    shares: dict[str, list[float]] = Field(
+        description="by family of error parameters, of noise, and of what no error parameter explains: the sigma of each of the ten "
+        "quantities that it makes by itself, in their units"
+    )
+
+
 class ImpliedScale(Item):
     """The thrust, as a part of what the vehicle file states, that a mass from elsewhere implies."""
 
@@ -190,11 +201,13 @@ class PhaseItem(Item):
     contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
+    discrepancy: DiscrepancyItem | None = Field(None, description="absent where the log fits, or a cause has a name")
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        return {key: value for key, value in found.items() if key not in ("about_pivot", "about_pivot_covariance") or value}
+        absent = ("about_pivot", "about_pivot_covariance", "discrepancy")
+        return {key: value for key, value in found.items() if key not in absent or value}
 
 
 class DockedObject(Item):

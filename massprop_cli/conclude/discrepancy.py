@@ -1,0 +1,210 @@
+"""Values of a log that does not fit, with sigmas that include why (:mod:`massprop_cli.estimate.discrepancy`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_cli import QUANTITIES
+from massprop_cli.base.arrays import Array
+from massprop_cli.base.dataclass import dataclass
+from massprop_cli.conclude.reason import Reason
+from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot, tolerances
+from massprop_cli.errorparameters.setup import Setup
+from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
+from massprop_cli.estimate.discrepancy import LEAST, MOST, Beside, beside
+from massprop_cli.estimate.history import History
+from massprop_cli.estimate.quantities import alone, by_scale, in_common, quantities
+from massprop_cli.estimate.rows import Parameters
+from massprop_cli.inputs.vehicle import Vehicle
+from massprop_cli.model.geometry import changed_wrenches
+from massprop_cli.model.layout import MU
+from massprop_cli.model.plant import Reference
+from massprop_cli.model.resolved import Resolved
+from massprop_cli.model.sensitivity import Consider, Reading, variant
+from massprop_cli.prepare.actuators import channel_names, channel_wrench
+from massprop_cli.prepare.stream import Stream
+from massprop_cli.prepare.timing import Timing
+
+UNSPANNED, NOISE, COMMON = "what no error parameter explains", "noise", "scale common to all thrust"
+AGING = "mass_rate"
+"""Of thrust that falls as of mass that grows: in a log they are the same."""
+UNITS = {"direction": "rad"}
+"""Of entries whose error has another unit elsewhere."""
+PER_CHANNEL = ("thrust", "position", "direction")
+
+
+class Fits(NamedTuple):
+    """Off-line fits of every phase as stated, beside those with disturbances that were sized."""
+
+    vehicle: Resolved
+    references: tuple[Reference | None, ...]
+    consider: Consider
+    """What is stated to be uncertain."""
+
+
+class Entry(NamedTuple):
+    """One component of an error parameter."""
+
+    name: str
+    """In the table."""
+    of: str
+    """The axis or the channel, if it has several."""
+    usual: float
+    """One sigma of it in the vehicle file of a careful lab."""
+
+    @property
+    def family(self) -> str:
+        """What it belongs to."""
+        return FAMILY[self.name]
+
+    def said(self, error: float) -> str:
+        """In words, of an error in its usual sigma."""
+        one, own = BY_NAME[self.name], f" ({self.of})" if self.of else ""
+        unit = UNITS.get(self.name, one.unit)
+        size = f"{100 * error * self.usual:+.2g} %" if unit in ("1", "parts") else f"{error * self.usual:+.2g} {unit}"
+        return f"{one.what}{own}: {size}"
+
+
+class _Entries(NamedTuple):
+    """Error parameters as columns."""
+
+    consider: Consider
+    units: Array
+    """(e,) what one usual sigma is in each column's unit."""
+    each: tuple[Entry, ...]
+    """(e,)"""
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """Of one phase."""
+
+    values: Array
+    """(10,)"""
+    covariance: Array
+    """(10, 10)"""
+    bare: tuple[Array, Array]
+    """The same by the log alone."""
+    scale: float
+    """Common size of all error parameters as the log tells it, of their usual sigmas."""
+    shares: Mapping[str, Array]
+    """By family, and of noise and of what nothing explains: (10,) sigmas."""
+    behaves_like: tuple[str, ...]
+    """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
+
+    def main(self, i: int) -> str:
+        """What makes most of a quantity's sigma."""
+        return max(self.shares, key=lambda name: float(self.shares[name][i]))
+
+
+def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: Fits, i: int) -> Discrepancy | None:
+    """Of phase number ``i``; None where there is no fit, or nothing finite, or errors are far beyond any that a lab makes."""
+    about = (used, settled.reference), (plain.vehicle, plain.references[i])
+    vehicle = used.in_phase(settled.phase)
+    found, each = list[Beside](), tuple[Entry, ...]()
+    for at, (own, reference) in enumerate(about):
+        if reference is None or (at and not _other(own, used)):
+            continue
+        entries = _entries(Setup(samples.log, own, timing), samples)
+        with np.errstate(all="ignore"):
+            try:
+                told = beside(
+                    samples, settled.cycles, reference, own.in_phase(settled.phase), plain.consider.about(entries.consider), entries.units
+                )
+            except np.linalg.LinAlgError:
+                continue
+        if np.isfinite(told.mean).all() and np.isfinite(told.covariance).all() and told.mean[MU] > 0:
+            found.append(told)
+            each = each or entries.each
+        if not found:
+            return None  # beside what was sized there is none
+    if not found or found[0].scale > MOST:
+        return None
+    first = found[0] if len(found) == 1 else found[0].widened(found[1])
+    row = Parameters.of(first.mean[None], first.covariance[None])
+    # an error common to all thrust leaves no trace; it is as likely as one of each
+    common = BY_NAME["thrust"].usual * max(first.scale, LEAST)
+    wary = {"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))}
+    less_sure = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update=wary)})
+    (values, full), bare = quantities(row, less_sure), quantities(row, alone(vehicle))
+    slope = np.ones(10)
+    slope[MU] = first.mean[MU] ** -2
+    shares = _shares(first, each, slope) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
+    said = tuple(each[i].said(float(first.errors[i])) for i in first.freed)
+    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), first.scale, shares, said)
+
+
+def _other(one: Resolved, other: Resolved) -> bool:
+    """Whether noise levels or disturbances differ."""
+    return (one.imu, one.environment, one.estimator) != (other.imu, other.environment, other.estimator)
+
+
+def _shares(found: Beside, each: Sequence[Entry], slope: Array) -> dict[str, Array]:
+    variances, families = {NOISE: found.by_noise, UNSPANNED: found.scatter}, [one.family for one in each]
+    for family in dict.fromkeys(families):
+        own = np.flatnonzero([one == family for one in families])
+        variances[family] = np.einsum("ie,ef,if->i", found.effects[:, own], found.left[np.ix_(own, own)], found.effects[:, own])
+    return {name: slope * np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
+
+
+def _entries(setup: Setup, samples: Stream) -> _Entries:
+    """All error parameters that a log and its vehicle may have, but for what the estimator has as an unknown anyhow."""
+    variants, each = [], list[Entry]()
+    environment = setup.vehicle.environment.kind
+    for one in TABLE:
+        unknown = one.estimated and one.sigma(setup.vehicle) > 0
+        elsewhere = one.environments and environment not in one.environments
+        if one.usual == 0 or one.per_channel or unknown or elsewhere:
+            continue
+        if one.name == AGING:
+            continue
+        if one.shown is None and one.apply(setup, np.zeros(one.size)) is None:
+            continue  # it has no part in this vehicle
+        for axis in range(one.size):
+            changed = variant(one, setup, samples, axis)
+            if changed is not None:
+                variants.append(replace(changed, of_motion=True) if isinstance(changed, Reading) else changed)
+                each.append(Entry(one.name, "XYZ"[axis] if one.size > 1 else "", one.usual))
+    jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
+    pushes = changed_wrenches(jets, channel_wrench(setup.log, setup.vehicle), {name: BY_NAME[name].usual for name in PER_CHANNEL})
+    named = channel_names(setup.log, setup.vehicle)
+    units = np.array([*(one.usual for one in each), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
+    each += [Entry(kind, named[channel], BY_NAME[kind].usual) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
+    each.append(Entry(AGING, "", BY_NAME[AGING].usual))
+    return _Entries(Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(each))
+
+
+def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History, vehicle: Vehicle) -> Conclusion:
+    """The conclusion with these values; called converged where it was, and the whole sigma is within the tolerance."""
+    known: dict[str, float] = {name: one.sigma for name, one in vehicle.known.items()}
+    shared = in_common(by_scale(told.values, vehicle), told.covariance, known, vehicle)
+    # what is stated of the thrust, or known, is as uncertain as it is stated to be, whatever the tolerance
+    within = np.diag(told.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
+    estimates = {name: _estimate(conclusion.estimates[name], told, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
+    given = np.array([one.value is not None for one in estimates.values()])
+    both = given[:, None] & given
+    mass = estimates["mass"].value
+    return replace(
+        conclusion,
+        estimates=estimates,
+        covariance=np.where(both, told.covariance, np.nan),
+        rotating_mass=np.nan if mass is None else mass - vehicle.bearing_mass_kg,
+        bare=(np.where(given, told.bare[0], np.nan), np.where(both, told.bare[1], np.nan)),
+        pivot=about_its_pivot(told.values, told.covariance, history, vehicle),
+    )
+
+
+def _estimate(one: Estimate, found: Discrepancy, i: int, within: bool, history: History) -> Estimate:
+    if one.verdict == "unobservable":
+        return one
+    value, sigma, size = float(found.values[i]), float(np.sqrt(found.covariance[i, i])), float(history.natural_sizes[i])
+    told = bool(np.isfinite(value) and sigma < size)
+    if one.verdict == "converged":
+        kept = told and within
+        reason = Reason.of("within-discrepancy" if kept else "discrepancy", percent=100 * sigma / size, main=found.main(i))
+        one = replace(one, verdict="converged" if kept else "not_converged", reason=reason, final_at_s=one.final_at_s if kept else None)
+    return replace(one, value=value if told else None, sigma=sigma if told else None)
