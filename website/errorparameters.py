@@ -17,6 +17,7 @@ Everything that may differ from what log and vehicle file state, made from the p
 fails where page and table differ; `python -m website.errorparameters` writes the page anew.
 
 - **Prior**: one sigma of the error of a log or vehicle file that is wrong. A parameter without one is never a hypothesis.
+- **Usual**: one sigma of the error of the vehicle file of a careful lab, for [sigmas of logs that nothing explains](discrepancy.md).
 - **Value**, **sigma**: keys of the vehicle file. Where there is none the table says why.
 - **Step**: what the [assumptions](assumptions.md) show the effect of, where the parameter is assumed as stated.
 - **Range**: physical values, in the unit of the key.
@@ -29,8 +30,8 @@ def page() -> str:
     parts = [
         OPENING,
         "## Parameters\n",
-        "| parameter | warning | unit of the error | prior | value | sigma | step | range |",
-        "|---|---|---|---|---|---|---|---|",
+        "| parameter | warning | unit of the error | prior | usual | value | sigma | step | range |",
+        "|---|---|---|---|---|---|---|---|---|",
         *map(_row, TABLE),
         "\n## Sentences and remedies\n",
         "A warning says: the log fits if ...\n",
@@ -48,11 +49,12 @@ def page() -> str:
 
 def _row(one: ErrorParameter) -> str:
     code = _link(one.code) if one.wording.sentence else one.code
-    prior = f"{one.prior:g}" if one.prior else "–"
+    prior, usual = (f"{size:.3g}" if size else "–" for size in (one.prior, one.usual))
     value = f"`{one.key}`" if one.key else one.no_key
     sigma = f"`{one.sigma_key}`" if one.sigma_key else one.no_sigma
     step = one.step.words.replace(" along {axis}", "").replace("{axis}", "X and Y") if one.step else "–"
-    return f"| {one.what} | {code} | {one.unit} | {prior} | {value} | {sigma} | {step.replace(' about X and Y', '')} | {_range(one)} |"
+    sizes = f"{prior} | {usual}"
+    return f"| {one.what} | {code} | {one.unit} | {sizes} | {value} | {sigma} | {step.replace(' about X and Y', '')} | {_range(one)} |"
 
 
 def _range(one: ErrorParameter) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -64,15 +63,14 @@ def _told(found: Analysis) -> Told:
 
 
 def _faulty(fault: str, vehicle: str, seed: int = 1001) -> Told:
-    """A fault of benchmarks/faults.py, drawn as there."""
-    from fault_kinds import FAULTS
-    from fault_vehicles import subject
+    """A fault of benchmarks/faults.py or unforeseen.py, drawn as there."""
+    from unforeseen import made
 
-    drawn = FAULTS[fault].draw(subject(vehicle, seed), np.random.default_rng([seed, zlib.crc32(f"{fault} {vehicle}".encode())]))
-    if drawn is None:
+    case = made(fault, vehicle, seed)
+    if case is None:
         raise ValueError(f"{vehicle} can't have {fault}")
     with np.errstate(all="ignore"):
-        return _told(flow.examine(drawn.case.log, VehicleSource(drawn.case.vehicle, vehicle, "")))
+        return _told(flow.examine(case.log, VehicleSource(case.vehicle, vehicle, "")))
 
 
 def _sample(log: str, *settings: str) -> Told:
@@ -178,15 +176,16 @@ WARNINGS: dict[str, Example] = {
         ("attitude-start", "attitude-start", "bearing", RATE),
         ("bearing-position", "bearing-1mm", "bearing", RATE),
         ("disturbance-torque", "walk-large", "jets", RATE),
+        ("contradicted", "imu-slips", "bearing", WHITE),
     )
 } | {
     code: Example(partial(_sample, log, *settings), *shown)
     for code, log, settings, shown in (
         ("jet-sign", "free-flyer/log.parquet", (TURNED,), RATE),
         ("cause-unknown", "crazyflie/thrust.parquet", (), WHITE),
+        ("discrepancy", "crazyflie/yaw.parquet", (), WHITE),
         ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
         ("gyro-misfit", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=5e-5",), WHITE),
-        ("contradicted", "crazyflie/yaw.parquet", (), WHITE),
         ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),
         ("noise-floor", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=0",), RATE),
         ("known-mismatch", "free-flyer/log.parquet", ("known.mass.value=25", "known.mass.sigma=0.01", "thrust.scale_sigma=0.01"), MASS),

@@ -19,6 +19,7 @@ GOOD = [
     "planar-accuracy.md",
     "geometry.md",
     "faults.md",
+    "unforeseen.md",
     "check.md",
     "causal.md",
     "aboard.md",
@@ -103,6 +104,7 @@ def navigation(pages: Path) -> Nav:
                 *verdicts,
                 {"Warnings": ["warnings/index.md", *warnings]},
                 "assumptions.md",
+                "discrepancy.md",
                 "error-parameters.md",
             ]
         },

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot, tolerances
@@ -17,7 +17,7 @@ from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
 from massprop_cli.estimate.discrepancy import LEAST, MOST, Beside, beside
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.quantities import alone, by_scale, in_common, quantities
+from massprop_cli.estimate.quantities import MOMENTS, alone, by_scale, in_common, quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.geometry import changed_wrenches
@@ -125,7 +125,7 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
     if not found or found[0].scale > MOST:
         return None
     first = found[0] if len(found) == 1 else found[0].widened(found[1])
-    row = Parameters.of(first.mean[None], first.covariance[None])
+    row = Parameters(first.mean[None], first.covariance[None], np.sqrt(np.diag(first.covariance)[MOMENTS])[None] / first.mean[MOMENTS])
     # an error common to all thrust leaves no trace; it is as likely as one of each
     common = BY_NAME["thrust"].usual * max(first.scale, LEAST)
     wary = {"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))}
@@ -178,6 +178,22 @@ def _entries(setup: Setup, samples: Stream) -> _Entries:
     return _Entries(Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(each))
 
 
+def touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
+    """The conclusion with these values of ``which`` (10,) quantities, and the verdicts that it had: as a named fault leaves them."""
+    both, neither = which[:, None] & which, ~which[:, None] & ~which
+    known = np.array([one.value is not None for one in conclusion.estimates.values()])
+    covariance = np.where(both, told.covariance, np.where(neither, conclusion.covariance, 0.0))
+    values = np.where(which, told.values, conclusion.values)
+    sigmas = np.sqrt(np.diag(covariance))
+    estimates = {
+        name: replace(one, value=float(values[i]), sigma=float(sigmas[i]))
+        if which[i] and known[i] and sigmas[i] < history.natural_sizes[i]
+        else one
+        for i, (name, one) in enumerate(conclusion.estimates.items())
+    }
+    return _with_values(conclusion, estimates, values, covariance, conclusion.bare, history, vehicle)
+
+
 def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History, vehicle: Vehicle) -> Conclusion:
     """The conclusion with these values; called converged where it was, and the whole sigma is within the tolerance."""
     known: dict[str, float] = {name: one.sigma for name, one in vehicle.known.items()}
@@ -185,16 +201,28 @@ def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History
     # what is stated of the thrust, or known, is as uncertain as it is stated to be, whatever the tolerance
     within = np.diag(told.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
     estimates = {name: _estimate(conclusion.estimates[name], told, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
+    return _with_values(conclusion, estimates, told.values, told.covariance, told.bare, history, vehicle)
+
+
+def _with_values(
+    conclusion: Conclusion,
+    estimates: dict[str, Estimate],
+    values: Array,
+    covariance: Array,
+    bare: tuple[Array, Array],
+    history: History,
+    vehicle: Vehicle,
+) -> Conclusion:
     given = np.array([one.value is not None for one in estimates.values()])
     both = given[:, None] & given
     mass = estimates["mass"].value
     return replace(
         conclusion,
         estimates=estimates,
-        covariance=np.where(both, told.covariance, np.nan),
+        covariance=np.where(both, covariance, np.nan),
         rotating_mass=np.nan if mass is None else mass - vehicle.bearing_mass_kg,
-        bare=(np.where(given, told.bare[0], np.nan), np.where(both, told.bare[1], np.nan)),
-        pivot=about_its_pivot(told.values, told.covariance, history, vehicle),
+        bare=(np.where(given, bare[0], np.nan), np.where(both, bare[1], np.nan)),
+        pivot=about_its_pivot(values, covariance, history, vehicle),
     )
 
 

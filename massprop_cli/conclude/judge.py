@@ -10,7 +10,7 @@ import numpy as np
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
-from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy
+from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, touched, with_discrepancy
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.executed import unexecuted
 from massprop_cli.conclude.physical import breach
@@ -59,21 +59,28 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
         nameless = [] if own else [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
     unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
     biased = {} if own and not unnamed else _biased(found, settled)
-    if widen and (unnamed or any(nameless)) and isinstance(found.vehicle, Resolved) and found.plain is not None:
-        told = discrepancy(found.samples, found.timing, found.vehicle, settled, found.plain, i)
-        if told is not None:
-            # a misfit of any kind looks like what swings within a few cycles
-            least_s = SWINGS * found.stated.cycle.period_s
-            slow = {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
-            widened = with_discrepancy(in_doubt(conclusion, slow), told, settled, found.vehicle.in_phase(conclusion.phase))
-            return widened if known is None else contradicted(widened, known.causes, known.touched), factor, told
+    told = _told(found, i) if widen and (own or unnamed or any(nameless)) else None
+    if told is not None and (unnamed or not own):
+        # a misfit of any kind looks like what swings within a few cycles
+        least_s = SWINGS * found.stated.cycle.period_s
+        slow = {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
+        widened = with_discrepancy(in_doubt(conclusion, slow), told, settled, found.vehicle.in_phase(conclusion.phase))
+        return widened if known is None else contradicted(widened, known.causes, known.touched), factor, told
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
         conclusion = in_doubt(conclusion, _unlike_noise(found, settled) | biased)
     cause = together([named, known, *nameless])
-    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor, None
+    if told is not None and named is not None:
+        conclusion = touched(conclusion, told, named.touched, settled, found.vehicle.in_phase(conclusion.phase))
+    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor, told
+
+
+def _told(found: Analysis, i: int) -> Discrepancy | None:
+    if not isinstance(found.vehicle, Resolved) or found.plain is None:
+        return None
+    return discrepancy(found.samples, found.timing, found.vehicle, found.settled[i], found.plain, i)
 
 
 def _judgeable(found: Analysis) -> Resolved | None:
@@ -104,7 +111,7 @@ def _explained(against: Contradiction | None, unknown: str) -> Contradiction | N
 
 def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None]) -> Iterator[Notice]:
     for conclusion, one in zip(conclusions, told, strict=True):
-        if one is not None:
+        if one is not None and not any(cause.code == "named-fault" for cause in conclusion.causes):
             like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
             usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
             message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"

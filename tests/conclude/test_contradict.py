@@ -241,7 +241,6 @@ def test_what_several_causes_agree_on_is_less_certain_where_none_of_them_is_sure
 
     named, unnamed = told("jet-sign"), told("cause-unknown")
     assert {name for name, verdict in faulty.verdicts(named).items() if verdict == "converged"} == good
-    assert named.discrepancies == (None,)
     wider = unnamed.conclusions[0].sigmas[:9] / clean.conclusions[0].sigmas[:9]
     assert wider.min() > 1
     assert np.median(wider) > 10

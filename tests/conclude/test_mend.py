@@ -91,7 +91,7 @@ def test_a_sigma_of_what_was_found_is_in_every_sigma() -> None:
     force = written((1.001 * np.array(used.jets[4].force_n)).tolist())
     plain, wide = (faulty.examined(log, faulty.stated(used, *more)) for more in ((), (f'uncertain=[{{"jets.4.force_n" = {force}}}]',)))
     there = faulty.examined(log, faulty.stated(used, f"jets.4.force_n={force}", "estimator.adapt_noise=false"))
-    moved = there.conclusions[0].values - plain.conclusions[0].values
+    moved = there.histories[0].values[-1] - plain.conclusions[0].values
     expected = np.hypot(plain.conclusions[0].sigmas, moved)
     assert (np.abs(moved) > 0.3 * plain.conclusions[0].sigmas).any()
     np.testing.assert_allclose(wide.conclusions[0].values, plain.conclusions[0].values, atol=1e-9)
