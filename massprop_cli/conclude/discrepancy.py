@@ -185,10 +185,9 @@ def touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history
     covariance = np.where(both, told.covariance, np.where(neither, conclusion.covariance, 0.0))
     values = np.where(which, told.values, conclusion.values)
     sigmas = np.sqrt(np.diag(covariance))
+    which = which & known & (sigmas < history.natural_sizes)
     estimates = {
-        name: replace(one, value=float(values[i]), sigma=float(sigmas[i]))
-        if which[i] and known[i] and sigmas[i] < history.natural_sizes[i]
-        else one
+        name: replace(one, value=float(values[i]), sigma=float(sigmas[i])) if which[i] else one
         for i, (name, one) in enumerate(conclusion.estimates.items())
     }
     return _with_values(conclusion, estimates, values, covariance, conclusion.bare, history, vehicle)

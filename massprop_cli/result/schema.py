@@ -202,7 +202,7 @@ class PhaseItem(Item):
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
     discrepancy: DiscrepancyItem | None = Field(
-        None, description="absent where the log fits, or errors would have to be beyond any that a lab makes"
+        None, description="absent where the log fits, and where errors are beyond any that a lab makes"
     )
 
     @model_serializer(mode="wrap")
