@@ -17,7 +17,8 @@ Everything that may differ from what log and vehicle file state, made from the p
 fails where page and table differ; `python -m website.errorparameters` writes the page anew.
 
 - **Prior**: one sigma of the error of a log or vehicle file that is wrong. A parameter without one is never a hypothesis.
-- **Usual**: one sigma of the error of the vehicle file of a careful lab, for [sigmas of logs that nothing explains](discrepancy.md).
+- **Usual**: one sigma of the error of the vehicle file of a careful lab, for [sigmas of logs that nothing explains](discrepancy.md); of a
+  direction in rad, and of what is in metres in parts of the vehicle's size, √(trace/mass).
 - **Value**, **sigma**: keys of the vehicle file. Where there is none the table says why.
 - **Step**: what the [assumptions](assumptions.md) show the effect of, where the parameter is assumed as stated.
 - **Range**: physical values, in the unit of the key.

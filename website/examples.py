@@ -183,7 +183,7 @@ WARNINGS: dict[str, Example] = {
     for code, log, settings, shown in (
         ("jet-sign", "free-flyer/log.parquet", (TURNED,), RATE),
         ("cause-unknown", "crazyflie/thrust.parquet", (), WHITE),
-        ("discrepancy", "crazyflie/yaw.parquet", (), WHITE),
+        ("model-discrepancy", "crazyflie/yaw.parquet", (), WHITE),
         ("accelerometer-misfit", "crazyflie/thrust.parquet", (), FORCE),
         ("gyro-misfit", "free-flyer/log.parquet", ("imu.gyro_noise_rad_s=5e-5",), WHITE),
         ("long-interval", "crazyflie/roll-pitch.parquet", (), RATE),

@@ -24,7 +24,7 @@ from massprop_cli.result import schema as results
 from massprop_cli.result.read import MEMBERS, Recorded, read
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
-MISFIT = ("cause-unknown", "contradicted", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
+MISFIT = ("cause-unknown", "contradicted", "model-discrepancy", "disturbance-torque", "gyro-misfit", "accelerometer-misfit", "model-misfit")
 """Codes of warnings that a log's own fit doesn't explain it: void where the others' body does."""
 
 

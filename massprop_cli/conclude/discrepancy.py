@@ -13,6 +13,7 @@ from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot, tolerances
+from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
 from massprop_cli.estimate.discrepancy import LEAST, MOST, Beside, beside
@@ -30,6 +31,7 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 UNSPANNED, NOISE, COMMON = "what no error parameter explains", "noise", "scale common to all thrust"
+CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
 """Of thrust that falls as of mass that grows: in a log they are the same."""
 UNITS = {"direction": "rad"}
@@ -96,20 +98,25 @@ class Discrepancy:
     behaves_like: tuple[str, ...]
     """What the log tells by itself of single error parameters, in words: likely causes, and no proof of one."""
 
+    @property
+    def refuted(self) -> bool:
+        """Whether errors would have to be far beyond any that a lab makes."""
+        return self.scale > MOST
+
     def main(self, i: int) -> str:
         """What makes most of a quantity's sigma."""
         return max(self.shares, key=lambda name: float(self.shares[name][i]))
 
 
 def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: Fits, i: int) -> Discrepancy | None:
-    """Of phase number ``i``; None where there is no fit, or nothing finite, or errors are far beyond any that a lab makes."""
+    """Of phase number ``i``; None where there is no fit, or nothing finite."""
     about = (used, settled.reference), (plain.vehicle, plain.references[i])
     vehicle = used.in_phase(settled.phase)
     found, each = list[Beside](), tuple[Entry, ...]()
     for at, (own, reference) in enumerate(about):
         if reference is None or (at and not _other(own, used)):
             continue
-        entries = _entries(Setup(samples.log, own, timing), samples)
+        entries = _entries(Setup(samples.log, own, timing), samples, float(settled.natural_sizes[CG]))
         with np.errstate(all="ignore"):
             try:
                 told = beside(
@@ -122,10 +129,11 @@ def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: Histor
             each = each or entries.each
         if not found:
             return None  # beside what was sized there is none
-    if not found or found[0].scale > MOST:
+    if not found:
         return None
     first = found[0] if len(found) == 1 else found[0].widened(found[1])
-    row = Parameters(first.mean[None], first.covariance[None], np.sqrt(np.diag(first.covariance)[MOMENTS])[None] / first.mean[MOMENTS])
+    linear = np.maximum(np.diag(first.covariance) - first.scatter, 0.0)[MOMENTS]
+    row = Parameters(first.mean[None], first.covariance[None], np.sqrt(linear)[None] / first.mean[MOMENTS])
     # an error common to all thrust leaves no trace; it is as likely as one of each
     common = BY_NAME["thrust"].usual * max(first.scale, LEAST)
     wary = {"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))}
@@ -151,8 +159,8 @@ def _shares(found: Beside, each: Sequence[Entry], slope: Array) -> dict[str, Arr
     return {name: slope * np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
 
 
-def _entries(setup: Setup, samples: Stream) -> _Entries:
-    """All error parameters that a log and its vehicle may have, but for what the estimator has as an unknown anyhow."""
+def _entries(setup: Setup, samples: Stream, size_m: float) -> _Entries:
+    """All error parameters that a log and its vehicle, so large, may have; but for what the estimator has as an unknown anyhow."""
     variants, each = [], list[Entry]()
     environment = setup.vehicle.environment.kind
     for one in TABLE:
@@ -168,14 +176,19 @@ def _entries(setup: Setup, samples: Stream) -> _Entries:
             changed = variant(one, setup, samples, axis)
             if changed is not None:
                 variants.append(replace(changed, of_motion=True) if isinstance(changed, Reading) else changed)
-                each.append(Entry(one.name, "XYZ"[axis] if one.size > 1 else "", one.usual))
+                each.append(Entry(one.name, "XYZ"[axis] if one.size > 1 else "", _usual(one, size_m)))
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
-    pushes = changed_wrenches(jets, channel_wrench(setup.log, setup.vehicle), {name: BY_NAME[name].usual for name in PER_CHANNEL})
+    sigmas = {name: _usual(BY_NAME[name], size_m) for name in PER_CHANNEL}
+    pushes = changed_wrenches(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
     named = channel_names(setup.log, setup.vehicle)
     units = np.array([*(one.usual for one in each), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
-    each += [Entry(kind, named[channel], BY_NAME[kind].usual) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
+    each += [Entry(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
     each.append(Entry(AGING, "", BY_NAME[AGING].usual))
     return _Entries(Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(each))
+
+
+def _usual(one: ErrorParameter, size_m: float) -> float:
+    return one.usual * (size_m if one.unit == "m" else 1.0)
 
 
 def touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
@@ -185,9 +198,9 @@ def touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history
     covariance = np.where(both, told.covariance, np.where(neither, conclusion.covariance, 0.0))
     values = np.where(which, told.values, conclusion.values)
     sigmas = np.sqrt(np.diag(covariance))
-    which = which & known & (sigmas < history.natural_sizes)
+    given, which = which & known & (sigmas < history.natural_sizes), which & known
     estimates = {
-        name: replace(one, value=float(values[i]), sigma=float(sigmas[i])) if which[i] else one
+        name: replace(one, value=float(values[i]) if given[i] else None, sigma=float(sigmas[i]) if given[i] else None) if which[i] else one
         for i, (name, one) in enumerate(conclusion.estimates.items())
     }
     return _with_values(conclusion, estimates, values, covariance, conclusion.bare, history, vehicle)

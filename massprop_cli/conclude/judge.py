@@ -21,6 +21,7 @@ from massprop_cli.conclude.verdict import Conclusion, contradicted, in_doubt
 from massprop_cli.conclude.white import unlike_noise
 from massprop_cli.diagnosis import UNKNOWN
 from massprop_cli.estimate.discrepancy import LEAST
+from massprop_cli.estimate.disturbances import sized
 from massprop_cli.estimate.history import History
 from massprop_cli.inputs.telemetry import Notice
 from massprop_cli.inputs.vehicle import Vehicle
@@ -59,21 +60,25 @@ def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -
         nameless = [] if own else [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
     unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
     biased = {} if own and not unnamed else _biased(found, settled)
-    told = _told(found, i) if widen and (own or unnamed or any(nameless)) else None
-    if told is not None and (unnamed or not own):
+    # a disturbance that is no noise stands for something else
+    wary = {} if own else _unlike_noise(found, settled)
+    nameless_misfit = unnamed or any(nameless)
+    told = _told(found, i) if widen and (own or nameless_misfit or (wary and sized(found.vehicle, found.stated))) else None
+    vehicle = found.vehicle.in_phase(conclusion.phase)
+    if told is not None and not told.refuted and (unnamed or not own):
         # a misfit of any kind looks like what swings within a few cycles
         least_s = SWINGS * found.stated.cycle.period_s
         slow = {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
-        widened = with_discrepancy(in_doubt(conclusion, slow), told, settled, found.vehicle.in_phase(conclusion.phase))
+        widened = with_discrepancy(in_doubt(conclusion, slow if nameless_misfit else wary | biased), told, settled, vehicle)
         return widened if known is None else contradicted(widened, known.causes, known.touched), factor, told
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
         conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
-        conclusion = in_doubt(conclusion, _unlike_noise(found, settled) | biased)
-    cause = together([named, known, *nameless])
-    if told is not None and named is not None:
-        conclusion = touched(conclusion, told, named.touched, settled, found.vehicle.in_phase(conclusion.phase))
+        conclusion = in_doubt(conclusion, wary | biased)
+    cause, misfit_alone = together([named, known, *nameless]), together([named, *nameless])
+    if told is not None and misfit_alone is not None:
+        conclusion = touched(conclusion, told, misfit_alone.touched, settled, vehicle)
     return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor, told
 
 
@@ -111,11 +116,11 @@ def _explained(against: Contradiction | None, unknown: str) -> Contradiction | N
 
 def _discrepancies(conclusions: Sequence[Conclusion], told: Sequence[Discrepancy | None]) -> Iterator[Notice]:
     for conclusion, one in zip(conclusions, told, strict=True):
-        if one is not None and not any(cause.code == "named-fault" for cause in conclusion.causes):
+        if one is not None and not one.refuted and not any(cause.code == "named-fault" for cause in conclusion.causes):
             like = f"; it behaves like {' and '.join(one.behaves_like)}, or something else that does the same" if one.behaves_like else ""
             usual = f"whatever a careful lab may have stated wrongly, times {max(one.scale, LEAST):.2g}, and what none of that explains"
             message = f"log and vehicle file don't explain one another, and every sigma includes what may be wrong: {usual}{like}"
-            yield Notice("discrepancy", f"phase {conclusion.phase.name}: {message}")
+            yield Notice("model-discrepancy", f"phase {conclusion.phase.name}: {message}")
 
 
 def _notices(found: Analysis, conclusions: tuple[Conclusion, ...], docked: Docked | None) -> Iterator[Notice]:

@@ -90,7 +90,7 @@ PARAMETERS = (
         "position of the bearing's centre",
         "m",
         prior=0.005,  # the ball is machined to a tenth of this; the offset of O from the drawing's datum is measured by hand
-        usual=0.0005,
+        usual=0.001,
         key="environment.bearing_position_m",
         no_sigma="the CG is as uncertain as it is, one to one: massprop reports the CG by 1 mm of it",
         size=3,

@@ -89,7 +89,7 @@ PARAMETERS = (
         "position of the IMU",
         "m",
         prior=0.05,  # the size of an IMU: stated to its corner instead of its sensing centre
-        usual=0.005,
+        usual=0.01,
         key="imu.position_m",
         sigma_key="imu.position_sigma_m",
         size=3,

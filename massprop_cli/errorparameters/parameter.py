@@ -130,7 +130,10 @@ class ErrorParameter:
     prior: float = 0.0
     """One sigma of the error of a vehicle file that is wrong, in ``unit``; 0: never a hypothesis."""
     usual: float = 0.0
-    """One sigma of the error of a vehicle file of a careful lab, in ``unit`` (of a direction: rad); 0: it goes by another parameter."""
+    """One sigma of the error of a vehicle file of a careful lab, in ``unit``; 0: it goes by another parameter.
+
+    Of a direction in rad, and of what is in metres in parts of the vehicle's size, √(trace / mass).
+    """
     key: str | None = None
     """Of its value in the vehicle file."""
     no_key: str = ""

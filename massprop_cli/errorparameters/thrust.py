@@ -186,7 +186,7 @@ PARAMETERS = (
         "position of each jet",
         "m",
         prior=0.03,  # the size of a bracket: a mistaken mounting hole
-        usual=0.005,
+        usual=0.01,
         key="jets.position_m",
         sigma_key="jets.position_sigma_m",
         size=3,

@@ -30,7 +30,8 @@ from massprop_cli.prepare.compensate import Source
 STRETCHES = 20
 """Of time, by whose scatter what nothing spans is told."""
 LEAST, MOST = 0.3, 3.0
-"""What the common scale is taken for at least and at most, where a log does not fit: of a unit, the usual error of a careful lab."""
+"""Of the common scale, a careful lab's errors being 1: what it is taken for at least where a log does not fit, and beyond which what is
+stated is refuted."""
 SCALES = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 60)])
 """s that are tried."""
 NOISES = 40
@@ -96,7 +97,7 @@ def beside(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     triangle = triangle_of(np.vstack(posed))
     count = int((~samples.unread).sum()) * (cycles.stop - cycles.start) - first
     s, noise, freed = _told(triangle[first:, first:], count)
-    sigma = np.full(size, np.clip(s, LEAST, MOST))
+    sigma = np.full(size, max(s, LEAST))
     sigma[freed] = WIDE
     prior = np.eye(size, triangle.shape[1], first) * (noise / sigma)[:, None]
     whole = triangle_of(np.vstack([triangle, prior]))[:-1]

@@ -201,9 +201,7 @@ class PhaseItem(Item):
     contradiction: str = Field("", description="why log and vehicle file contradict each other in this phase; empty where they don't")
     known: dict[str, tuple[float, float]] = Field({}, description="value and sigma of quantities that were measured elsewhere and enter")
     implied_thrust_scale: ImpliedScale | None = None
-    discrepancy: DiscrepancyItem | None = Field(
-        None, description="absent where the log fits, and where errors are beyond any that a lab makes"
-    )
+    discrepancy: DiscrepancyItem | None = Field(None, description="absent where the log fits")
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
