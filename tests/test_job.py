@@ -88,7 +88,7 @@ def test_code_junit_and_annotations_agree_on_a_contradicted_log(log: Path, allow
     done = massprop(tmp_path, "estimate", log, "-q", "--out", "one", *asked)
     checked = massprop(tmp_path, "check", log, "-q", *asked)
     many = massprop(tmp_path, "batch", log, "-q", "--out", "many", "--junit", "many.xml", *asked, GITHUB_ACTIONS="true")
-    assert (done.returncode, checked.returncode, many.returncode) == (code, code, code), done.stderr
+    assert (done.returncode, checked.returncode, many.returncode) == (code, code, code), done.stderr + many.stderr
     assert (tmp_path / "one" / "result.json").exists()
     failures = JUnitXml.fromfile(str(tmp_path / "many.xml")).failures
     assert (failures > 0, "::error" in many.stderr) == (code == 6, code == 6)

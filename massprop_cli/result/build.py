@@ -161,7 +161,7 @@ def _pivot_covariance(conclusion: Conclusion) -> Matrix | None:
 
 
 def _discrepancy(told: Discrepancy) -> DiscrepancyItem:
-    shares = {name: [float(sigma) for sigma in sigmas] for name, sigmas in told.shares.items()}
+    shares = {name: [float(sigma) if np.isfinite(sigma) else None for sigma in sigmas] for name, sigmas in told.shares.items()}
     return DiscrepancyItem(scale=told.scale, behaves_like=list(told.behaves_like), shares=shares)
 
 

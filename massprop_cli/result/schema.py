@@ -167,9 +167,9 @@ class DiscrepancyItem(Item):
 
     scale: float = Field(description="common size of all error parameters as the log tells it, over their usual ones; at least 0.3 is used")
     behaves_like: list[str] = Field(description="error parameters that stand out, with their size: likely causes, none of them proven")
-    shares: dict[str, list[float]] = Field(
+    shares: dict[str, list[float | None]] = Field(
         description="by family of error parameters, of noise, and of what no error parameter explains: the sigma of each of the ten "
-        "quantities that it makes by itself, in their units"
+        "quantities that it makes by itself, in their units; null where that can't be said"
     )
 
 
