@@ -61,9 +61,9 @@ def balance(
     where a ballast cannot reach, or the first moment did not change as predicted, 6 where it is contradicted.
 
     Examples:
-        massprop balance massprop-out/log --ballast ballast.toml
-        massprop balance massprop-out/log --ballast ballast.toml --leave "z=-500 g cm"
-        massprop balance massprop-out/log --ballast ballast.toml --after massprop-out/next --moved x=12.5 --moved y=-3
+        massprop balance before --ballast ballast.toml
+        massprop balance before --ballast ballast.toml --leave "z=-500 g cm"
+        massprop balance before --ballast ballast.toml --after after --moved x=-8 --moved y=4
     """
     if moved and after is None:
         raise UsageError("--moved: states what was moved before a second log; name its result with --after")

@@ -31,6 +31,9 @@ from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
 UNSPANNED, NOISE, COMMON = "what no error parameter explains", "noise", "scale common to all thrust"
+LONG = 30_000
+"""Cycles beyond which parameters for which the log is read anew are left to the scatter of stretches: each reading holds a hundred bytes of
+every cycle."""
 CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
 """Of thrust that falls as of mass that grows: in a log they are the same."""
@@ -168,7 +171,7 @@ def _entries(setup: Setup, samples: Stream, size_m: float) -> _Entries:
         elsewhere = one.environments and environment not in one.environments
         if one.usual == 0 or one.per_channel or unknown or elsewhere:
             continue
-        if one.name == AGING:
+        if one.name == AGING or (setup.log.cycles > LONG and one.shown is None and one.redone != "body"):
             continue
         if one.shown is None and one.apply(setup, np.zeros(one.size)) is None:
             continue  # it has no part in this vehicle

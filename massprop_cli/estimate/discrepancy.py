@@ -19,7 +19,6 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.estimate.offline import WHOLE
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.model.lift import Tangent
 from massprop_cli.model.plant import Reference, plant_of
@@ -27,6 +26,8 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
+AT_ONCE = 128
+"""Cycles taken in at a time: each has a hundred columns."""
 STRETCHES = 20
 """Of time, by whose scatter what nothing spans is told."""
 LEAST, MOST = 0.3, 3.0
@@ -130,7 +131,7 @@ def _stretches(regression: Regression, reference: Reference) -> tuple[Array, lis
     for end in ends[ends > cycles.start + 1]:
         parts = []
         while run.at < end:
-            run, taken = regression.take(run, min(run.at + WHOLE, int(end)))
+            run, taken = regression.take(run, min(run.at + AT_ONCE, int(end)))
             parts.append(regression.ordered(taken))
         found.append(triangle_of(np.vstack(parts)))
     return begun.triangle, found

@@ -106,11 +106,11 @@ def variant(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int 
 def _side(parameter: ErrorParameter, setup: Setup, samples: Stream, axis: int, by: float) -> Side:
     if parameter.by_columns and parameter.shown is not None:
         shows = parameter.shown(parameter.error(by, axis), np.array(setup.vehicle.imu.body_from_imu))
-        return Side(samples.changed(gyro=np.diag(shows)))
+        return Side(samples.changed(gyro=np.diag(shows)).light())
     used = parameter.differing(setup, by, axis)
     if parameter.redone in ("commands", "all") or used.log is not setup.log:
-        return Side(Stream.of(*used[:3]), used.vehicle if parameter.redone == "all" else None)
-    return Side(samples if parameter.redone == "body" else samples.changed(used.vehicle), used.vehicle)
+        return Side(Stream.of(*used[:3]).light(), used.vehicle if parameter.redone == "all" else None)
+    return Side(samples if parameter.redone == "body" else samples.changed(used.vehicle).light(), used.vehicle)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class Stream:
         self.unread = unread(self.log, vehicle)
         begun = at_first(vehicle, self._motion(slice(0, 1))[0][0], shown_late_s(self.log, vehicle)[0])
         self._edges = [(begun, BiasSeen.none(), 0.0)]
-        self._held = slice(0, 0)
+        self._held, self._least = slice(0, 0), LEAST
         self._samples: Samples | None = None
         self._last: tuple[slice, Samples] | None = None
 
@@ -78,6 +78,11 @@ class Stream:
         """The same commands with another IMU or another attitude at the beginning."""
         return Stream(self.alignment, vehicle or self.vehicle, gyro)
 
+    def light(self) -> Stream:
+        """Itself, holding no more cycles at a time than it must: one of many beside another."""
+        self._least = GRID
+        return self
+
     def __len__(self) -> int:
         return self.log.cycles
 
@@ -87,7 +92,7 @@ class Stream:
             return self._last[1]  # each block of cycles is asked for several times
         if self._samples is None or cycles.start < self._held.start or cycles.stop > self._held.stop:
             first = cycles.start // GRID * GRID
-            self._held = slice(first, min(max(first + LEAST, cycles.stop), len(self)))
+            self._held = slice(first, min(max(first + self._least, cycles.stop), len(self)))
             self._samples = self._compensated(self._held)
         self._last = cycles, self._samples.part(slice(cycles.start - self._held.start, cycles.stop - self._held.start))
         return self._last[1]

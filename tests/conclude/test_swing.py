@@ -156,9 +156,13 @@ def test_a_mass_beside_sloshing_fuel_is_not_called_converged(hertz: float) -> No
 
 
 @pytest.mark.thorough
-def test_fuel_that_sloshes_within_few_cycles_contradicts_the_mass() -> None:
+def test_fuel_that_sloshes_within_few_cycles_is_in_the_mass_s_sigma() -> None:
     """At 2 Hz the specific force follows the commands of the cycles before."""
-    assert swung(0.1, 2.0).conclusions[0].estimates["mass"].verdict == "contradicted"
+    mass = swung(0.1, 2.0).conclusions[0].estimates["mass"]
+    assert mass.verdict != "converged"
+    assert mass.value is not None
+    assert mass.sigma is not None
+    assert abs(mass.value - MASS) < 2 * mass.sigma < 0.1 * MASS
 
 
 def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +177,16 @@ def test_the_log_looks_good_without_this_test_and_the_mass_is_ten_sigma_off(monk
     assert mass.value < 0.9 * MASS
 
 
-@pytest.mark.parametrize("hertz", [0.3, *(pytest.param(hertz, marks=pytest.mark.thorough) for hertz in (0.8, 2.0))])
+def test_an_inertia_beside_a_part_that_swings_within_few_cycles_holds_with_its_sigma() -> None:
+    found = swung(0.1, 2.0, turning=True).conclusions[0].estimates
+    for name, true in zip(("ixx", "iyy", "izz"), INERTIA, strict=True):
+        one = found[name]
+        assert one.value is not None
+        assert one.sigma is not None
+        assert abs(one.value - true) < 2 * one.sigma
+
+
+@pytest.mark.parametrize("hertz", [0.3, pytest.param(0.8, marks=pytest.mark.thorough)])
 def test_no_inertia_beside_a_flexible_part_is_called_converged(hertz: float) -> None:
     found = swung(0.1, hertz, turning=True).conclusions[0].estimates
     assert all(found[name].verdict != "converged" for name in ("ixx", "iyy", "izz"))

@@ -35,6 +35,11 @@ PARTS = re.compile(
 WHOLE = ("smallest.toml", "vehicle.toml", "flight.vehicle.toml")
 """Blocks that are whole vehicle files."""
 SAMPLE = "cp sample_logs/free-flyer/* ."
+BALLAST = "".join(
+    f'[[ballast]]\\nname = "{name}"\\nmass_kg = 0.3\\nmass_sigma_kg = 0.0003\\naxis = {axis}\\n'
+    "position_m = [0.0, 0.0, 0.0]\\ntravel_m = [-0.1, 0.1]\\n"
+    for name, axis in (("x", [1, 0, 0]), ("y", [0, 1, 0]), ("z", [0, 0, 1]))
+)
 COMMANDS_BEFORE = f"""
 {SAMPLE}
 printf 'spread = 0.2\\n[body]\\nixx = 0.6\\niyy = 2.7\\nizz = 2.4\\nmass = 22.0\\n' > guess.toml
@@ -45,6 +50,10 @@ massprop estimate log.parquet -q --out baseline/log
 for name in alone docked; do massprop simulate $([ $name = alone ] && echo testbed || echo testbed-joined) -q --out at-$name; done
 for name in alone docked; do massprop estimate at-$name/log.parquet -q --out $name; done
 massprop batch flights -q
+massprop simulate pedestal -q --out table && massprop estimate table/log.parquet -q --out before
+massprop simulate pedestal -q --seed 2 --set truth.cg_x=0.0 --set truth.cg_y=0.0 --out moved
+massprop estimate moved/log.parquet -q --out after
+printf '{BALLAST}' > ballast.toml
 """
 
 
