@@ -9,42 +9,16 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from fault_commands import COMMANDS, Maker
 from fault_imu import columns, noise, with_columns
 from fault_imu import rotation as turned_by
 from fault_thrust import Random, stated_forces, unit
 from fault_vehicles import Case, Subject
 
-from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.rigidbody import rotation, tensor
 
 Made = Case | None
-Maker = Callable[[Subject, Random], Made]
-
-
-def _command(s: Subject) -> Array:
-    return s.clean.log.command
-
-
-def _logged(s: Subject, command: Array) -> Case:
-    return s.clean.logging(command=frozen(command))
-
-
-def _clock(s: Subject) -> Array:
-    """(K, 1) from 0 to 1."""
-    return np.linspace(0.0, 1.0, len(_command(s)))[:, None]
-
-
-def _throttled(s: Subject, part: Array) -> Case:
-    """Commands that give as much as they did, of which the log says ``part`` (K, C) times that; right in the mean."""
-    flown, logged = _command(s), _command(s) * part
-    mean = float(np.abs(logged).sum() / np.abs(flown).sum())
-    if not s.vehicle.jets:
-        return _logged(s, logged / mean)
-    return stated_forces(s, _logged(s, logged), {jet.name: 1 / mean for jet in s.vehicle.jets})
-
-
-def _used(s: Subject, rng: Random) -> int:
-    return int(rng.choice(np.flatnonzero((_command(s) != 0).any(0))))
 
 
 def _rates(case: Case) -> tuple[Array, Array]:
@@ -121,7 +95,7 @@ def _later(values: Array, by: int) -> Array:
 
 def _firing(s: Subject) -> Array:
     """(n, 1) whether anything is commanded."""
-    return _by_record(s, (_command(s) != 0).any(1)[:, None])
+    return _by_record(s, (s.clean.log.command != 0).any(1)[:, None])
 
 
 def _loud(s: Subject, rng: Random, rate: Array, force: Array, gyro: float, accel: float) -> tuple[Array, Array]:
@@ -129,82 +103,6 @@ def _loud(s: Subject, rng: Random, rate: Array, force: Array, gyro: float, accel
     on = _firing(s) * np.sqrt(s.clean.log.records_per_cycle)
     more = on * gyro * noise(s, "gyro") * rng.standard_normal(rate.shape)
     return rate + more, force + on * accel * noise(s, "accel") * rng.standard_normal(force.shape)
-
-
-def _warming(s: Subject, _: Random) -> Case:
-    pulses = np.cumsum(_command(s) != 0, 0)
-    return _throttled(s, 1 / (1 + 0.3 * (1 - np.exp(-pulses / 10.0))))
-
-
-def _stepping(s: Subject, rng: Random) -> Case:
-    count = len(_command(s))
-    return _throttled(s, np.repeat(rng.uniform(0.85, 1.0, 8), -(-count // 8))[:count, None] + np.zeros_like(_command(s)))
-
-
-def _rippling(s: Subject, rng: Random) -> Case:
-    return _throttled(s, 0.9 + 0.1 * np.sin(2 * np.pi * (rng.uniform(3, 8) * _clock(s) + rng.uniform())) + np.zeros_like(_command(s)))
-
-
-def _scattering(s: Subject, rng: Random, sigma: float) -> Case:
-    return _throttled(s, np.clip(1 - 3 * sigma + sigma * rng.standard_normal(_command(s).shape), 0.6, 1.0))
-
-
-def _least_bit(s: Subject, _: Random) -> Made:
-    on = _command(s)
-    return _logged(s, np.where(on > 0, np.maximum(on - 0.04 * s.period_s, 0.1 * on), 0.0)) if s.vehicle.jets else None
-
-
-def _counted(s: Subject, _: Random) -> Made:
-    unit_s = s.period_s / 8
-    return _logged(s, np.minimum(np.round(_command(s) / unit_s) * unit_s, s.period_s)) if s.vehicle.jets else None
-
-
-def _one_late(s: Subject, rng: Random) -> Case:
-    command, i = _command(s).copy(), _used(s, rng)
-    command[:-1, i], command[-1, i] = command[1:, i].copy(), 0.0
-    return _logged(s, command)
-
-
-def _flipping(s: Subject, rng: Random) -> Made:
-    command = _command(s).copy()
-    command[len(command) // 2 :, _used(s, rng)] *= -1
-    return None if s.vehicle.jets else _logged(s, command)
-
-
-def _weaker_later(s: Subject, rng: Random) -> Case:
-    command = _command(s).copy()
-    command[len(command) // 2 :, _used(s, rng)] *= 0.9
-    return _logged(s, command)
-
-
-def _all_weaker_later(s: Subject, _: Random) -> Case:
-    return _throttled(s, np.where(_clock(s) < 0.5, 1.0, 0.9) + np.zeros_like(_command(s)))
-
-
-def _missing(s: Subject, rng: Random) -> Case:
-    command = _command(s).copy()
-    command[rng.choice(len(command), max(3, len(command) // 50), replace=False)] = 0.0
-    return _logged(s, command)
-
-
-def _disordered(s: Subject, rng: Random) -> Case:
-    command = _command(s).copy()
-    for k in rng.choice(np.arange(1, len(command) - 2), max(3, len(command) // 30), replace=False):
-        command[[k, k + 1]] = command[[k + 1, k]]
-    return _logged(s, command)
-
-
-def _delay_jumps(s: Subject, _: Random) -> Case:
-    command, half = _command(s).copy(), len(_command(s)) // 2
-    command[half:-1], command[-1] = command[half + 1 :].copy(), 0.0
-    return _logged(s, command)
-
-
-def _delay_alternates(s: Subject, _: Random) -> Case:
-    command, later = _command(s), np.zeros_like(_command(s))
-    later[:-1] = command[1:]
-    part = 0.5 * (np.arange(len(command)) % 2)[:, None]
-    return _logged(s, (1 - part) * command + part * later)
 
 
 def _leaking(s: Subject, rng: Random) -> tuple[Array, Array]:
@@ -216,13 +114,13 @@ def _leaking(s: Subject, rng: Random) -> tuple[Array, Array]:
 
 def _tied(s: Subject, _: Random) -> tuple[Array, Array]:
     """An umbilical: a spring by which the body would swing once in two logs."""
-    rate, lasts = _in_body(s), 2 * len(_command(s)) * s.period_s
+    rate, lasts = _in_body(s), 2 * len(s.clean.log.command) * s.period_s
     angle = np.cumsum(rate * s.clean.log.interval_s[:, None], 0)
     return -angle @ _body(s)[0].T * (2 * np.pi / lasts) ** 2, np.zeros_like(rate)
 
 
 def _dragged(s: Subject, _: Random) -> tuple[Array, Array]:
-    rate, lasts = _in_body(s), 2 * len(_command(s)) * s.period_s
+    rate, lasts = _in_body(s), 2 * len(s.clean.log.command) * s.period_s
     return -(np.abs(rate) * rate / np.abs(rate).max()) @ _body(s)[0].T / lasts, np.zeros_like(rate)
 
 
@@ -339,22 +237,7 @@ def _all_a_little(s: Subject, rng: Random) -> Case:
 
 
 UNFORESEEN: dict[str, tuple[str, Maker]] = {
-    "warm-up": ("thrust that grows by 30 % over the first pulses of each jet", _warming),
-    "tank": ("thrust that falls by 20 % over the log", lambda s, _: _throttled(s, 0.8 + 0.2 * _clock(s) + np.zeros_like(_command(s)))),
-    "supply-ripple": ("thrust that goes up and down by 10 %", _rippling),
-    "supply-steps": ("thrust that steps by up to 15 %", _stepping),
-    "pulse-scatter-5": ("pulses that scatter by 5 %", partial(_scattering, sigma=0.05)),
-    "pulse-scatter-1": ("pulses that scatter by 1 %", partial(_scattering, sigma=0.01)),
-    "least-bit": ("4 % of a cycle more in each pulse than was logged", _least_bit),
-    "on-times-counted": ("on-times logged in eighths of a cycle", _counted),
-    "one-late": ("one channel a cycle later than the others", _one_late),
-    "flips-midway": ("one channel reversed from half time on", _flipping),
-    "weaker-later": ("one channel at 90 % from half time on", _weaker_later),
-    "all-weaker-later": ("all thrust at 90 % from half time on", _all_weaker_later),
-    "commands-missing": ("2 % of the commands are not logged", _missing),
-    "commands-disordered": ("3 % of the commands logged a cycle early", _disordered),
-    "delay-jumps": ("delay longer by a cycle from half time on", _delay_jumps),
-    "delay-alternates": ("delay longer by half a cycle in every other one", _delay_alternates),
+    **COMMANDS,
     "leak": ("a jet that leaks 2 % of its thrust", lambda s, rng: _pushed(_leaking)(s, rng) if s.vehicle.jets else None),
     "gyro-bends": ("gyro scale that bends by 2 %", _sensed(lambda _s, _r, w, f: (w * (1 + 0.02 * w / np.abs(w).max()), f))),
     "gyro-feels-force": ("gyro that feels force", _sensed(lambda _s, r, w, f: (w + f @ r.normal(0, 2e-4, (3, 3)), f))),

@@ -46,7 +46,7 @@ commit {commit}. `python benchmarks/unforeseen.py --seeds {seeds}` writes this p
 
 
 @dataclass(frozen=True)
-class Run:
+class Outcome:
     """What was said of one log."""
 
     kind: str
@@ -86,7 +86,7 @@ def made(kind: str, vehicle: str, seed: int) -> Case | None:
     return None if drawn is None else drawn.case
 
 
-def run(kind: str, vehicle: str, seed: int) -> list[Run]:
+def run(kind: str, vehicle: str, seed: int) -> list[Outcome]:
     """One for each phase."""
     case = made(kind, vehicle, seed)
     if case is None:
@@ -104,7 +104,7 @@ def run(kind: str, vehicle: str, seed: int) -> list[Run]:
         verdicts = tuple(one.verdict for one, is_given in zip(conclusion.estimates.values(), given, strict=True) if is_given)
         sizes, sigmas = settled.natural_sizes[given], conclusion.sigmas[given]
         values = sigmas / sizes, nearest[given] / sigmas, nearest[given] / sizes
-        runs.append(Run(kind, vehicle, told is not None, bool(found.faults), *values, verdicts, seconds))
+        runs.append(Outcome(kind, vehicle, told is not None, bool(found.faults), *values, verdicts, seconds))
     return runs
 
 
@@ -137,11 +137,11 @@ def main() -> None:
     print(f"CPU time of a log: median {np.median([r.seconds for r in runs]):.2f} s, most {max(r.seconds for r in runs):.1f} s.")
 
 
-def _run(task: tuple[str, str, int]) -> list[Run]:
+def _run(task: tuple[str, str, int]) -> list[Outcome]:
     return run(*task)
 
 
-def _table(title: str, by: dict[str, list[Run]], every: Sequence[Run]) -> Iterator[str]:
+def _table(title: str, by: dict[str, list[Outcome]], every: Sequence[Outcome]) -> Iterator[str]:
     yield f"| {title} | logs | sigmas widened | values | covered | useful | wrong | converged | of these wrong |"
     yield "|---|--:|--:|--:|--:|--:|--:|--:|--:|"
     for name, runs in {**by, "all": list(every)}.items():
@@ -149,7 +149,7 @@ def _table(title: str, by: dict[str, list[Run]], every: Sequence[Run]) -> Iterat
             yield f"| {name}{f': {UNFORESEEN[name][0]}' if name in UNFORESEEN else ''} | {' | '.join(_cells(runs))} |"
 
 
-def _cells(runs: Sequence[Run]) -> list[str]:
+def _cells(runs: Sequence[Outcome]) -> list[str]:
     covered, wrong, small = (np.concatenate(part) for part in zip(*((r.covered, r.wrong, r.sigmas < USEFUL) for r in runs), strict=True))
     converged = np.array([verdict == "converged" for r in runs for verdict in r.verdicts])
     share = [f"{100 * part.mean():.1f} %" for part in (covered, covered & small)]
@@ -164,7 +164,7 @@ def _cells(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def _line(runs: Sequence[Run]) -> str:
+def _line(runs: Sequence[Outcome]) -> str:
     if not runs:
         return "none"
     _, widened, values, covered, useful, wrong, _, silent = _cells(runs)

@@ -40,6 +40,7 @@ class Piece:
     known: Mapping[str, tuple[float, float]]
     """Value and sigma of what entered."""
     scale_sigma: float = 0.0
+    """Relative, of the thrust's common error, as it is in ``covariance``."""
     bearing: BearingBody | None = None
     """On which it turned."""
 
@@ -203,7 +204,8 @@ def _apart(number: int, linear: Sequence[tuple[Array, Array]], told: Sequence[tu
 def with_shared(values: Array, covariance: Array, pieces: Sequence[Piece]) -> tuple[Array, Array]:
     """With the thrust's common uncertainty, and each thing that is known, once."""
     scaled = pieces[0].by_scale(values)
-    covariance = covariance + pieces[0].scale_sigma ** 2 * np.outer(scaled, scaled)
+    # what makes one log doubt the thrust holds for all of them: it is the same
+    covariance = covariance + max(piece.scale_sigma for piece in pieces) ** 2 * np.outer(scaled, scaled)
     shared = dict.fromkeys((name, value, sigma) for piece in pieces for name, (value, sigma) in piece.known.items())
     for name, value, sigma in shared:
         i = QUANTITIES.index(name)

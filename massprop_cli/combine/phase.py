@@ -63,7 +63,8 @@ def _piece(part: Part) -> Piece:
     at = np.array(vehicle.bearing_position_m)
     # gravity has no part in how the mass properties are written
     bearing = BearingBody(at, vehicle.bearing_mass_kg, 0.0) if vehicle.environment == "air_bearing" else None
-    return Piece(part.label, values, covariance, part.phase.known, vehicle.thrust_scale_sigma, bearing)
+    beyond = part.phase.discrepancy.thrust_scale_sigma if part.phase.discrepancy else 0.0
+    return Piece(part.label, values, covariance, part.phase.known, float(np.hypot(vehicle.thrust_scale_sigma, beyond)), bearing)
 
 
 def together_phase(name: str, parts: Sequence[Part]) -> Phased:

@@ -6,7 +6,7 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.conclude.assumptions import Assumption, Examined
 from massprop_cli.conclude.contradict import Fault
-from massprop_cli.conclude.discrepancy import Discrepancy, Fits
+from massprop_cli.conclude.discrepancy import Discrepancy, PlainFits
 from massprop_cli.conclude.docking import Docked
 from massprop_cli.conclude.score import Doubt
 from massprop_cli.conclude.verdict import Conclusion
@@ -65,7 +65,7 @@ class Analysis:
     """What has a name."""
     unknown: str = ""
     """Why nothing has, where something should."""
-    plain: Fits | None = None
+    plain: PlainFits | None = None
     """As stated; None by another method."""
     discrepancies: tuple[Discrepancy | None, ...] = ()
     """Of each phase whose sigmas include what log and vehicle file don't explain of one another."""

@@ -16,12 +16,12 @@ from massprop_cli.conclude.verdict import Conclusion, Estimate, about_its_pivot,
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
-from massprop_cli.estimate.discrepancy import LEAST, MOST, Beside, beside
+from massprop_cli.estimate.discrepancy import LEAST, MOST, ErrorFit, error_fit
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.quantities import MOMENTS, alone, by_scale, in_common, quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.vehicle import Vehicle
-from massprop_cli.model.geometry import changed_wrenches
+from massprop_cli.model.geometry import channels_otherwise
 from massprop_cli.model.layout import MU
 from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
@@ -37,13 +37,19 @@ every cycle."""
 CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
 """Of thrust that falls as of mass that grows: in a log they are the same."""
+WORDS = {
+    AGING: "change of all thrust over the log, or of mass and inertia the other way",
+    "thrust": "thrust",
+    "position": "place",
+    "direction": "direction",
+}
+"""Of what one component is said otherwise than of all."""
 UNITS = {"direction": "rad"}
-"""Of entries whose error has another unit elsewhere."""
-PER_CHANNEL = ("thrust", "position", "direction")
+"""Of what has another unit elsewhere."""
 
 
-class Fits(NamedTuple):
-    """Off-line fits of every phase as stated, beside those with disturbances that were sized."""
+class PlainFits(NamedTuple):
+    """Off-line fits of every phase with the noise that is stated, beside those with disturbances that were sized."""
 
     vehicle: Resolved
     references: tuple[Reference | None, ...]
@@ -51,7 +57,7 @@ class Fits(NamedTuple):
     """What is stated to be uncertain."""
 
 
-class Entry(NamedTuple):
+class ErrorColumn(NamedTuple):
     """One component of an error parameter."""
 
     name: str
@@ -61,27 +67,13 @@ class Entry(NamedTuple):
     usual: float
     """One sigma of it in the vehicle file of a careful lab."""
 
-    @property
-    def family(self) -> str:
-        """What it belongs to."""
-        return FAMILY[self.name]
-
     def said(self, error: float) -> str:
         """In words, of an error in its usual sigma."""
         one, own = BY_NAME[self.name], f" ({self.of})" if self.of else ""
+        # a reading times a factor is one of a sensor that shows less
+        size = error * self.usual * (-1.0 if one.by_columns and one.unit == "1" else 1.0)
         unit = UNITS.get(self.name, one.unit)
-        size = f"{100 * error * self.usual:+.2g} %" if unit in ("1", "parts") else f"{error * self.usual:+.2g} {unit}"
-        return f"{one.what}{own}: {size}"
-
-
-class _Entries(NamedTuple):
-    """Error parameters as columns."""
-
-    consider: Consider
-    units: Array
-    """(e,) what one usual sigma is in each column's unit."""
-    each: tuple[Entry, ...]
-    """(e,)"""
+        return f"{WORDS.get(self.name, one.what)}{own}: {f'{100 * size:+.2g} %' if unit in ('1', 'parts') else f'{size:+.2g} {unit}'}"
 
 
 @dataclass(frozen=True)
@@ -96,6 +88,8 @@ class Discrepancy:
     """The same by the log alone."""
     scale: float
     """Common size of all error parameters as the log tells it, of their usual sigmas."""
+    thrust_scale_sigma: float
+    """Of the error common to all thrust, beyond what is stated; in ``covariance``, and not in ``bare``."""
     shares: Mapping[str, Array]
     """By family, and of noise and of what nothing explains: (10,) sigmas."""
     behaves_like: tuple[str, ...]
@@ -111,42 +105,41 @@ class Discrepancy:
         return max(self.shares, key=lambda name: float(self.shares[name][i]))
 
 
-def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: Fits, i: int) -> Discrepancy | None:
+def discrepancy(samples: Stream, timing: Timing, used: Resolved, settled: History, plain: PlainFits, i: int) -> Discrepancy | None:
     """Of phase number ``i``; None where there is no fit, or nothing finite."""
-    about = (used, settled.reference), (plain.vehicle, plain.references[i])
-    vehicle = used.in_phase(settled.phase)
-    found, each = list[Beside](), tuple[Entry, ...]()
-    for at, (own, reference) in enumerate(about):
-        if reference is None or (at and not _other(own, used)):
-            continue
-        entries = _entries(Setup(samples.log, own, timing), samples, float(settled.natural_sizes[CG]))
-        with np.errstate(all="ignore"):
-            try:
-                told = beside(
-                    samples, settled.cycles, reference, own.in_phase(settled.phase), plain.consider.about(entries.consider), entries.units
-                )
-            except np.linalg.LinAlgError:
-                continue
-        if np.isfinite(told.mean).all() and np.isfinite(told.covariance).all() and told.mean[MU] > 0:
-            found.append(told)
-            each = each or entries.each
-        if not found:
-            return None  # beside what was sized there is none
-    if not found:
+    first = _fitted(samples, timing, used, settled.reference, settled, plain.consider)
+    if first is None:
         return None
-    first = found[0] if len(found) == 1 else found[0].widened(found[1])
-    linear = np.maximum(np.diag(first.covariance) - first.scatter, 0.0)[MOMENTS]
-    row = Parameters(first.mean[None], first.covariance[None], np.sqrt(linear)[None] / first.mean[MOMENTS])
-    # an error common to all thrust leaves no trace; it is as likely as one of each
-    common = BY_NAME["thrust"].usual * max(first.scale, LEAST)
-    wary = {"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))}
-    less_sure = vehicle.model_copy(update={"thrust": vehicle.thrust.model_copy(update=wary)})
-    (values, full), bare = quantities(row, less_sure), quantities(row, alone(vehicle))
-    slope = np.ones(10)
-    slope[MU] = first.mean[MU] ** -2
-    shares = _shares(first, each, slope) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
-    said = tuple(each[i].said(float(first.errors[i])) for i in first.freed)
-    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), first.scale, shares, said)
+    fit, columns = first
+    if _other(plain.vehicle, used):
+        free = _fitted(samples, timing, plain.vehicle, plain.references[i], settled, plain.consider)
+        fit = fit if free is None else fit.widened(free[0])
+    vehicle = used.in_phase(settled.phase)
+    # an error common to all thrust leaves no trace; it is as likely as one of each. Wheels tell it
+    common = 0.0 if vehicle.spinning else BY_NAME["thrust"].usual * max(fit.scale, LEAST)
+    thrust = vehicle.thrust.model_copy(update={"scale_sigma": float(np.hypot(vehicle.thrust.scale_sigma, common))})
+    linear = np.maximum(np.diag(fit.covariance) - fit.scatter, 0.0)[MOMENTS]
+    row = Parameters(fit.mean[None], fit.covariance[None], np.sqrt(linear)[None] / fit.mean[MOMENTS])
+    (values, full), bare = quantities(row, vehicle.model_copy(update={"thrust": thrust})), quantities(row, alone(vehicle))
+    shares = _shares(fit, columns) | {COMMON: common * np.abs(by_scale(values[0], vehicle))}
+    said = tuple(columns[at].said(float(fit.errors[at])) for at in fit.freed)
+    return Discrepancy(values[0], full[0], (bare[0][0], bare[1][0]), fit.scale, common, shares, said)
+
+
+def _fitted(
+    samples: Stream, timing: Timing, vehicle: Resolved, reference: Reference | None, settled: History, stated: Consider
+) -> tuple[ErrorFit, tuple[ErrorColumn, ...]] | None:
+    """Beside all error parameters, with the noise and the disturbances of ``vehicle``; None where nothing finite comes of it."""
+    if reference is None:
+        return None
+    consider, units, columns = _columns(Setup(samples.log, vehicle, timing), samples, float(settled.natural_sizes[CG]))
+    with np.errstate(all="ignore"):
+        try:
+            found = error_fit(samples, settled.cycles, reference, vehicle.in_phase(settled.phase), stated.about(consider), units)
+        except np.linalg.LinAlgError:
+            return None
+    finite = np.isfinite(found.mean).all() and np.isfinite(found.covariance).all() and found.mean[MU] > 0
+    return (found, columns) if finite else None
 
 
 def _other(one: Resolved, other: Resolved) -> bool:
@@ -154,24 +147,28 @@ def _other(one: Resolved, other: Resolved) -> bool:
     return (one.imu, one.environment, one.estimator) != (other.imu, other.environment, other.estimator)
 
 
-def _shares(found: Beside, each: Sequence[Entry], slope: Array) -> dict[str, Array]:
-    variances, families = {NOISE: found.by_noise, UNSPANNED: found.scatter}, [one.family for one in each]
+def _shares(found: ErrorFit, columns: Sequence[ErrorColumn]) -> dict[str, Array]:
+    """Of each family of error parameters, of noise and of the rest: (10,) sigmas of the ten quantities that it makes by itself."""
+    variances, families = {NOISE: found.by_noise, UNSPANNED: found.scatter}, [FAMILY[one.name] for one in columns]
     for family in dict.fromkeys(families):
         own = np.flatnonzero([one == family for one in families])
         variances[family] = np.einsum("ie,ef,if->i", found.effects[:, own], found.left[np.ix_(own, own)], found.effects[:, own])
+    slope = np.ones(10)
+    slope[MU] = found.mean[MU] ** -2
     return {name: slope * np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
 
 
-def _entries(setup: Setup, samples: Stream, size_m: float) -> _Entries:
-    """All error parameters that a log and its vehicle, so large, may have; but for what the estimator has as an unknown anyhow."""
-    variants, each = [], list[Entry]()
-    environment = setup.vehicle.environment.kind
+def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Array, tuple[ErrorColumn, ...]]:
+    """All error parameters that a log and its vehicle, so large, may have; but for what the estimator has as an unknown anyhow.
+
+    With (e,) what one usual sigma is in each column's unit.
+    """
+    variants, columns = [], list[ErrorColumn]()
     for one in TABLE:
         unknown = one.estimated and one.sigma(setup.vehicle) > 0
-        elsewhere = one.environments and environment not in one.environments
-        if one.usual == 0 or one.per_channel or unknown or elsewhere:
-            continue
-        if one.name == AGING or (setup.log.cycles > LONG and one.shown is None and one.redone != "body"):
+        elsewhere = one.environments and setup.vehicle.environment.kind not in one.environments
+        anew = one.shown is None and one.redone != "body"
+        if one.usual == 0 or one.per_channel or unknown or elsewhere or (anew and setup.log.cycles > LONG):
             continue
         if one.shown is None and one.apply(setup, np.zeros(one.size)) is None:
             continue  # it has no part in this vehicle
@@ -179,22 +176,22 @@ def _entries(setup: Setup, samples: Stream, size_m: float) -> _Entries:
             changed = variant(one, setup, samples, axis)
             if changed is not None:
                 variants.append(replace(changed, of_motion=True) if isinstance(changed, Reading) else changed)
-                each.append(Entry(one.name, "XYZ"[axis] if one.size > 1 else "", _usual(one, size_m)))
+                columns.append(ErrorColumn(one.name, "XYZ"[axis] if one.size > 1 else "", _usual(one, size_m)))
+    sigmas = {name: _usual(one, size_m) for name, one in BY_NAME.items() if one.per_channel}
     jets = setup.vehicle.jets if setup.log.command_kind == "jets" else ()
-    sigmas = {name: _usual(BY_NAME[name], size_m) for name in PER_CHANNEL}
-    pushes = changed_wrenches(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
+    pushes = channels_otherwise(jets, channel_wrench(setup.log, setup.vehicle), sigmas)
     named = channel_names(setup.log, setup.vehicle)
-    units = np.array([*(one.usual for one in each), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
-    each += [Entry(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
-    each.append(Entry(AGING, "", BY_NAME[AGING].usual))
-    return _Entries(Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(each))
+    units = np.array([*(one.usual for one in columns), *np.ones(len(pushes.channels)), BY_NAME[AGING].usual])
+    columns += [ErrorColumn(kind, named[channel], sigmas[kind]) for kind, channel in zip(pushes.kinds, pushes.channels, strict=True)]
+    columns.append(ErrorColumn(AGING, "", BY_NAME[AGING].usual))
+    return Consider(tuple(variants), pushes=pushes, aging=True), units, tuple(columns)
 
 
 def _usual(one: ErrorParameter, size_m: float) -> float:
     return one.usual * (size_m if one.unit == "m" else 1.0)
 
 
-def touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
+def with_touched(conclusion: Conclusion, told: Discrepancy, which: BoolArray, history: History, vehicle: Vehicle) -> Conclusion:
     """The conclusion with these values of ``which`` (10,) quantities, and the verdicts that it had: as a named fault leaves them."""
     both, neither = which[:, None] & which, ~which[:, None] & ~which
     known = np.array([one.value is not None for one in conclusion.estimates.values()])
@@ -216,7 +213,8 @@ def with_discrepancy(conclusion: Conclusion, told: Discrepancy, history: History
     # what is stated of the thrust, or known, is as uncertain as it is stated to be, whatever the tolerance
     within = np.diag(told.covariance) - np.nan_to_num(shared) ** 2 <= tolerances(history, vehicle) ** 2
     estimates = {name: _estimate(conclusion.estimates[name], told, i, bool(within[i]), history) for i, name in enumerate(QUANTITIES)}
-    return _with_values(conclusion, estimates, told.values, told.covariance, told.bare, history, vehicle)
+    found = _with_values(conclusion, estimates, told.values, told.covariance, told.bare, history, vehicle)
+    return replace(found, thrust_scale_sigma=told.thrust_scale_sigma)
 
 
 def _with_values(

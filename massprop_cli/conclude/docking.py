@@ -99,7 +99,8 @@ def _joint(pair: tuple[Conclusion, Conclusion], vehicle: Vehicle) -> tuple[Array
     values[apart], joint[apart], joint[:, apart] = 0.0, 0.0, 0.0
     scaled = by_scale(values.reshape(2, 10), vehicle).ravel()
     if not thesis:
-        joint = joint + open_scale(vehicle) ** 2 * np.outer(scaled, scaled)
+        beyond = max(conclusion.thrust_scale_sigma for conclusion in pair)  # the thrust is the same in both
+        joint = joint + (open_scale(vehicle) ** 2 + beyond**2) * np.outer(scaled, scaled)
         for half, conclusion in enumerate(pair):
             for name, known in vehicle.in_phase(conclusion.phase).known.items():
                 row = np.zeros(20)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.assumptions import Examined, examined, sound
 from massprop_cli.conclude.contradict import Fault
-from massprop_cli.conclude.discrepancy import Fits
+from massprop_cli.conclude.discrepancy import PlainFits
 from massprop_cli.conclude.follows import followed
 from massprop_cli.conclude.score import Doubt, doubts
 from massprop_cli.conclude.verdict import conclude
@@ -37,7 +37,7 @@ class Checked(NamedTuple):
     doubts: Sequence[Doubt] = ()
     detected: Found | None = None
     """Of the timing."""
-    plain: Fits | None = None
+    plain: PlainFits | None = None
 
 
 def estimated(log: Log, source: VehicleSource, assignments: Sequence[str], say: Progress, check: bool = True) -> Analysis:
@@ -87,7 +87,7 @@ def _by_default(begun: Ready, check: bool, say: Progress) -> tuple[Estimates[Res
     noisier = diagnosis is not None and not diagnosis.unknown
     answer = estimates(begun.samples, begun.phases, plain, begun.consider, say, size=size, noisier=noisier)
     used = answer.used
-    fits = Fits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider)
+    fits = PlainFits(plain.used, tuple(None if fit is None else fit.history.reference for fit in plain.fits), begun.consider)
     say("what the numbers rest on", 1.0)
     more = sized(used, begun.stated)
     examination = sound(examined(begun.log, used, begun.timing, begun.samples, answer.settled, begun.consider, more), answer.settled)

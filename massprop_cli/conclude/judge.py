@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis, MendedAnswer
 from massprop_cli.conclude.contradict import Contradiction, by_faults, by_known, by_lost, by_misfit, by_no_body, together, unheld
-from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, touched, with_discrepancy
+from massprop_cli.conclude.discrepancy import Discrepancy, discrepancy, with_discrepancy, with_touched
 from massprop_cli.conclude.docking import Docked, docked_object, lighter, masses_apart
 from massprop_cli.conclude.executed import unexecuted
 from massprop_cli.conclude.physical import breach
@@ -34,52 +35,72 @@ SWINGS = 8.0
 def judged(found: Analysis, mended: Sequence[MendedAnswer], widen: bool = True) -> Analysis:
     """With what is contradicted, the docked object, and every notice.
 
-    With ``widen`` the sigmas of a log that nothing with a name explains include what its model does not.
+    With ``widen`` values of a log that does not fit come beside all error parameters (:mod:`massprop_cli.conclude.discrepancy`).
     """
     each = [_one(found, i, mended, widen) for i in range(len(found.conclusions))]
-    conclusions, factors = tuple(conclusion for conclusion, _, _ in each), tuple(factor for _, factor, _ in each)
-    told = tuple(one for _, _, one in each)
+    conclusions, told = tuple(one.conclusion for one in each), tuple(one.discrepancy for one in each)
     docked = docked_object(conclusions, found.vehicle)
     notices = (*_discrepancies(conclusions, told), *_notices(found, conclusions, docked))
+    factors = tuple(one.factor for one in each)
     return replace(
         found, conclusions=conclusions, docked=docked, notices=notices, lack_of_fit=factors, mended=tuple(mended), discrepancies=told
     )
 
 
-def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -> tuple[Conclusion, Array, Discrepancy | None]:
-    """One phase's conclusion; (6,) by how much too small its sigmas are, channel by channel; and what they include of a misfit."""
+class _Judged(NamedTuple):
+    conclusion: Conclusion
+    factor: Array
+    """(6,) by how much too small the sigmas are, channel by channel."""
+    discrepancy: Discrepancy | None
+
+
+def _one(found: Analysis, i: int, mended: Sequence[MendedAnswer], widen: bool) -> _Judged:
     conclusion, settled = found.conclusions[i], found.settled[i]
     own = [f for f in found.faults if f.change_s is None or conclusion.phase.start_s < f.change_s < conclusion.phase.end_s]
+    unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
     answers = [next((c for c in answer.conclusions if c.phase.name == conclusion.phase.name), None) for answer in mended]
     named = by_faults(conclusion, own, answers, [values[i] for answer in mended for values in answer.rivals])
-    known, nameless = by_known(found.histories[i]), list[Contradiction | None]()
-    factor: Array = np.ones(6)
-    if isinstance(found.vehicle, Resolved):
-        misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
-        doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
-        nameless = [] if own else [_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion)]
-    unnamed = bool(found.unknown) or (bool(own) and all(fault.notice.code == UNKNOWN for fault in own))
-    biased = {} if own and not unnamed else _biased(found, settled)
+    nameless, factor = _nameless(found, i)
+    nameless = [] if own else nameless
     # a disturbance that is no noise stands for something else
-    wary = {} if own else _unlike_noise(found, settled)
-    nameless_misfit = unnamed or any(nameless)
-    told = _told(found, i) if widen and (own or nameless_misfit or (wary and sized(found.vehicle, found.stated))) else None
-    vehicle = found.vehicle.in_phase(conclusion.phase)
+    unlike = {} if own else _unlike_noise(found, settled)
+    biased = {} if own and not unnamed else _biased(found, settled)
+    misfit = unnamed or bool(nameless)
+    told = _told(found, i) if widen and (own or misfit or (unlike and sized(found.vehicle, found.stated))) else None
+    known, vehicle = by_known(found.histories[i]), found.vehicle.in_phase(conclusion.phase)
     if told is not None and not told.refuted and (unnamed or not own):
-        # a misfit of any kind looks like what swings within a few cycles
-        least_s = SWINGS * found.stated.cycle.period_s
-        slow = {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
-        widened = with_discrepancy(in_doubt(conclusion, slow if nameless_misfit else wary | biased), told, settled, vehicle)
-        return widened if known is None else contradicted(widened, known.causes, known.touched), factor, told
+        doubts = _slow(biased, found.stated) if misfit else unlike | biased
+        conclusion = with_discrepancy(in_doubt(conclusion, doubts), told, settled, vehicle)
+        return _Judged(_against(conclusion, known), factor, told)
     if unnamed:
         conclusion = in_doubt(conclusion, unheld(conclusion, found.vehicle))
     elif not own:
-        conclusion = in_doubt(conclusion, hanging(conclusion, i, found.doubts, settled.natural_sizes))
-        conclusion = in_doubt(conclusion, wary | biased)
-    cause, misfit_alone = together([named, known, *nameless]), together([named, *nameless])
-    if told is not None and misfit_alone is not None:
-        conclusion = touched(conclusion, told, misfit_alone.touched, settled, vehicle)
-    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched), factor, told
+        conclusion = in_doubt(conclusion, unlike | biased | hanging(conclusion, i, found.doubts, settled.natural_sizes))
+    refuted = together([named, *nameless])
+    if told is not None and refuted is not None:
+        conclusion = with_touched(conclusion, told, refuted.touched, settled, vehicle)
+    return _Judged(_against(conclusion, together([named, known, *nameless])), factor, told)
+
+
+def _against(conclusion: Conclusion, cause: Contradiction | None) -> Conclusion:
+    return conclusion if cause is None else contradicted(conclusion, cause.causes, cause.touched)
+
+
+def _nameless(found: Analysis, i: int) -> tuple[list[Contradiction], Array]:
+    """What contradicts and has no name; and (6,) by how much too small the sigmas of each channel are."""
+    conclusion, settled = found.conclusions[i], found.settled[i]
+    if not isinstance(found.vehicle, Resolved):
+        return [], np.ones(6)
+    misfit, factor = by_misfit(conclusion, settled, found.samples, found.vehicle, found.stated)
+    doubted, lost = by_doubts(conclusion, i, found.doubts), by_lost(found.histories[i], settled)
+    every = (_explained(misfit, found.unknown), doubted, lost, by_no_body(conclusion))
+    return [one for one in every if one is not None], factor
+
+
+def _slow(biased: Mapping[str, Reason], stated: Vehicle) -> dict[str, Reason]:
+    """Without what swings within a few cycles: a misfit of any kind looks like that."""
+    least_s = SWINGS * stated.cycle.period_s
+    return {name: why for name, why in biased.items() if float(dict(why.data).get("period_s", np.inf)) > least_s}
 
 
 def _told(found: Analysis, i: int) -> Discrepancy | None:

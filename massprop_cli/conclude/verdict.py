@@ -81,6 +81,8 @@ class Conclusion:
     """(9,) and (9, 9) inertia and first moment about a fixed pivot, and their covariance; None without one."""
     about_pivot: Mapping[str, Estimate] = field(default_factory=dict)
     """The nine of :data:`massprop_cli.estimate.pivot.ABOUT_PIVOT`; empty without a fixed pivot."""
+    thrust_scale_sigma: float = 0.0
+    """Relative, of an error common to all thrust: what ``covariance`` has of it beyond what is stated."""
     causes: tuple[Reason, ...] = ()
     """Why log and vehicle file contradict each other; empty where they don't."""
 

@@ -48,7 +48,7 @@ TWICE = 2.0
 
 
 @dataclass(frozen=True)
-class Beside:
+class ErrorFit:
     """The state parameters ixx … izz, CG, 1/m beside all error parameters, linear about a reference."""
 
     mean: Array
@@ -57,8 +57,6 @@ class Beside:
     """(10, 10)"""
     scale: float
     """s, as the log tells it."""
-    noise: float
-    """σ, over what the vehicle is used with."""
     freed: tuple[int, ...]
     """Which error parameters the log tells by themselves, the most telling first."""
     errors: Array
@@ -72,7 +70,7 @@ class Beside:
     scatter: Array
     """... and what nothing spans."""
 
-    def widened(self, free: Beside) -> Beside:
+    def widened(self, free: ErrorFit) -> ErrorFit:
         """With what it differs by from the estimate without wandering torques: these may take a part of what is wrong, as noise.
 
         d²/V sigmas squared by the other's own covariance V, but not by more than the difference itself.
@@ -85,7 +83,7 @@ class Beside:
         return replace(self, covariance=self.covariance * factor[:, None] * factor, scatter=self.scatter + more)
 
 
-def beside(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> Beside:
+def error_fit(samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, consider: Consider, usual: Array) -> ErrorFit:
     """Of one phase about ``reference``; ``usual`` (e,) are one sigma of each assumption of ``consider``, in its unit."""
     plant = plant_of(vehicle)
     theta = plant.theta(reference)
@@ -108,11 +106,10 @@ def beside(samples: Source, cycles: slice, reference: Reference, vehicle: Resolv
     alone = slopes @ np.linalg.inv(triangle[:first, :first])[own]
     moved = [root @ (inverse.T @ (rows[:, :-1].T @ (rows[:, -1] - rows[:, :-1] @ solved))) for rows in posed[1:]]
     scatter = np.array(moved).T @ np.array(moved) * len(moved) / max(len(moved) - 1, 1)
-    return Beside(
+    return ErrorFit(
         regression.lift.parameters(theta) + slopes @ solved[own],
         noise**2 * root @ root.T + scatter,
         s,
-        noise,
         tuple(freed),
         solved[first:],
         -alone @ triangle[:first, first:-1],
@@ -163,7 +160,7 @@ def _told(corner: Array, count: int) -> tuple[float, float, list[int]]:
 
 
 def _likeliest(corner: Array, count: int) -> tuple[float, float]:
-    """S and σ ≥ 1 of a triangle (e + 1, e + 1) on η and what was measured, of so many measurements."""
+    """Scale s and noise σ ≥ 1 of a triangle (e + 1, e + 1) on η and what was measured, of so many measurements."""
     left, sizes, _ = np.linalg.svd(corner[:-1, :-1])
     power, told, rest = sizes**2, (left.T @ corner[:-1, -1]) ** 2, float(corner[-1, -1] ** 2)
     real = power > np.finfo(float).eps * power.max(initial=0.0)

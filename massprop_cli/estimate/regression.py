@@ -5,7 +5,6 @@ What the cycles have said is the triangle of :mod:`massprop_cli.estimate.triangl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -270,21 +269,6 @@ class Regression(Triangle):
         root = np.linalg.inv(triangle[:end, :end])[self._damping]
         damping = np.column_stack([root @ triangle[:end, end], np.sqrt((root**2).sum(1))])
         return Response(self.lift.slopes(theta) @ shift, left.T @ left, self._added(theta, scale, triangle[:end, :end]), damping)
-
-    def ordered(self, taken: Taken) -> Array:
-        """(r K, M + 1 + e + u) whitened rows of K cycles, as they stand in a triangle."""
-        return ordered(taken.white, self.lift.size, self.free)
-
-    def beside_assumptions(self, each: Sequence[Array], theta: Array) -> tuple[list[Array], Array]:
-        """Rows on nuisances, θ's departure over its prior sigmas (10,), assumptions and what was measured; and these sigmas.
-
-        Of triangles, the first of which says what is known before the first cycle.
-        """
-        scale, own = self._scale(theta), self._nuisances(bound=True) + 10
-        rows = [self._reduced(one, theta, scale, bound=True) for one in each]
-        rows[0] = np.vstack([rows[0], np.eye(own - self.free, rows[0].shape[1], self.free)])
-        order = np.r_[:own, own + 1 : own + 1 + self.assumed, own]
-        return [one[:, order] for one in rows], scale
 
     @property
     def _damping(self) -> IntArray:

@@ -10,6 +10,7 @@ coupling, J Γ(I), stays free of the inertia until the commands alone tell each 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -179,6 +180,21 @@ class Triangle:
         if centre is not None:
             known[-10:, count] = (centre - theta) / scale
         return triangle_of(np.vstack([rows, known]))
+
+    def ordered(self, taken: Taken) -> Array:
+        """(r K, M + 1 + e + u) whitened rows of K cycles, as they stand in a triangle."""
+        return ordered(taken.white, self.lift.size, self.free)
+
+    def beside_assumptions(self, each: Sequence[Array], theta: Array) -> tuple[list[Array], Array]:
+        """Rows on nuisances, θ's departure over its prior sigmas (10,), assumptions and what was measured; and these sigmas.
+
+        Of triangles, the first of which says what is known before the first cycle.
+        """
+        scale, own = self._scale(theta), self._nuisances(bound=True) + 10
+        rows = [self._reduced(one, theta, scale, bound=True) for one in each]
+        rows[0] = np.vstack([rows[0], np.eye(own - self.free, rows[0].shape[1], self.free)])
+        order = np.r_[:own, own + 1 : own + 1 + self.assumed, own]
+        return [one[:, order] for one in rows], scale
 
     def _pull(self, theta: Array, run: Run) -> tuple[Array, Array]:
         """(10,) where the search began, and (10,) one sigma of the pull towards it."""

@@ -42,49 +42,42 @@ class Wrenches:
 
 
 def uncertain_jets(vehicle: Vehicle) -> Wrenches:
-    """What is uncertain of the jets, as far as it moves the vehicle; a place along the jet's own line is nothing."""
-    found = [change for number, jet in enumerate(vehicle.jets) for change in _changes(number, jet)]
-    found = [change._replace(wrench=change.wrench * vehicle.environment.moving) for change in found]
-    found = [change for change in found if change.wrench.any()]
-    if not found:
-        return Wrenches()
-    channels = np.array([change.channel for change in found], dtype=np.intp)
-    return Wrenches(channels, np.array([change.wrench for change in found]), tuple(change.kind for change in found))
+    """What is uncertain of the jets, as far as it moves the vehicle, each by the sigma that its jet states."""
+    found = []
+    for number, jet in enumerate(vehicle.jets):
+        sigmas = {"thrust": jet.thrust_sigma, "position": jet.position_sigma_m, "direction": jet.direction_sigma_rad}
+        wrench = np.concatenate([np.cross(jet.position_m, jet.force_n), jet.force_n])
+        found += [change._replace(kind=f"jet-{change.kind}") for change in _changes(number, np.array(jet.position_m), wrench, sigmas)]
+    return _moving([change._replace(wrench=change.wrench * vehicle.environment.moving) for change in found])
 
 
-def _changes(number: int, jet: Jet) -> Iterator[Change]:
-    position, force = np.array(jet.position_m), np.array(jet.force_n)
-    size = float(np.linalg.norm(force))
-    if size == 0:
-        return
-    if jet.thrust_sigma > 0:
-        yield Change(number, "jet-thrust", jet.thrust_sigma * np.concatenate([np.cross(position, force), force]))
-    for across in np.linalg.svd(force[None] / size)[2][1:]:  # two directions at right angles to the jet
-        if jet.position_sigma_m > 0:
-            yield Change(number, "jet-position", np.concatenate([jet.position_sigma_m * np.cross(across, force), np.zeros(3)]))
-        if jet.direction_sigma_rad > 0:
-            turned = jet.direction_sigma_rad * size * across
-            yield Change(number, "jet-direction", np.concatenate([np.cross(position, turned), turned]))
-
-
-def changed_wrenches(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, float]) -> Wrenches:
+def channels_otherwise(jets: Sequence[Jet], wrench: Array, sigmas: Mapping[str, float]) -> Wrenches:
     """What each channel, torque about O and force ``wrench`` (C, 6) at full command, does otherwise by one of ``sigmas``.
 
-    Thrust (a part), position (m) and direction (rad).
+    Thrust (a part), position (m) and direction (rad); of channels that are no ``jets`` about O.
     """
-    found = []
-    for number, (torque, force) in enumerate(zip(wrench[:, :3], wrench[:, 3:], strict=True)):
-        place = np.array(jets[number].position_m) if number < len(jets) else np.zeros(3)
-        couple = torque - np.cross(place, force)
-        found.append(Change(number, "thrust", sigmas["thrust"] * wrench[number]))
-        for axis in np.eye(3):
-            found.append(Change(number, "position", np.concatenate([sigmas["position"] * np.cross(axis, force), np.zeros(3)])))
-            turned = np.cross(axis, force)
-            about = np.cross(place, turned) + np.cross(axis, couple)
-            found.append(Change(number, "direction", sigmas["direction"] * np.concatenate([about, turned])))
+    places = [np.array(jet.position_m) for jet in jets] + [np.zeros(3)] * (len(wrench) - len(jets))
+    return _moving([change for number, at in enumerate(places) for change in _changes(number, at, wrench[number], sigmas)])
+
+
+def _moving(found: Sequence[Change]) -> Wrenches:
     found = [change for change in found if change.wrench.any()]
-    return Wrenches(
-        np.array([c.channel for c in found], dtype=np.intp),
-        np.array([c.wrench for c in found]).reshape(-1, 6),
-        tuple(c.kind for c in found),
-    )
+    channels, wrench = np.array([change.channel for change in found], dtype=np.intp), np.array([change.wrench for change in found])
+    return Wrenches(channels, wrench.reshape(-1, 6), tuple(change.kind for change in found))
+
+
+def _changes(number: int, place: Array, wrench: Array, sigmas: Mapping[str, float]) -> Iterator[Change]:
+    """Of a channel that pushes at a place (3,); one along its own line, or turned about it, is nothing."""
+    force, couple = wrench[3:], wrench[:3] - np.cross(place, wrench[3:])
+    along = force if force.any() else couple
+    if not along.any():
+        return
+    if sigmas["thrust"] > 0:
+        yield Change(number, "thrust", sigmas["thrust"] * wrench)
+    for across in np.linalg.svd(along[None])[2][1:]:  # two directions at right angles
+        if sigmas["position"] > 0:
+            yield Change(number, "position", np.concatenate([sigmas["position"] * np.cross(across, force), np.zeros(3)]))
+        if sigmas["direction"] > 0:
+            turned = sigmas["direction"] * np.cross(across, force)
+            about = np.cross(place, turned) + sigmas["direction"] * np.cross(across, couple)
+            yield Change(number, "direction", np.concatenate([about, turned]))

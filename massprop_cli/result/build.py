@@ -149,7 +149,7 @@ def _phase(conclusion: Conclusion, settled: History, factors: Array, told: Discr
         contradiction=conclusion.contradiction,
         known=_known(used.in_phase(conclusion.phase).known),
         implied_thrust_scale=_implied(conclusion, used.in_phase(conclusion.phase).known.get("mass")),
-        discrepancy=None if told is None else _discrepancy(told),
+        discrepancy=None if told is None else _discrepancy(told, conclusion.thrust_scale_sigma),
     )
 
 
@@ -160,9 +160,9 @@ def _pivot_covariance(conclusion: Conclusion) -> Matrix | None:
     return matrix(np.where(known[:, None] & known, conclusion.pivot[1], np.nan))
 
 
-def _discrepancy(told: Discrepancy) -> DiscrepancyItem:
+def _discrepancy(told: Discrepancy, common: float) -> DiscrepancyItem:
     shares = {name: [float(sigma) if np.isfinite(sigma) else None for sigma in sigmas] for name, sigmas in told.shares.items()}
-    return DiscrepancyItem(scale=told.scale, behaves_like=list(told.behaves_like), shares=shares)
+    return DiscrepancyItem(scale=told.scale, thrust_scale_sigma=common, behaves_like=list(told.behaves_like), shares=shares)
 
 
 def physical(conclusion: Conclusion) -> Physical:

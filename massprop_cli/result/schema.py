@@ -166,6 +166,9 @@ class DiscrepancyItem(Item):
     """What the sigmas of a log include that does not fit and whose cause has no name."""
 
     scale: float = Field(description="common size of all error parameters as the log tells it, over their usual ones; at least 0.3 is used")
+    thrust_scale_sigma: float = Field(
+        description="relative, of an error common to all thrust: what the covariance has of it beyond what is stated"
+    )
     behaves_like: list[str] = Field(description="error parameters that stand out, with their size: likely causes, none of them proven")
     shares: dict[str, list[float | None]] = Field(
         description="by family of error parameters, of noise, and of what no error parameter explains: the sigma of each of the ten "

@@ -199,6 +199,17 @@ def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) 
     np.testing.assert_allclose(np.sqrt(np.diag(wide)), np.sqrt(np.diag(covariance) + (0.02 * slope) ** 2), rtol=0.01)
 
 
+def test_what_makes_one_log_doubt_the_thrust_holds_for_all() -> None:
+    rows, data = gaussians(2, 2)
+    (one, sharp), (other, blunt) = solved(rows[0], data[0]), solved(rows[1], data[1])
+    proportional = np.concatenate([one[:6], np.zeros(3), one[9:]])
+    exact = joint([Piece("a", one, sharp, {}), Piece("b", other, blunt, {})])
+    wary = joint([Piece("a", one, sharp + 0.02**2 * np.outer(proportional, proportional), {}, 0.02), Piece("b", other, blunt, {})])
+    np.testing.assert_allclose(wary.values, exact.values, rtol=1e-9)
+    scaled = np.concatenate([exact.values[:6], np.zeros(3), exact.values[9:]])
+    np.testing.assert_allclose(wary.covariance, exact.covariance + 0.02**2 * np.outer(scaled, scaled), rtol=1e-6, atol=1e-12)
+
+
 def test_what_a_piece_does_not_tell_is_left_to_the_others() -> None:
     rows, data = gaussians(2, 2)
     whole, half = solved(rows[0], data[0]), solved(rows[1], data[1])

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
@@ -76,3 +78,15 @@ def test_an_object_that_weighs_less_than_nothing_is_contradicted() -> None:
 def test_what_may_be_nothing_at_all_is_no_contradiction() -> None:
     for mass, said in ((-0.2, False), (-0.4, True), (np.nan, False)):
         assert docking.backwards(np.full(10, mass), 0.01 * np.eye(10)) == said
+
+
+def test_an_error_common_to_all_thrust_is_the_same_in_both_phases() -> None:
+    """The difference of two masses that are too large by the same part is so as well."""
+    analysis = analysed("docking")
+    first, second = analysis.conclusions
+    wary = tuple(replace(one, thrust_scale_sigma=0.02) for one in (first, second))
+    told, unsure = docking.masses_apart((first, second), analysis.vehicle), docking.masses_apart((wary[0], wary[1]), analysis.vehicle)
+    assert told is not None
+    assert unsure is not None
+    assert unsure[0] == told[0]
+    assert unsure[1] == pytest.approx(np.hypot(told[1], 0.02 * told[0]), rel=1e-9)

@@ -10,6 +10,7 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array, frozen, triangle_of
+from massprop_cli.conclude.discrepancy import _fitted
 from massprop_cli.diagnosis.preprocessing import ready
 from massprop_cli.estimate import discrepancy, offline
 from massprop_cli.estimate.phases import as_stated
@@ -19,7 +20,7 @@ from massprop_cli.flow import Analysis
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.model.geometry import changed_wrenches
+from massprop_cli.model.geometry import channels_otherwise
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from tests import faulty
@@ -73,10 +74,10 @@ def test_errors_of_jets_are_what_the_estimator_finds_where_they_are_stated(monke
     (phase, cycles), fit = begun.phases[0], plain.fits[0]
     assert fit is not None
     assert fit.history.reference is not None
-    pushes = changed_wrenches(vehicle.jets, vehicle.jet_wrench, USUAL)
+    pushes = channels_otherwise(vehicle.jets, vehicle.jet_wrench, USUAL)
     monkeypatch.setattr(discrepancy, "_told", lambda *_: (1.0, 1.0, []))
     own = plain.used.in_phase(phase)
-    found = discrepancy.beside(begun.samples, cycles, fit.history.reference, own, Consider(pushes=pushes), np.ones(len(pushes.channels)))
+    found = discrepancy.error_fit(begun.samples, cycles, fit.history.reference, own, Consider(pushes=pushes), np.ones(len(pushes.channels)))
     sigmas = {"thrust_sigma": USUAL["thrust"], "position_sigma_m": USUAL["position"], "direction_sigma_rad": USUAL["direction"]}
     stated = faulty.stated(vehicle, *(f"jets.{i}.{key}={size}" for i in range(len(vehicle.jets)) for key, size in sigmas.items()))
     other = ready(log, VehicleSource(stated, "", ""), lambda *_: None)
@@ -92,7 +93,7 @@ def _noisy(used: Resolved, stated: Vehicle) -> Resolved:
     return used.model_copy(update={"jets": stated.jets})
 
 
-def _scattered(found: discrepancy.Beside) -> Array:
+def _scattered(found: discrepancy.ErrorFit) -> Array:
     """Its diagonal alone is asked for."""
     return np.diag(found.scatter)
 
@@ -105,23 +106,45 @@ def test_a_log_that_fits_has_the_sigmas_of_its_noise() -> None:
     assert examined(*flown()).discrepancies == (None,)
 
 
-def fading(log: Log, vehicle: Vehicle) -> tuple[Log, Vehicle]:
-    """All thrust falls by a fifth over the log, and is stated right in the mean."""
+def growing(log: Log, vehicle: Vehicle) -> tuple[Log, Vehicle]:
+    """All thrust grows by a quarter over the log, beside what is logged, and is stated right in the mean."""
     part = np.linspace(1.0, 0.8, log.cycles)[:, None]
     mean = float((log.command * part).sum() / log.command.sum())
     keys = [f"jets.{i}.force_n={[x / mean for x in jet.force_n]}" for i, jet in enumerate(vehicle.jets)]
-    # the log says less than was given at first, and more at last
     return replace(log, command=frozen(log.command * part)), faulty.stated(vehicle, *keys)
 
 
-def test_thrust_that_fades_is_what_the_log_behaves_like() -> None:
-    log, vehicle = flown()
-    found = examined(*fading(log, vehicle))
+def test_thrust_that_grows_is_what_the_log_behaves_like() -> None:
+    found = examined(*growing(*flown()))
     (told,) = found.discrepancies
     assert told is not None
-    assert any(said.startswith("change of the mass over the log") for said in told.behaves_like)
+    (percent,) = (float(said.split(": ")[1].removesuffix(" %")) for said in told.behaves_like if said.startswith("change of all thrust"))
+    assert 18 < percent < 28
     assert found.notices[0].code == "model-discrepancy"
     assert "or something else that does the same" in found.notices[0].message
+
+
+def test_errors_are_found_with_their_sign_and_size() -> None:
+    """Each by itself, IMU axes turned by a quarter about Z; a jet's beside the one that fires with it."""
+    log, vehicle = flown()
+    lasting, turn, push = log.interval_s[:, None], log.delta_theta_imu_rad, log.delta_v_imu_m_s
+    weak = f"jets.0.force_n={[x / 0.9 for x in vehicle.jets[0].force_n]}"
+    for name, expected, wrong in (
+        ("scale of the gyro along each of its axes (X)", 3.0, (replace(log, delta_theta_imu_rad=turn * np.array([1.03, 1, 1])), vehicle)),
+        ("bias of the gyro (Z)", 0.01, (replace(log, delta_theta_imu_rad=turn + np.array([0, 0, 0.01]) * lasting), vehicle)),
+        ("bias of the accelerometer (Y)", 0.05, (replace(log, delta_v_imu_m_s=push + np.array([0.05, 0, 0]) * lasting), vehicle)),
+        ("thrust (roll_p1)", -10.0, (log, faulty.stated(vehicle, weak))),
+    ):
+        begun = ready(wrong[0], VehicleSource(wrong[1], "", ""), lambda *_: None)
+        plain = as_stated(begun.samples, begun.phases, begun.stated, begun.consider)
+        assert plain.fits[0] is not None
+        history = plain.fits[0].history
+        found = _fitted(begun.samples, begun.timing, plain.used, history.reference, history, begun.consider)
+        assert found is not None
+        fit, columns = found
+        (said,) = (columns[i].said(float(fit.errors[i])) for i in fit.freed)
+        assert said.startswith(f"{name}: ")
+        assert float(said.split(": ")[1].split()[0]) == pytest.approx(expected, rel=0.4)
 
 
 def beyond(log: Log, rng: np.random.Generator) -> list[Log]:
