@@ -1,0 +1,34 @@
+"""A kind of recordings: what changes a flown log, and what must be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_cli.inputs.vehicle import Vehicle
+
+Columns = dict[str, Any]
+"""A log's columns by the contract's names, as arrays of any type; they are written to a file as they are."""
+
+
+class Made(NamedTuple):
+    """One variant."""
+
+    columns: Columns
+    vehicle: Vehicle
+    what: str
+    """For a reader: what was drawn."""
+
+
+class Kind(NamedTuple):
+    """Of recordings."""
+
+    what: str
+    make: Callable[[Columns, Vehicle, np.random.Generator], Made | None]
+    """Changes a flown log's columns and vehicle file; None where a vehicle can't have this."""
+    codes: tuple[str, ...] = ()
+    """Codes of warnings, any of which names it; none: nothing is wrong, and nothing must be said."""
+    refusals: tuple[str, ...] = ()
+    """Words, any of which is in a refusal that is right too."""
