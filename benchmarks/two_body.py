@@ -11,7 +11,7 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from massprop_cli.base import onethread
+from massprop_cli.base import escape, onethread
 
 onethread.prefer()
 
@@ -21,7 +21,7 @@ from massprop_cli import QUANTITIES, UNITS, flow  # noqa: E402
 from massprop_cli.base.arrays import Array  # noqa: E402
 from massprop_cli.combine import flow as combined  # noqa: E402
 from massprop_cli.inputs.vehiclefile import VehicleSource  # noqa: E402
-from massprop_cli.result import build, schema  # noqa: E402
+from massprop_cli.result import build  # noqa: E402
 from massprop_cli.testbed import scenario, simulate  # noqa: E402
 
 OBJECT = np.array([0.5, 0.0, 0.0, 0.5, 0.0, 0.5, 0.8, 0.0, 0.0, 12.0])
@@ -38,7 +38,7 @@ def result(name: str, seed: int, folder: Path) -> Path:
     # a log at hand has no file to take a digest of
     told = told.model_copy(update={"provenance": told.provenance.model_copy(update={"input_sha256": f"{name} {seed}"})})
     folder.mkdir()
-    (folder / "result.json").write_text(schema.to_json(told), encoding="utf-8")
+    (folder / "result.json").write_text(escape.document(told), encoding="utf-8")
     return folder
 
 

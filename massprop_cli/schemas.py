@@ -10,28 +10,30 @@ from typing import Any
 
 MODULES = {
     "log": "inputs.logrow",
-    "vehicle": "inputs.vehicle",
-    "scenario": "testbed.scenario",
-    "expect": "inputs.expect",
-    "result": "result.schema",
-    "tolerance": "inputs.tolerancefile",
-    "compare": "result.compare",
-    "campaign": "campaign.campaignfile",
-    "summary": "campaign.summary",
-    "map": "inputs.formats.mapfile",
-    "plan": "plan.document",
-    "guess": "plan.guess",
-    "check": "check.finding",
-    "ballast": "inputs.ballast",
-    "balance": "balance.document",
+    "vehicle": "inputs.vehicle:Vehicle",
+    "scenario": "testbed.scenario:Scenario",
+    "expect": "inputs.expect:ExpectFile",
+    "result": "result.schema:Result",
+    "tolerance": "inputs.tolerancefile:ToleranceFile",
+    "compare": "result.compare:Comparison",
+    "campaign": "campaign.campaignfile:CampaignFile",
+    "summary": "campaign.summary:Summary",
+    "map": "inputs.formats.mapfile:MapFile",
+    "plan": "plan.document:PlanFile",
+    "guess": "plan.guess:GuessFile",
+    "check": "check.finding:Check",
+    "ballast": "inputs.ballast:BallastFile",
+    "balance": "balance.document:Balance",
 }
-"""Which module has the model, and ``schema()``, of each file."""
+"""Which module has the model of each file; a log's rows have none, and a function of their own."""
 NAMES = tuple(MODULES)
 
 
 def schema(name: str) -> dict[str, Any]:
     """The schema called ``name``."""
-    found: dict[str, Any] = import_module(f"massprop_cli.{MODULES[name]}").schema()
+    module, _, model = MODULES[name].partition(":")
+    room = import_module(f"massprop_cli.{module}")
+    found: dict[str, Any] = getattr(room, model).model_json_schema(by_alias=True) if model else room.schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"massprop/{name}/1", **found}
 
 

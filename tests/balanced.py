@@ -11,6 +11,7 @@ import numpy as np
 from massprop_cli import flow
 from massprop_cli.balance import flow as balancing
 from massprop_cli.balance.document import Balance
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.ballast import Ballast, BallastFile
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -93,7 +94,7 @@ def results(
         log = anypedestal.log_of(rng, own, body, flown, used)
         told = build.result(flow.examine(log, VehicleSource(used, "", "")))
         made = told.provenance.model_copy(update={"input_sha256": f"{body} {rng.integers(1 << 60)}"})  # a log at hand has no digest
-        whole = schema.Result.model_validate_json(schema.to_json(told.model_copy(update={"provenance": made})))
+        whole = schema.Result.model_validate_json(escape.document(told.model_copy(update={"provenance": made})))
         found.append(Recorded(Path(f"table-{body}/result.json"), whole, {}))
     return found
 

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli import flow
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
-from massprop_cli.result import build, read, schema, store
+from massprop_cli.result import build, read, store
 from massprop_cli.result.read import Recorded
 from massprop_cli.result.schema import EstimateItem
 
@@ -23,7 +24,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 def record(folder: Path, log: str, *assignments: str) -> Recorded:
     """Estimate a sample log into ``folder`` and read the result back."""
     found = _found(log, assignments)
-    store.write(folder, found, schema.to_json(build.result(found)))
+    store.write(folder, found, escape.document(build.result(found)))
     return read.read(folder)
 
 

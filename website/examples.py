@@ -16,13 +16,14 @@ import numpy as np
 from typer.testing import CliRunner
 
 from massprop_cli import flow
+from massprop_cli.base import escape
 from massprop_cli.cli import app
 from massprop_cli.combine import flow as combining
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs import telemetry, vehiclefile
 from massprop_cli.inputs.logfile import read_table
 from massprop_cli.inputs.vehiclefile import VehicleSource
-from massprop_cli.result import build, read, schema, store
+from massprop_cli.result import build, read, store
 from massprop_cli.result.read import Recorded
 from massprop_cli.testbed import output, scenario
 from website.stage import ROOT
@@ -55,7 +56,7 @@ class Example:
 
 def _told(found: Analysis) -> Told:
     with tempfile.TemporaryDirectory() as folder:
-        store.write(Path(folder), found, schema.to_json(build.result(found)))
+        store.write(Path(folder), found, escape.document(build.result(found)))
         recorded = read.read(Path(folder))
     items = {name: item for phase in recorded.result.phases for name, item in phase.estimates.items()}
     reasons = {item.verdict: f"{name}: {item.reason}" for name, item in reversed(items.items())}

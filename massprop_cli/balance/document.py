@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from massprop_cli.balance.solve import Hanging, periods
-from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.result.schema import Item, Triple
 
@@ -150,13 +148,3 @@ def hang(hanging: Hanging) -> Hang:
         period_s=list(swings) if swings else None,
         tilt_rad=float(np.arctan2(level, below)) if swings else None,
     )
-
-
-def to_json(found: Balance) -> str:
-    """Canonical text: same results, same bytes."""
-    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of it."""
-    return Balance.model_json_schema(by_alias=True)

@@ -5,9 +5,14 @@ The one place for it: every terminal, page, table and file name gets foreign tex
 
 from __future__ import annotations
 
+import json as jsons
 import re
 import sys
 import unicodedata
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 LONGEST = 2000
 """Characters of a text that are shown."""
@@ -50,6 +55,11 @@ def rich(text: str, longest: int = LONGEST) -> str:
     from rich.markup import escape
 
     return escape(line(text, longest))
+
+
+def document(found: BaseModel, end: str = "\n") -> str:
+    """A model as canonical JSON: same content, same bytes. NaN and infinity can't appear."""
+    return json(jsons.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + end
 
 
 def json(text: str) -> str:

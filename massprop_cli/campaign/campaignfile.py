@@ -106,8 +106,3 @@ def _assignments(said: Said) -> list[str]:
         delay = '"auto"' if said.delay == "auto" else repr(float(said.delay))
         found.append(f"cycle.command_delay_cycles={delay}")
     return found
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the campaign file."""
-    return CampaignFile.model_json_schema(by_alias=True)

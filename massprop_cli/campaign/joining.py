@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from massprop_cli.base import exits, foldername
+from massprop_cli.base import escape, exits, foldername
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.base.escape import line
@@ -80,7 +80,6 @@ def joined(one: Joining, place: Place) -> Produced:
     """Result folder and outcome; what can't be combined is an outcome with exit code 3."""
     from massprop_cli import job as judge
     from massprop_cli.campaign import kept
-    from massprop_cli.result import schema
 
     try:
         found = _combined(one, place)
@@ -103,7 +102,7 @@ def joined(one: Joining, place: Place) -> Produced:
         bodies=kept.joint_bodies(found),
         files=["result.json"],
     )
-    return Produced(told, {"result.json": schema.to_json(found).encode(), outcome.FILE: outcome.to_json(told)})
+    return Produced(told, {"result.json": escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
 
 
 def _failed(message: str) -> Produced:

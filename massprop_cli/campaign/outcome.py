@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zlib
 from typing import Literal, TypeVar
 
@@ -99,8 +98,7 @@ def state(found: Outcome | None) -> str:
 
 def to_json(found: Outcome) -> bytes:
     """Canonical text: same outcome, same bytes."""
-    data = found.model_dump(by_alias=True, mode="json")
-    return (escape.json(json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)) + "\n").encode()
+    return escape.document(found).encode()
 
 
 def from_json(content: bytes) -> Outcome | None:

@@ -5,7 +5,6 @@ Rows are written one by one, so that a campaign takes hardly more memory for man
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
@@ -101,15 +100,11 @@ def summary(name: str, rows: Sequence[Row], baseline: Baseline | None = None, co
 def to_json(found: Summary) -> Iterator[str]:
     """Canonical text, piece by piece: same campaign, same bytes."""
     around = {name: getattr(found, name) for name in Summary.model_fields} | {"logs": []}
-    before, after = _text(Summary.model_construct(**around)).split('\n "logs": [],\n')
+    before, after = escape.document(Summary.model_construct(**around), "").split('\n "logs": [],\n')
     yield before + '\n "logs": ['
     for number, one in enumerate(found.logs):
-        yield "," * bool(number) + ("\n" + _text(one)).replace("\n", "\n  ")
+        yield "," * bool(number) + ("\n" + escape.document(one, "")).replace("\n", "\n  ")
     yield "\n ]" * bool(found.logs) + "]" * (not found.logs) + ",\n" + after + "\n"
-
-
-def _text(item: Item) -> str:
-    return escape.json(json.dumps(item.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False))
 
 
 def parse(content: bytes, place: str) -> Summary:
@@ -121,8 +116,3 @@ def parse(content: bytes, place: str) -> Summary:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise InputError(f"{place}: {where}: {first['msg']}; name a campaign.json that massprop batch of this version wrote") from None
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of campaign.json."""
-    return Summary.model_json_schema(by_alias=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from massprop_cli import __version__
-from massprop_cli.base import exits, files
+from massprop_cli.base import escape, exits, files
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError, MachineError
 from massprop_cli.base.escape import line
@@ -168,13 +168,12 @@ def versions(report: bool = False) -> dict[str, str]:
 
 def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
     from massprop_cli.job import Demands, of_table
-    from massprop_cli.result import schema
 
     settings, expected = job.settings, _expected(job, inputs)
     table = table_of(job, inputs)
     source = vehicle_of(job, inputs, table.embedded_vehicle)
     judged = of_table(table, source, settings.assignments, Demands(settings.require, expected, settings.allow_contradicted))
-    files = {"result.json": schema.to_json(judged.result).encode(), "history.parquet": _history(judged.analysis)}
+    files = {"result.json": escape.document(judged.result).encode(), "history.parquet": _history(judged.analysis)}
     if settings.report:
         files["report.html"] = _report(job, files)
     told = _outcome(judged, mark, sorted(files))
@@ -184,7 +183,7 @@ def _worked(job: Job, inputs: Inputs, mark: str) -> Produced:
 def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
     """The check alone: check.json, and what it expects of each quantity without its value."""
     from massprop_cli.campaign import kept
-    from massprop_cli.check import finding, flow
+    from massprop_cli.check import flow
 
     table = table_of(job, inputs)
     source = vehicle_of(job, inputs, table.embedded_vehicle)
@@ -205,7 +204,7 @@ def _checked(job: Job, inputs: Inputs, mark: str) -> Produced:
         bodies=kept.expected(found.expected),
         files=[outcome.CHECKED],
     )
-    return Produced(told, {outcome.CHECKED: finding.to_json(found).encode(), outcome.FILE: outcome.to_json(told)})
+    return Produced(told, {outcome.CHECKED: escape.document(found).encode(), outcome.FILE: outcome.to_json(told)})
 
 
 def _expected(job: Job, inputs: Inputs) -> Expectations | None:

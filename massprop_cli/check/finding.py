@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from massprop_cli.base import escape
 from massprop_cli.base.arrays import BoolArray
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.result.schema import Item
@@ -79,13 +77,3 @@ def rows(where: BoolArray, place: Any) -> str:
     named = place(first) if first == last else f"{place(first)} to {place(last).partition(' ')[2]}"
     more = len(edges) // 2 - 1
     return f"{named}, and {more} more place{'s' if more > 1 else ''}" if more else named
-
-
-def to_json(found: Check) -> str:
-    """Canonical text: same log, same bytes."""
-    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the check."""
-    return Check.model_json_schema(by_alias=True)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli.base import exits
+from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
@@ -67,7 +67,7 @@ def balance(
     """
     if moved and after is None:
         raise UsageError("--moved: states what was moved before a second log; name its result with --after")
-    from massprop_cli.balance import document, flow, stated, table
+    from massprop_cli.balance import flow, stated, table
     from massprop_cli.result import read
 
     first = read.read(result)
@@ -76,7 +76,7 @@ def balance(
     texts = [item for text in moved or [] for item in text.split(",")]
     found = flow.balance(first, weights, leave, phase, later, texts)
     if as_json:
-        sys.stdout.write(document.to_json(found))
+        sys.stdout.write(escape.document(found))
     elif not quiet:
         table.show(found, console(no_color))
     bad = [] if allow_contradicted else [said for one in (first, later) if one is not None and (said := flow.contradicted(one, phase))]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import check_junit, fail, guarded
@@ -61,14 +62,14 @@ def check(
     wants = requirements(want, "--want")
     check_junit(junit)
     assignments = options.assignments(context, {"delay": delay}, assign)
-    from massprop_cli.check import finding, flow
+    from massprop_cli.check import flow
 
     with progress(quiet or as_json) as told:
         found = flow.check(log, vehicle, wants, assignments, told, map_file, allow_contradicted=allow_contradicted)
     if junit is not None:
         _write(junit, found)
     if as_json:
-        sys.stdout.write(finding.to_json(found))
+        sys.stdout.write(escape.document(found))
     elif not quiet:
         from massprop_cli.check import table
 

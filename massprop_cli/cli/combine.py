@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from massprop_cli.base import escape
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
@@ -71,7 +72,6 @@ def combine(
 
     from massprop_cli import job
     from massprop_cli.combine import flow
-    from massprop_cli.result import schema
 
     with np.errstate(all="ignore"):
         found = flow.combine_docked(before or [], after or []) if docked else flow.combine(results or [])
@@ -79,7 +79,7 @@ def combine(
     flow.write(folder, found, [*(results or []), *(before or []), *(after or [])])
     warn(found.warnings, quiet, no_color)
     if as_json:
-        sys.stdout.write(schema.to_json(found))
+        sys.stdout.write(escape.document(found))
     elif not quiet:
         show(found, folder, no_color)
     unmet = job.unmet(found, job.Demands(required, allow_contradicted=allow_contradicted))

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli.base import exits
+from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, guarded
@@ -55,7 +55,7 @@ def compare(
     allowed = tolerancefile.load(tolerance, max_sigma)
     found = comparison.compare(read.read(result), read.read(baseline), allowed)
     if as_json:
-        sys.stdout.write(comparison.to_json(found))
+        sys.stdout.write(escape.document(found))
     elif not quiet:
         difference.show(found, console(no_color))
     failure = comparison.failure(found)

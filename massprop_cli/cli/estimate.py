@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_cli.base import escape
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import progress, show, told_map, told_of, warn
@@ -62,13 +63,13 @@ def estimate(
     required = requirements(require)
     folder_of_its_own(out)
     from massprop_cli import job
-    from massprop_cli.result import schema, store
+    from massprop_cli.result import store
 
     demands = job.Demands(required, _expected(expect), allow_contradicted)
     assignments = options.assignments(context, {"method": method, "refine": refine, "delay": delay}, assign)
     with progress(quiet or as_json) as told:
         judged = job.of_file(log, vehicle, assignments, demands, told, map_file)
-    text = schema.to_json(judged.result)
+    text = escape.document(judged.result)
     stored = store.write(out, judged.analysis, text)
     told_of(stored, None if out is not None else store.plain(log), quiet)
     told_map(judged.analysis.log.made, quiet)

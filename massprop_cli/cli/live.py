@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
-from massprop_cli.base import exits
+from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say, show, told_of, warn
@@ -112,10 +112,10 @@ def _until_interrupted(lines: Iterable[str]) -> Iterator[tuple[Iterator[str], Ca
 def _concluded(record: Path, vehicle: Path, assign: Sequence[str], quiet: bool, no_color: bool) -> None:
     """The recording's result; its table is for a terminal alone, since stdout is another program's."""
     from massprop_cli import job
-    from massprop_cli.result import schema, store
+    from massprop_cli.result import store
 
     judged = job.of_file(record, vehicle, assign)
-    stored = store.write(record.parent, judged.analysis, schema.to_json(judged.result))
+    stored = store.write(record.parent, judged.analysis, escape.document(judged.result))
     told_of(stored, None, quiet)
     warn(judged.analysis.notices, quiet)
     if not quiet and sys.stdout.isatty():

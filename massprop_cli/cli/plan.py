@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from massprop_cli.base import exits
+from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
 from massprop_cli.cli.terminal import console, progress, put
@@ -102,7 +102,7 @@ def plan(
     import numpy as np
 
     from massprop_cli.base import files
-    from massprop_cli.plan import document, flow, page
+    from massprop_cli.plan import flow, page
     from massprop_cli.plan.choose import Criterion
 
     folder = out or flow.default_folder(vehicle)
@@ -113,7 +113,7 @@ def plan(
         made = flow.make(vehicle, guess, asked, told or (lambda *_: None), tuple(assign or []))
     flow.write(made, folder, {"plan.html": page.text(made.plan)})
     if as_json:
-        sys.stdout.write(document.to_json(made.plan))
+        sys.stdout.write(escape.document(made.plan))
     elif not quiet:
         from massprop_cli.plan import table
 

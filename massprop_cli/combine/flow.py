@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from massprop_cli import __version__
-from massprop_cli.base import files
+from massprop_cli.base import escape, files
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import logs, twice
 from massprop_cli.combine.docked import backwards, docked_object
@@ -20,7 +20,6 @@ from massprop_cli.combine.phase import Part, Phased, together_phase
 from massprop_cli.diagnosis.preprocessing import Ready
 from massprop_cli.report.labels import labels
 from massprop_cli.result import rendered
-from massprop_cli.result import schema as results
 from massprop_cli.result.read import MEMBERS, Recorded, read
 from massprop_cli.result.schema import DockedObject, PhaseItem, Result, WarningItem
 
@@ -187,7 +186,7 @@ def write(folder: Path, found: Result, paths: Sequence[Path]) -> None:
     try:
         with files.held(folder), files.staged(folder) as stage:
             stage.save(rendered.RUN, partial(files.save_text, content=rendered.run_text(run, {})))
-            stage.save("result.json", partial(files.save_text, content=results.to_json(found)))
+            stage.save("result.json", partial(files.save_text, content=escape.document(found)))
             rendered.clear(folder)
             stage.place()
     except OSError as error:

@@ -3,7 +3,7 @@
 The models below are the schema (``massprop schema ballast``); a vehicle file holds the same [[ballast]] tables.
 """
 
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -91,8 +91,3 @@ class BallastFile(Section):
         if twice is not None:
             raise ValueError(f"ballast name {twice!r} is used twice; give each its own")
         return self
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the ballast file."""
-    return BallastFile.model_json_schema(by_alias=True)

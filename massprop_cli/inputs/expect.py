@@ -243,8 +243,3 @@ def _wanted(name: str, quantity: Quantity, convention: str | None, tolerance: To
         )
     flip = name in PRODUCTS and convention == "positive_integral" and value != 0
     return Wanted(-value if flip else value, tolerance)
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the expect file."""
-    return ExpectFile.model_json_schema(by_alias=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
@@ -124,8 +124,3 @@ def load(path: Path | None, max_sigma: float) -> Gate:
     if all(getattr(stated, name) is None for stated in limits for name in (*QUANTITIES, "tolerance")):
         raise InputError(f'{path}: states no tolerance; write for instance [all] and below it mass = "2 %"')
     return Gate(fallback, file, str(path))
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the tolerance file."""
-    return ToleranceFile.model_json_schema(by_alias=True)

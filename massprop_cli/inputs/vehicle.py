@@ -282,11 +282,6 @@ ACTUATORS: dict[str, type[Actuator]] = {
 """By their tables in the vehicle file."""
 
 
-def schema() -> dict[str, Any]:
-    """JSON Schema of the vehicle file."""
-    return Vehicle.model_json_schema(by_alias=True)
-
-
 def flat(section: Section, prefix: str) -> dict[str, Any]:
     """A section as dotted keys and JSON values, so that each can be given back as ``KEY=VALUE``."""
     found: dict[str, Any] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any, Literal
 
@@ -11,7 +10,6 @@ import tomli_w
 from pydantic import Field
 
 from massprop_cli import QUANTITIES, UNITS, __version__
-from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.vehiclefile import VehicleSource
 from massprop_cli.plan import limits as limited
@@ -193,13 +191,3 @@ def scenario_toml(found: Planned, rehearsal: Rehearsal, name: str) -> str:
     vehicle = {key: value for key, value in content.pop("vehicle").items() if value not in ([], {})}
     text = tomli_w.dumps({key: value for key, value in content.items() if value != {}} | {"vehicle": vehicle})
     return _LIST.sub(lambda lines: "[" + ", ".join(lines.group(1).replace(",", " ").split()) + "]", text)
-
-
-def to_json(found: PlanFile) -> str:
-    """Canonical text: same plan, same bytes."""
-    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of plan.json."""
-    return PlanFile.model_json_schema(by_alias=True)

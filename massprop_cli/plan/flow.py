@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massprop_cli.base import exits, files, foldername
+from massprop_cli.base import escape, exits, files, foldername
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
 from massprop_cli.estimate.quantities import alone
@@ -118,7 +118,7 @@ def write(made: Made, folder: Path, pages: dict[str, str]) -> None:
     """scenario.toml, further pages, and last plan.json, whole or not at all."""
     try:
         with files.held(folder), files.staged(folder) as stage:
-            for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": document.to_json(made.plan)}.items():
+            for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():
                 if (folder / name).is_dir():
                     raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
                 stage.save(name, partial(files.save_text, content=text))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -105,8 +105,3 @@ def _cg_spread(file: GuessFile, vehicle: VehicleSource) -> float:
     if not vehicle.vehicle.pivoted:
         return float(CG_SPREAD * natural_sizes(body)[6])
     return float(SPREAD * np.linalg.norm(body[6:9] - vehicle.vehicle.environment.bearing_position_m))
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the guess file."""
-    return GuessFile.model_json_schema(by_alias=True)

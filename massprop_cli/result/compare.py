@@ -6,16 +6,14 @@ The models below are the schema (``massprop schema compare``).
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from massprop_cli import QUANTITIES
-from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Verdict
@@ -239,13 +237,3 @@ def _why(d: Difference) -> str:
     allowed = "nothing" if d.tolerance is None else f"{d.tolerance:.3g} {d.unit}"
     off = f"off by {d.difference:+.3g} {d.unit}{sigmas}, allowed {allowed} ({d.stated})"
     return f"{d.value:.9g}, in the baseline {d.baseline_value:.9g}, {off}"
-
-
-def to_json(found: Comparison) -> str:
-    """Canonical text: same results, same bytes."""
-    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the comparison."""
-    return Comparison.model_json_schema(by_alias=True)

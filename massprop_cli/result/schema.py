@@ -1,11 +1,9 @@
 """result.json: the models below are the schema (``massprop schema result``)."""
 
-import json
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
-from massprop_cli.base import escape
 from massprop_cli.conclude.reason import VerdictReason
 from massprop_cli.conclude.verdict import Verdict
 from massprop_cli.inputs.ballast import Ballast
@@ -296,13 +294,3 @@ class Result(Item):
     mended: list[Mended] = []
     assumptions: list[Assumption] = []
     warnings: list[WarningItem]
-
-
-def to_json(found: Result) -> str:
-    """Canonical text: same result, same bytes. NaN and infinity can't appear."""
-    return escape.json(json.dumps(found.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of result.json."""
-    return Result.model_json_schema(by_alias=True)

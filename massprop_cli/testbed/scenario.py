@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -316,8 +316,3 @@ def parse(text: str, source: str, assignments: Sequence[str] = (), folder: Path 
         data["vehicle"] = configfile.parse_toml(vehicle_text, str(path))
     data = configfile.override(data, [assignment for assignment in assignments if assignment not in named])
     return ScenarioSource(configfile.validate(Scenario, data, source, text, assignments), source)
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the scenario file."""
-    return Scenario.model_json_schema(by_alias=True)

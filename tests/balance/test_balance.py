@@ -16,9 +16,10 @@ from typer.testing import CliRunner, Result
 
 import massprop_cli
 from massprop_cli import flow, schemas
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.cli import app
-from massprop_cli.result import build, schema
+from massprop_cli.result import build
 from tests import anypedestal, balanced
 from tests.commandline import massprop
 
@@ -177,7 +178,7 @@ def test_the_vehicle_file_s_ballast_is_carried_by_the_result(lab: Path, plan: di
     (lab / "with.toml").write_text(vehicle + tomli_w.dumps({"ballast": SLIDES}), encoding="utf-8")
     found = flow.analyse(lab / "first-log" / "log.parquet", lab / "with.toml", [], None)
     (lab / "carrying").mkdir()
-    (lab / "carrying" / "result.json").write_text(schema.to_json(build.result(found)), encoding="utf-8")
+    (lab / "carrying" / "result.json").write_text(escape.document(build.result(found)), encoding="utf-8")
     for arguments in (("carrying",), ("first", "--ballast", "with.toml")):
         assert told(ran(lab, *arguments, "--json"))["plan"] == plan["plan"]
 

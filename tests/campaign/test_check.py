@@ -10,7 +10,8 @@ import pytest
 from junitparser import JUnitXml
 
 from massprop_cli import QUANTITIES, run_campaign
-from massprop_cli.check import finding, flow
+from massprop_cli.base import escape
+from massprop_cli.check import flow
 from massprop_cli.inputs.require import requirements
 from tests.campaigns import batch, contents, simulate
 from tests.commandline import massprop
@@ -39,7 +40,7 @@ def test_each_log_has_the_check_that_the_command_gives_and_no_result(here: Path)
     assert [row["outcome"]["exit_code"] for row in found["logs"]] == [0, 3, 4]
     for name in (NAMES[0], NAMES[2]):
         log = here / "logs" / name / "log.parquet"
-        own = finding.to_json(flow.check(log, None, requirements("ixx<1%"), ()))
+        own = escape.document(flow.check(log, None, requirements("ixx<1%"), ()))
         assert (place / "results" / name / "check.json").read_text() == own
         assert sorted(path.name for path in (place / "results" / name).iterdir()) == ["check.json", "outcome.json"]
     assert "nothing-commanded" in found["logs"][2]["outcome"]["warnings"]

@@ -12,10 +12,10 @@ from junitparser import JUnitXml
 from typer.testing import CliRunner
 
 import massprop_cli.report
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError, UsageError
 from massprop_cli.cli import app
 from massprop_cli.result.schema import Result
-from massprop_cli.result.schema import to_json as result_json
 from tests import recorded
 from tests.commandline import massprop
 from tests.refusal import contents
@@ -23,7 +23,7 @@ from tests.refusal import contents
 
 def save(folder: Path, found: Result | None = None) -> Path:
     folder.mkdir(parents=True)
-    (folder / "result.json").write_text(result_json(found or recorded.result()), encoding="utf-8")
+    (folder / "result.json").write_text(escape.document(found or recorded.result()), encoding="utf-8")
     return folder
 
 

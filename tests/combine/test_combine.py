@@ -14,6 +14,7 @@ from pyarrow import csv
 from scipy.spatial.transform import Rotation
 
 from massprop_cli import QUANTITIES, flow, job
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.combine import flow as combine
@@ -170,7 +171,7 @@ def test_what_is_shared_counts_once() -> None:
 def estimated(log: Path, out: Path, *assignments: str) -> None:
     """What ``massprop estimate`` writes, without a process for it."""
     found = job.of_file(log, assignments=assignments)
-    store.write(out, found.analysis, schema.to_json(found.result))
+    store.write(out, found.analysis, escape.document(found.result))
 
 
 def test_a_thrust_scale_common_to_logs_on_a_bearing_enters_once(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import QUANTITIES, job
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.combine import flow
 from massprop_cli.result import schema, store
@@ -32,7 +33,7 @@ def estimated(name: str, settings: tuple[str, ...], seed: int, folder: Path) -> 
     """Log and result in a folder."""
     output.write(fly(name, *settings, seeds=(seed,)), 0, scenario.load(name, settings).scenario, folder / "log", "parquet")
     judged = job.of_file(folder / "log" / "log.parquet")
-    store.write(folder / "result", judged.analysis, schema.to_json(judged.result))
+    store.write(folder / "result", judged.analysis, escape.document(judged.result))
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +136,7 @@ def test_what_is_shared_by_the_logs_counts_once(place: Path, tmp_path: Path) -> 
         text = vehicle.read_text() + "\n[thrust]\nscale_sigma = 0.02\n\n[known]\nmass = { value = 25.0, sigma = 0.01 }\n"
         vehicle.write_text(text)
         judged = job.of_file(tmp_path / part / "log" / "log.parquet", vehicle)
-        store.write(tmp_path / part / "result", judged.analysis, schema.to_json(judged.result))
+        store.write(tmp_path / part / "result", judged.analysis, escape.document(judged.result))
     values, sigma = numbers(flow.combine([tmp_path / part / "result" for part in AXES]))
     bare, own = numbers(flow.combine([place / "testbed" / part / "result" for part in AXES]))
     assert sigma[9] == pytest.approx(0.01, rel=0.01)

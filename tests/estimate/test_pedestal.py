@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from massprop_cli import CG, INERTIA, QUANTITIES, flow
+from massprop_cli.base import escape
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.conclude.verdict import Conclusion
@@ -123,7 +124,7 @@ def test_a_free_swing_with_nothing_known_tells_ratios_alone_and_says_so() -> Non
 
 def test_a_result_has_the_nine_with_value_sigma_unit_and_verdict() -> None:
     _, (answer,) = found_of(3, "wheels", 1)
-    found = schema.Result.model_validate_json(schema.to_json(build.result(answer)))
+    found = schema.Result.model_validate_json(escape.document(build.result(answer)))
     nine = found.phases[0].about_pivot
     assert tuple(nine) == ABOUT_PIVOT
     assert {one.unit for one in nine.values()} == {"kg m^2", "kg m"}

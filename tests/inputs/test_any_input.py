@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from massprop_cli import job
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import equipment, logfile, telemetry, vehiclefile
-from massprop_cli.result import schema
 from tests.hostile import SAMPLE, flight
 from tests.targets import flyer
 
@@ -106,7 +106,7 @@ def estimates(data: dict[str, Any], rows: int = 60) -> None:
         judged = job.of_table(logfile.parse(Path("log.parquet"), out.getvalue()), source)
     except InputError:
         return
-    schema.to_json(judged.result)
+    escape.document(judged.result)
     for item in judged.result.phases[0].estimates.values():
         assert item.sigma is None or (item.sigma > 0 and math.isfinite(item.sigma))
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from massprop_cli import job
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs.formats import reading
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.result import schema
 from tests.inputs.everyformat import (
     EXACT,
     FORMATS,
@@ -141,4 +141,4 @@ def test_results_name_their_map(tmp_path: Path) -> None:
     path, map_file = written("hdf5", tmp_path)
     judged = job.of_file(path, SAMPLE / "vehicle.toml", map_file=map_file)
     assert judged.result.provenance.map_sha256 is not None
-    assert '"map_sha256": "' in schema.to_json(judged.result)
+    assert '"map_sha256": "' in escape.document(judged.result)

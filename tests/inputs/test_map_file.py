@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from massprop_cli import job
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.campaign import discover, work
 from massprop_cli.campaign.outcome import Outcome
@@ -19,7 +20,6 @@ from massprop_cli.campaign.plan import Settings
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.formats import mapfile
 from massprop_cli.inputs.logfile import read_table
-from massprop_cli.result import schema
 from tests.commandline import massprop
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -79,7 +79,7 @@ def test_a_map_beside_the_log_is_found_and_told_of(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     told = json.loads((tmp_path / "out" / "run.json").read_text())
     assert told["map"] == "map.toml"
-    assert (tmp_path / "out" / "result.json").read_text() == schema.to_json(mine.result)
+    assert (tmp_path / "out" / "result.json").read_text() == escape.document(mine.result)
 
 
 def test_a_campaign_takes_maps_by_name_in_its_file_and_beside_logs(tmp_path: Path) -> None:

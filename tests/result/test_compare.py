@@ -10,13 +10,13 @@ import jsonschema
 import pytest
 
 from massprop_cli import QUANTITIES, schemas
+from massprop_cli.base import escape
 from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import tolerancefile
 from massprop_cli.inputs.tolerance import Tolerance
 from massprop_cli.inputs.tolerancefile import Gate
-from massprop_cli.result.compare import Comparison, beyond, compare, failure, to_json
+from massprop_cli.result.compare import Comparison, beyond, compare, failure
 from massprop_cli.result.schema import Result
-from massprop_cli.result.schema import to_json as result_json
 from tests import recorded
 from tests.commandline import massprop
 from tests.refusal import contents
@@ -210,9 +210,9 @@ def test_a_tolerance_file_is_refused_that(text: str, names: tuple[str, ...], tmp
 
 
 def test_json_fits_its_schema_and_is_the_same_each_time() -> None:
-    text = to_json(between(one(mass=NOT_EXCITED), one()))
+    text = escape.document(between(one(mass=NOT_EXCITED), one()))
     jsonschema.validate(json.loads(text), schemas.schema("compare"))
-    assert text == to_json(between(one(mass=NOT_EXCITED), one()))
+    assert text == escape.document(between(one(mass=NOT_EXCITED), one()))
 
 
 # massprop compare
@@ -220,7 +220,7 @@ def test_json_fits_its_schema_and_is_the_same_each_time() -> None:
 
 def save(folder: Path, found: Result) -> Path:
     folder.mkdir()
-    (folder / "result.json").write_text(result_json(found), encoding="utf-8")
+    (folder / "result.json").write_text(escape.document(found), encoding="utf-8")
     return folder
 
 

@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from massprop_cli import estimate_log
-from massprop_cli.base import foldername
+from massprop_cli.base import escape, foldername
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli.guard import folder_of_its_own
 from massprop_cli.flow import Analysis
-from massprop_cli.result import build, schema, store
+from massprop_cli.result import build, store
 from tests.campaigns import contents, simulate
 from tests.commandline import massprop
 
@@ -43,7 +43,7 @@ def of(found: Analysis, path: str) -> Analysis:
 
 def stored(found: Analysis, path: str) -> Path:
     one = of(found, path)
-    folder = store.write(None, one, schema.to_json(build.result(one))).folder
+    folder = store.write(None, one, escape.document(build.result(one))).folder
     assert (folder / "result.json").exists()
     return folder
 
@@ -196,7 +196,7 @@ def test_a_run_file_that_was_tampered_with_removes_nothing(listed: object, found
     (here / "out" / "mine.txt").write_text("mine")
     said = json.dumps({"log": "x", "rendered": listed}).replace("{digest}", digest(here / "mine.txt"))
     (here / "out" / "run.json").write_text(said)
-    stored = store.write(Path("out"), found, schema.to_json(build.result(found)))
+    stored = store.write(Path("out"), found, escape.document(build.result(found)))
     assert stored.pages.removed == ()
     assert (here / "mine.txt").read_text() == (here / "out" / "mine.txt").read_text() == "mine"
 

@@ -250,8 +250,3 @@ def find(log: Path, explicit: Path | None) -> MapSource | None:
         if path.exists():
             return load(path, named=False)
     return None
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the map file."""
-    return MapFile.model_json_schema(by_alias=True)
