@@ -44,11 +44,18 @@ class Staged:
         self.folder = folder
         self._temporary: dict[str, Path] = {}
 
-    def save(self, name: str, save: Callable[[Path], object]) -> None:
-        """Write a file aside."""
-        self._temporary[name] = _temporary(self.folder)
-        save(self._temporary[name])
-        self._temporary[name].chmod(0o644)
+    def save(self, name: str, content: str | bytes | Callable[[Path], object]) -> None:
+        """Write a file aside: text, bytes, or what a function writes; :class:`InputError` where a folder of its name is in the way."""
+        if (self.folder / name).is_dir():
+            raise InputError(f"{self.folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
+        self._temporary[name] = temporary = _temporary(self.folder)
+        if isinstance(content, str):
+            save_text(temporary, content)
+        elif isinstance(content, bytes):
+            temporary.write_bytes(content)
+        else:
+            content(temporary)
+        temporary.chmod(0o644)
 
     def place(self) -> None:
         """Move all into place, in the order in which they were saved."""
@@ -64,12 +71,22 @@ class Staged:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Staged]:
-    """Files to write together; what is not placed in the end is gone."""
+    """Files of a folder, which is held meanwhile, to write together; what is not placed in the end is gone."""
     stage = Staged(folder)
+    with writing(folder), held(folder):
+        try:
+            yield stage
+        finally:
+            stage.clear()
+
+
+@contextmanager
+def writing(place: Path, what: str = "folder", option: str = "out") -> Iterator[None]:
+    """:class:`InputError` where a file, or a folder, can't be written."""
     try:
-        yield stage
-    finally:
-        stage.clear()
+        yield
+    except OSError as error:
+        raise InputError(f"{place}: cannot be written ({error.strerror or error}); choose another {what}", option) from None
 
 
 @contextmanager

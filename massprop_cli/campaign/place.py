@@ -51,19 +51,16 @@ class LocalPlace:
     def lock(self) -> Iterator[None]:
         """Held by the kernel for as long as this process lives, so a killed batch leaves none behind."""
         check_own(self.folder, [name for name in _TABLES if not (self.folder / name).is_dir()], RESULTS)
-        try:
-            with files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
-                taken = [name for name in _TABLES if (self.folder / name).is_dir()]
-                if taken:
-                    raise InputError(f"{self.folder / taken[0]}: is a folder; move it, or choose another folder", option="out")
-                try:
-                    shutil.rmtree(self._aside, ignore_errors=True)
-                    self._aside.mkdir()
-                    yield
-                finally:
-                    shutil.rmtree(self._aside, ignore_errors=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
+        with files.writing(self.folder), files.made(self.folder / RESULTS), files.lock(self.folder / _LOCK, self.folder, 0.0):
+            taken = [name for name in _TABLES if (self.folder / name).is_dir()]
+            if taken:
+                raise InputError(f"{self.folder / taken[0]}: is a folder; move it, or choose another folder", option="out")
+            try:
+                shutil.rmtree(self._aside, ignore_errors=True)
+                self._aside.mkdir()
+                yield
+            finally:
+                shutil.rmtree(self._aside, ignore_errors=True)
 
     def folders(self) -> dict[str, frozenset[str]]:
         """See :class:`Place`."""

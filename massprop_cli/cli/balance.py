@@ -6,8 +6,6 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprop_cli.base import escape, exits
 from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
@@ -17,39 +15,18 @@ from massprop_cli.cli.terminal import console
 
 @guarded
 def balance(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)],
+    result: options.Made,
     ballast: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Ballast or vehicle file with [[ballast]] (default: what RESULT carries).",
-            show_default=False,
-            rich_help_panel=options.INPUT,
-        ),
+        options.option("Ballast or vehicle file with [[ballast]] (default: what RESULT carries).", options.INPUT, metavar="FILE"),
     ] = None,
-    after: Annotated[
-        Path | None,
-        typer.Option(metavar="RESULT", help="Of a log after the moves, to check them.", show_default=False, rich_help_panel=options.INPUT),
-    ] = None,
+    after: Annotated[Path | None, options.option("Of a log after the moves, to check them.", options.INPUT, metavar="RESULT")] = None,
     moved: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=MM", help="Moved between the logs: mm, or g added (default: as recommended).", rich_help_panel=options.INPUT
-        ),
+        options.option("Moved between the logs: mm, or g added (default: as recommended).", options.INPUT, metavar="NAME=MM"),
     ] = None,
-    phase: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Phase of the result.", show_default=False, rich_help_panel=options.INPUT),
-    ] = None,
-    leave: Annotated[
-        str | None,
-        typer.Option(
-            metavar="x=0,y=0,z=...",
-            help="First moment to leave, with units.",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
-        ),
-    ] = None,
+    phase: Annotated[str | None, options.option("Phase of the result.", options.INPUT, metavar="NAME")] = None,
+    leave: Annotated[str | None, options.option("First moment to leave, with units.", options.DEMANDS, metavar="x=0,y=0,z=...")] = None,
     allow_contradicted: options.AllowContradicted = False,
     as_json: Annotated[bool, options.as_json("all of it as JSON")] = False,
     quiet: Annotated[bool, options.quiet("No table.")] = False,

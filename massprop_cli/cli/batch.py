@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from massprop_cli.base import exits
-from massprop_cli.base.errors import InputError, UsageError
+from massprop_cli.base.errors import UsageError
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import check_junit, fail, folder_of_its_own, guarded
+from massprop_cli.cli.guard import check_junit, fail, folder_of_its_own, guarded, put_junit
 from massprop_cli.cli.terminal import console, put, say
 
 if TYPE_CHECKING:
@@ -38,111 +38,53 @@ def batch(
         typer.Argument(metavar="PATH...", help="Logs, folders (with all below), globs, campaign files; URLs too.", show_default=False),
     ],
     out: Annotated[
-        str, typer.Option(metavar="FOLDER", help="Folder of the campaign, or a URL.", envvar="MASSPROP_OUT", rich_help_panel=options.OUTPUT)
+        str, options.option("Folder of the campaign, or a URL.", options.OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
     ] = "massprop-out",
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Processes at work (default: one per core).",
-            envvar="MASSPROP_JOBS",
-            show_default=False,
-            metavar="N",
-            rich_help_panel=_RUN,
-        ),
+        int | None, options.option("Processes at work (default: one per core).", _RUN, min=1, envvar="MASSPROP_JOBS", metavar="N")
     ] = None,
     cluster: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Run on the workers of this dask scheduler, tcp://HOST:PORT.",
-            envvar="MASSPROP_CLUSTER",
-            show_default=False,
-            rich_help_panel=_RUN,
-        ),
+        options.option("Run on the workers of this dask scheduler, tcp://HOST:PORT.", _RUN, metavar="ADDRESS", envvar="MASSPROP_CLUSTER"),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Do all logs again, changed or not.", rich_help_panel=_RUN)] = False,
-    fail_fast: Annotated[
-        bool, typer.Option("--fail-fast", help="Stop at the first log whose exit code is not 0.", rich_help_panel=_RUN)
-    ] = False,
+    force: Annotated[bool, options.option("Do all logs again, changed or not.", _RUN, "--force")] = False,
+    fail_fast: Annotated[bool, options.option("Stop at the first log whose exit code is not 0.", _RUN, "--fail-fast")] = False,
     vehicle: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Vehicle file (TOML) of all logs.",
-            envvar="MASSPROP_VEHICLE",
-            show_default=False,
-            rich_help_panel=options.INPUT,
-        ),
+        str | None, options.option("Vehicle file (TOML) of all logs.", options.INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")
     ] = None,
     map_file: Annotated[
-        str | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="Map file (TOML) of all logs.",
-            envvar="MASSPROP_MAP",
-            show_default=False,
-            rich_help_panel=options.INPUT,
-        ),
+        str | None, options.option("Map file (TOML) of all logs.", options.INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")
     ] = None,
     method: options.Chosen = None,
     delay: options.Delay = None,
     assign: options.Assign = None,
     require: Annotated[
         str | None,
-        typer.Option(
+        options.option(
+            "Exit 4 unless these converge in every phase of every log ('all'), and that precisely.",
+            options.DEMANDS,
             metavar="ixx,mass<2%,...",
-            help="Exit 4 unless these converge in every phase of every log ('all'), and that precisely.",
-            rich_help_panel=options.DEMANDS,
         ),
     ] = None,
     expect: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
-        ),
+        str | None, options.option("Expected values (TOML, JSON or a truth.json); exit 5 unless met.", options.DEMANDS, metavar="FILE")
     ] = None,
     baseline: Annotated[
         str | None,
-        typer.Option(
-            metavar="FILE",
-            help="campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
-        ),
+        options.option("campaign.json of an earlier campaign, or a URL of it; exit 5 beyond it.", options.DEMANDS, metavar="FILE"),
     ] = None,
     max_sigma: Annotated[
-        float,
-        typer.Option(
-            min=0, help="A difference from the baseline may be so many of its sigmas.", metavar="SIGMAS", rich_help_panel=options.DEMANDS
-        ),
+        float, options.option("A difference from the baseline may be so many of its sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")
     ] = 4.0,
     tolerance: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="What is allowed of the baseline instead, quantity by quantity.",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
-        ),
+        Path | None, options.option("What is allowed of the baseline instead, quantity by quantity.", options.DEMANDS, metavar="FILE")
     ] = None,
     allow_contradicted: options.AllowContradicted = False,
     junit: options.Junit = None,
     check: Annotated[
-        bool,
-        typer.Option(
-            "--check",
-            help="Only say whether each log is fit, as massprop check does, into FOLDER/checks.",
-            rich_help_panel=options.OUTPUT,
-        ),
+        bool, options.option("Only say whether each log is fit, as massprop check does, into FOLDER/checks.", options.OUTPUT, "--check")
     ] = False,
-    report: Annotated[
-        bool, typer.Option("--report", help="Render report.html of each log (1 to 2 s each).", rich_help_panel=options.OUTPUT)
-    ] = False,
+    report: Annotated[bool, options.option("Render report.html of each log (1 to 2 s each).", options.OUTPUT, "--report")] = False,
     as_json: Annotated[bool, options.as_json("campaign.json")] = False,
     quiet: Annotated[bool, options.quiet("No table, no line per log.")] = False,
     no_color: options.NoColor = False,
@@ -218,7 +160,7 @@ def batch(
         except KeyboardInterrupt:
             fail(f"interrupted; what is done stays in {out}, and the same command goes on from there", exits.INTERRUPTED)
         if junit is not None:
-            _write(junit, suites.text(folder, found))
+            put_junit(junit, suites.text(folder, found))
     _tell_github(found)
     if as_json:
         sys.stdout.writelines(summary.to_json(found))
@@ -253,16 +195,6 @@ def _check(planned: Sequence[Job]) -> None:
     for place in dict.fromkeys(job.settings.expect for job in planned):
         if place is not None:
             expect.parse(location.read_text(place, "expect file"), location.path(place))
-
-
-def _write(file: Path, text: str) -> None:
-    from massprop_cli.base import files
-
-    try:
-        with files.held(file.parent):
-            files.text(file, text)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None
 
 
 def _tell_github(found: Summary) -> None:

@@ -3,41 +3,29 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from massprop_cli.base import escape
-from massprop_cli.base.errors import InputError
 from massprop_cli.cli import options
-from massprop_cli.cli.guard import check_junit, fail, guarded
+from massprop_cli.cli.guard import check_junit, fail, guarded, put_junit
 from massprop_cli.cli.terminal import console, progress
 
 if TYPE_CHECKING:
-    from massprop_cli.check.finding import Check
+    pass
 
 
 @guarded
 def check(
     context: typer.Context,
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
-    ],
+    log: options.Log,
     vehicle: options.Vehicle = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE", help="Map file (TOML) of another recording.", envvar="MASSPROP_MAP", show_default=False),
-    ] = None,
+    map_file: options.MapFile = None,
     want: Annotated[
         str | None,
-        typer.Option(
-            "--want",
-            "--require",
-            metavar='"ixx 1 %, mass"',
-            help="Exit 4 unless these converge, and that precisely.",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
+        options.option(
+            "Exit 4 unless these converge, and that precisely.", options.DEMANDS, "--want", "--require", metavar='"ixx 1 %, mass"'
         ),
     ] = None,
     allow_contradicted: options.AllowContradicted = False,
@@ -67,7 +55,9 @@ def check(
     with progress(quiet or as_json) as told:
         found = flow.check(log, vehicle, wants, assignments, told, map_file, allow_contradicted=allow_contradicted)
     if junit is not None:
-        _write(junit, found)
+        from massprop_cli.check import junit as suites
+
+        put_junit(junit, suites.text(found))
     if as_json:
         sys.stdout.write(escape.document(found))
     elif not quiet:
@@ -76,14 +66,3 @@ def check(
         table.show(found, console(no_color))
     if found.exit_code:
         fail(flow.message(found), found.exit_code)
-
-
-def _write(file: Path, found: Check) -> None:
-    from massprop_cli.base import files
-    from massprop_cli.check import junit as suites
-
-    try:
-        with files.held(file.parent):
-            files.text(file, suites.text(found))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror or error}); choose another file with --junit") from None

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 @guarded
 def columns(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Any recording that massprop reads.", show_default=False)],
-    as_map: Annotated[
-        bool, typer.Option("--as-map", help="Print the drafted map file (TOML) and nothing else.", rich_help_panel=options.OUTPUT)
-    ] = False,
+    as_map: Annotated[bool, options.option("Print the drafted map file (TOML) and nothing else.", options.OUTPUT, "--as-map")] = False,
     as_json: Annotated[bool, options.as_json("the streams and the draft as JSON")] = False,
     no_color: options.NoColor = False,
 ) -> None:

@@ -20,29 +20,11 @@ def combine(
     results: Annotated[
         list[Path] | None, typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)
     ] = None,
-    before: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="RESULT", help="Of the vehicle alone; may be repeated.", show_default=False, rich_help_panel=options.INPUT),
-    ] = None,
+    before: Annotated[list[Path] | None, options.option("Of the vehicle alone; may be repeated.", options.INPUT, metavar="RESULT")] = None,
     after: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="RESULT",
-            help="Of the vehicle with the docked object; may be repeated.",
-            show_default=False,
-            rich_help_panel=options.INPUT,
-        ),
+        list[Path] | None, options.option("Of the vehicle with the docked object; may be repeated.", options.INPUT, metavar="RESULT")
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder (default: massprop-out/combined).",
-            envvar="MASSPROP_OUT",
-            show_default=False,
-            metavar="FOLDER",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
+    out: Annotated[Path | None, options.out("Folder (default: massprop-out/combined).")] = None,
     require: options.Require = None,
     allow_contradicted: options.AllowContradicted = False,
     as_json: Annotated[bool, options.as_json("result.json")] = False,

@@ -18,19 +18,13 @@ from massprop_cli.cli.terminal import console, say
 
 @guarded
 def compare(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)],
+    result: options.Made,
     baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="The same, to compare with.", show_default=False)],
     max_sigma: Annotated[
-        float, typer.Option(min=0, help="A difference may be so many of its sigmas.", metavar="SIGMAS", rich_help_panel=options.DEMANDS)
+        float, options.option("A difference may be so many of its sigmas.", options.DEMANDS, min=0, metavar="SIGMAS")
     ] = 4.0,
     tolerance: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="What is allowed instead, quantity by quantity (TOML or JSON).",
-            show_default=False,
-            rich_help_panel=options.DEMANDS,
-        ),
+        Path | None, options.option("What is allowed instead, quantity by quantity (TOML or JSON).", options.DEMANDS, metavar="FILE")
     ] = None,
     as_json: Annotated[bool, options.as_json("the comparison as JSON")] = False,
     quiet: Annotated[bool, options.quiet("No table.")] = False,

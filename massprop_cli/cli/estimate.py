@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 @guarded
 def estimate(
     context: typer.Context,
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
-    ],
+    log: options.Log,
     vehicle: options.Vehicle = None,
     map_file: options.MapFile = None,
     out: Annotated[
@@ -31,12 +29,7 @@ def estimate(
     method: options.Chosen = None,
     delay: options.Delay = None,
     refine: Annotated[
-        bool,
-        typer.Option(
-            "--refine",
-            help="Report the off-line maximum-likelihood fit instead of the last causal row.",
-            rich_help_panel=options.SETTINGS,
-        ),
+        bool, options.option("Report the off-line maximum-likelihood fit instead of the last causal row.", options.SETTINGS, "--refine")
     ] = False,
     assign: options.Assign = None,
     require: options.Require = None,

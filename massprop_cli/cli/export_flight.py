@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import folder_of_its_own, guarded
 from massprop_cli.cli.terminal import say
@@ -16,12 +14,7 @@ from massprop_cli.cli.terminal import say
 def export_flight(
     vehicle: options.NeededVehicle,
     out: Annotated[Path, options.out("Folder for the sources.")],
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG", help="A log: its noise levels, and a test vector from it.", show_default=False, rich_help_panel=options.INPUT
-        ),
-    ] = None,
+    log: Annotated[Path | None, options.option("A log: its noise levels, and a test vector from it.", options.INPUT, metavar="LOG")] = None,
     assign: options.Assign = None,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,
 ) -> None:

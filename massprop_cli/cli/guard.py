@@ -67,6 +67,14 @@ def check_junit(file: Path | None) -> None:
         raise UsageError(f"--junit {file}: is there already, and is no JUnit XML; name another file")
 
 
+def put_junit(file: Path, text: str) -> None:
+    """Write JUnit XML to a file that passed :func:`check_junit`."""
+    from massprop_cli.base import files
+
+    with files.writing(file, "file", "junit"), files.held(file.parent):
+        files.text(file, text)
+
+
 def _is_junit(file: Path) -> bool:
     with file.open("rb") as opened:
         begins = opened.read(_BEGINS)

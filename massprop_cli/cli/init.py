@@ -19,10 +19,7 @@ def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or another recording with its map.", show_default=False)],
     map_file: options.MapFile = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Write it to this new file (default, and -: stdout).", show_default=False, rich_help_panel=options.OUTPUT
-        ),
+        Path | None, options.option("Write it to this new file (default, and -: stdout).", options.OUTPUT, metavar="FILE")
     ] = None,
 ) -> None:
     """Draft a vehicle file from a log.
@@ -45,11 +42,8 @@ def init(
     if out is None or str(out) == "-":
         sys.stdout.write(text)
         return
-    try:
-        with files.held(out.parent):
-            if out.exists():
-                raise InputError(f"{out}: is there already; name a new file, or move it")
-            files.text(out, text)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror or error}); choose another file with --out") from None
+    with files.writing(out, "file"), files.held(out.parent):
+        if out.exists():
+            raise InputError(f"{out}: is there already; name a new file, or move it")
+        files.text(out, text)
     put(str(out))

@@ -22,81 +22,46 @@ class Method(StrEnum):
 INPUT, SETTINGS, DEMANDS, OUTPUT = "What goes in", "Settings", "What must hold", "What comes out"
 """Groups of options."""
 
-Vehicle = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, rich_help_panel=INPUT),
+
+def option(help_: str, panel: str, *names: str, **more: Any) -> Any:
+    """An option in a group; ``more`` as of typer.Option."""
+    return typer.Option(*names, help=help_, rich_help_panel=panel, **more)
+
+
+Log = Annotated[
+    Path, typer.Argument(metavar="LOG", help="Telemetry log, .parquet or .csv, or another recording with a map.", show_default=False)
 ]
-NeededVehicle = Annotated[
-    Path,
-    typer.Option(metavar="FILE", help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, rich_help_panel=INPUT),
-]
-MapFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--map",
-        metavar="FILE",
-        help="Map file (TOML) of another recording.",
-        envvar="MASSPROP_MAP",
-        show_default=False,
-        rich_help_panel=INPUT,
-    ),
-]
-Chosen = Annotated[
-    Method | None,
-    typer.Option(
-        help="Estimator: default, or the thesis's own filters.", envvar="MASSPROP_METHOD", show_default=False, rich_help_panel=SETTINGS
-    ),
-]
-Delay = Annotated[
-    str | None,
-    typer.Option(
-        metavar="CYCLES|auto", help="Command delay in cycles.", envvar="MASSPROP_DELAY", show_default=False, rich_help_panel=SETTINGS
-    ),
-]
-Assign = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted vehicle-file key; may be repeated.", rich_help_panel=SETTINGS),
-]
+Made = Annotated[Path, typer.Argument(metavar="RESULT", help="Result folder or its result.json.", show_default=False)]
+Vehicle = Annotated[Path | None, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
+NeededVehicle = Annotated[Path, option("Vehicle file (TOML).", INPUT, metavar="FILE", envvar="MASSPROP_VEHICLE")]
+MapFile = Annotated[Path | None, option("Map file (TOML) of another recording.", INPUT, "--map", metavar="FILE", envvar="MASSPROP_MAP")]
+Chosen = Annotated[Method | None, option("Estimator: default, or the thesis's own filters.", SETTINGS, envvar="MASSPROP_METHOD")]
+Delay = Annotated[str | None, option("Command delay in cycles.", SETTINGS, metavar="CYCLES|auto", envvar="MASSPROP_DELAY")]
+Assign = Annotated[list[str] | None, option("Override a dotted vehicle-file key; may be repeated.", SETTINGS, "--set", metavar="KEY=VALUE")]
 Require = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ixx,mass<2%,...",
-        help="Exit 4 unless these converge in every phase ('all'), and that precisely.",
-        rich_help_panel=DEMANDS,
-    ),
+    str | None, option("Exit 4 unless these converge in every phase ('all'), and that precisely.", DEMANDS, metavar="ixx,mass<2%,...")
 ]
 AllowContradicted = Annotated[
-    bool,
-    typer.Option("--allow-contradicted", help="Do not exit 6 where log and vehicle file contradict each other.", rich_help_panel=DEMANDS),
+    bool, option("Do not exit 6 where log and vehicle file contradict each other.", DEMANDS, "--allow-contradicted")
 ]
-Expect = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Expected values (TOML, JSON or a truth.json); exit 5 unless met.",
-        show_default=False,
-        rich_help_panel=DEMANDS,
-    ),
-]
-Junit = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write JUnit XML to this file.", show_default=False, rich_help_panel=OUTPUT)
-]
-NoColor = Annotated[bool, typer.Option("--no-color", help="No colour (NO_COLOR works too).", rich_help_panel=OUTPUT)]
+Expect = Annotated[Path | None, option("Expected values (TOML, JSON or a truth.json); exit 5 unless met.", DEMANDS, metavar="FILE")]
+Junit = Annotated[Path | None, option("Write JUnit XML to this file.", OUTPUT, metavar="FILE")]
+NoColor = Annotated[bool, option("No colour (NO_COLOR works too).", OUTPUT, "--no-color")]
 
 
 def out(help_: str) -> Any:
     """``--out`` of a command that writes a folder."""
-    return typer.Option(metavar="FOLDER", help=help_, envvar="MASSPROP_OUT", show_default=False, rich_help_panel=OUTPUT)
+    return option(help_, OUTPUT, metavar="FOLDER", envvar="MASSPROP_OUT")
 
 
 def as_json(what: str) -> Any:
     """``--json``."""
-    return typer.Option("--json", help=f"Print {what} on stdout and nothing else.", rich_help_panel=OUTPUT)
+    return option(f"Print {what} on stdout and nothing else.", OUTPUT, "--json")
 
 
 def quiet(what: str) -> Any:
     """``--quiet``."""
-    return typer.Option("--quiet", "-q", help=what, rich_help_panel=OUTPUT)
+    return option(what, OUTPUT, "--quiet", "-q")
 
 
 def assignments(context: typer.Context, given: Mapping[str, object], assign: Sequence[str] | None) -> list[str]:

@@ -7,8 +7,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from massprop_cli.base import escape, exits
 from massprop_cli.cli import options
 from massprop_cli.cli.guard import fail, folder_of_its_own, guarded
@@ -25,61 +23,26 @@ class _Criterion(StrEnum):
 
 @guarded
 def plan(
-    vehicle: Annotated[
-        Path,
-        typer.Option(
-            help="Vehicle file (TOML).", envvar="MASSPROP_VEHICLE", show_default=False, metavar="FILE", rich_help_panel=options.INPUT
-        ),
-    ],
-    want: Annotated[
-        str,
-        typer.Option(metavar='"ixx 1 %, mass 2 %"', help="Sigmas that are wanted.", show_default=False, rich_help_panel=options.DEMANDS),
-    ],
+    vehicle: options.NeededVehicle,
+    want: Annotated[str, options.option("Sigmas that are wanted.", options.DEMANDS, metavar='"ixx 1 %, mass 2 %"')],
     guess: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="What the vehicle may be (TOML; default: the vehicle file's \\[nominal]).",
-            show_default=False,
-            rich_help_panel=options.INPUT,
-        ),
+        options.option("What the vehicle may be (TOML; default: the vehicle file's \\[nominal]).", options.INPUT, metavar="FILE"),
     ] = None,
-    max_time: Annotated[float, typer.Option(min=1e-3, max=1e5, help="Longest plan, s.", metavar="S", rich_help_panel=_LIMITS)] = 60.0,
-    max_impulse: Annotated[
-        float | None,
-        typer.Option(min=1e-9, help="Most that all jets may give, N s.", show_default=False, metavar="N_S", rich_help_panel=_LIMITS),
-    ] = None,
-    max_rate: Annotated[
-        float | None, typer.Option(min=1e-9, help="Fastest body rate, rad/s.", show_default=False, metavar="RAD_S", rich_help_panel=_LIMITS)
-    ] = None,
+    max_time: Annotated[float, options.option("Longest plan, s.", _LIMITS, min=1e-3, max=1e5, metavar="S")] = 60.0,
+    max_impulse: Annotated[float | None, options.option("Most that all jets may give, N s.", _LIMITS, min=1e-9, metavar="N_S")] = None,
+    max_rate: Annotated[float | None, options.option("Fastest body rate, rad/s.", _LIMITS, min=1e-9, metavar="RAD_S")] = None,
     max_tilt: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-9, help="Farthest from the vertical at the start, rad.", show_default=False, metavar="RAD", rich_help_panel=_LIMITS
-        ),
+        float | None, options.option("Farthest from the vertical at the start, rad.", _LIMITS, min=1e-9, metavar="RAD")
     ] = None,
-    max_travel: Annotated[
-        float | None,
-        typer.Option(min=1e-9, help="Farthest from the place at the start, m.", show_default=False, metavar="M", rich_help_panel=_LIMITS),
-    ] = None,
-    without: Annotated[
-        str | None, typer.Option(metavar="JET,...", help="Jets that are off.", show_default=False, rich_help_panel=_LIMITS)
-    ] = None,
+    max_travel: Annotated[float | None, options.option("Farthest from the place at the start, m.", _LIMITS, min=1e-9, metavar="M")] = None,
+    without: Annotated[str | None, options.option("Jets that are off.", _LIMITS, metavar="JET,...")] = None,
     criterion: Annotated[
-        _Criterion,
-        typer.Option(
-            help="Make the worst ratio small, the mean square (a), or the volume of the ellipsoid (d).", rich_help_panel=options.SETTINGS
-        ),
+        _Criterion, options.option("Make the worst ratio small, the mean square (a), or the volume of the ellipsoid (d).", options.SETTINGS)
     ] = _Criterion.worst,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder (default: massprop-out/FOLDER-STEM-plan).",
-            envvar="MASSPROP_OUT",
-            show_default=False,
-            metavar="FOLDER",
-            rich_help_panel=options.OUTPUT,
-        ),
+        options.out("Folder (default: massprop-out/FOLDER-STEM-plan)."),
     ] = None,
     assign: options.Assign = None,
     as_json: Annotated[bool, options.as_json("plan.json")] = False,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -31,35 +30,17 @@ NAMED = 50
 def report(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT...", help="Result folders or their result.json.", show_default=False)],
     format_: Annotated[
-        str | None,
-        typer.Option(
-            "--format",
-            metavar="html,md,csv,junit",
-            help="Formats (default html); svg, png for figures.",
-            show_default=False,
-            rich_help_panel=options.OUTPUT,
-        ),
+        str | None, options.option("Formats (default html); svg, png for figures.", options.OUTPUT, "--format", metavar="html,md,csv,junit")
     ] = None,
     figure: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", help="Draw this figure, or 'all'; may be repeated.", show_default=False, rich_help_panel=options.OUTPUT
-        ),
+        list[str] | None, options.option("Draw this figure, or 'all'; may be repeated.", options.OUTPUT, metavar="NAME")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder (default: of one result its own, of several massprop-out).",
-            envvar="MASSPROP_OUT",
-            show_default=False,
-            metavar="FOLDER",
-            rich_help_panel=options.OUTPUT,
-        ),
+        options.out("Folder (default: of one result its own, of several massprop-out)."),
     ] = None,
     expect: options.Expect = None,
-    open_: Annotated[
-        bool, typer.Option("--open", help="Show report.html in the browser when it is written.", rich_help_panel=options.OUTPUT)
-    ] = False,
+    open_: Annotated[bool, options.option("Show report.html in the browser when it is written.", options.OUTPUT, "--open")] = False,
     quiet: Annotated[bool, options.quiet("Do not print the paths that were written.")] = False,
 ) -> None:
     """Render results: report.html, report.md, report.csv, report.junit.xml, and figures as NAME.svg or NAME.png.
@@ -184,19 +165,10 @@ def _write(folder: Path, contents: dict[str, bytes], own: bool) -> list[Path]:
     from massprop_cli.base import files
     from massprop_cli.result import rendered
 
-    try:
-        with files.held(folder), files.staged(folder) as stage:
-            for name, content in contents.items():
-                if (folder / name).is_dir():
-                    raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-                stage.save(name, partial(_save, content))
-            stage.place()
-            if own:
-                rendered.record(folder, contents)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+    with files.staged(folder) as stage:
+        for name, content in contents.items():
+            stage.save(name, content)
+        stage.place()
+        if own:
+            rendered.record(folder, contents)
     return [folder / name for name in contents]
-
-
-def _save(content: bytes, path: Path) -> None:
-    path.write_bytes(content)

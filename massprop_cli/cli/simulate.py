@@ -20,33 +20,16 @@ def simulate(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME).",
-            envvar="MASSPROP_OUT",
-            show_default=False,
-            metavar="FOLDER",
-            rich_help_panel=options.OUTPUT,
-        ),
+        options.out("Folder (default: massprop-out/NAME-seed-N, or massprop-out/NAME)."),
     ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Seed (default: the scenario's own).", show_default=False, metavar="N", rich_help_panel=options.SETTINGS),
-    ] = None,
+    seed: Annotated[int | None, options.option("Seed (default: the scenario's own).", options.SETTINGS, min=0, metavar="N")] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            max=100_000,
-            help="Fly this many seeds, from --seed on: a campaign folder.",
-            show_default=False,
-            metavar="N",
-            rich_help_panel=options.SETTINGS,
-        ),
+        options.option("Fly this many seeds, from --seed on: a campaign folder.", options.SETTINGS, min=1, max=100_000, metavar="N"),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write log.csv instead of log.parquet.", rich_help_panel=options.OUTPUT)] = False,
+    csv: Annotated[bool, options.option("Write log.csv instead of log.parquet.", options.OUTPUT, "--csv")] = False,
     assign: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a dotted scenario-file key.", rich_help_panel=options.SETTINGS),
+        list[str] | None, options.option("Override a dotted scenario-file key.", options.SETTINGS, "--set", metavar="KEY=VALUE")
     ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Name the packaged scenarios.")] = False,
     quiet: Annotated[bool, options.quiet("Say nothing.")] = False,

@@ -183,11 +183,8 @@ def write(folder: Path, found: Result, paths: Sequence[Path]) -> None:
     if (folder / "history.parquet").exists():
         raise InputError(f"{folder}: holds the result of a log, with its history; choose another folder with --out")
     run = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node(), "combined": [str(path) for path in paths]}
-    try:
-        with files.held(folder), files.staged(folder) as stage:
-            stage.save(rendered.RUN, partial(files.save_text, content=rendered.run_text(run, {})))
-            stage.save("result.json", partial(files.save_text, content=escape.document(found)))
-            rendered.clear(folder)
-            stage.place()
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+    with files.staged(folder) as stage:
+        stage.save(rendered.RUN, rendered.run_text(run, {}))
+        stage.save("result.json", escape.document(found))
+        rendered.clear(folder)
+        stage.place()

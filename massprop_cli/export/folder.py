@@ -23,15 +23,12 @@ def write(resolved: Constants, folder: Path) -> list[str]:
     """Write all of it, whole; the files' names."""
     texts = contents(resolved)
     files.check_own(folder, texts, "table.h")
-    try:
-        with files.held(folder), files.staged(folder) as stage:
-            for name, text in texts.items():
-                stage.save(name, lambda path, text=text: files.save_text(path, text))  # type: ignore[misc]
-            stage.place()
-            for name in {"vector.txt", "expected.txt"} - texts.keys():  # of an earlier export
-                (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
+    with files.staged(folder) as stage:
+        for name, text in texts.items():
+            stage.save(name, text)
+        stage.place()
+        for name in {"vector.txt", "expected.txt"} - texts.keys():  # of an earlier export
+            (folder / name).unlink(missing_ok=True)
     return list(texts)
 
 

@@ -22,26 +22,17 @@ def recording(folder: Path) -> Iterator[Callable[[str], None]]:
     """
     path = folder / RECORDED
     with ExitStack() as stack:
-        try:
+        with files.writing(path):
             stack.enter_context(files.made(folder))
             if path.exists():
                 raise InputError(f"{path}: is there already, and a recording is not written over; choose another folder", option="out")
-        except OSError as error:
-            raise _unwritten(path, error) from None
         opened = cache(lambda: stack.enter_context(path.open("xb", buffering=0)))
 
         def keep(line: str) -> None:
-            try:
-                file = opened()
-            except OSError as error:
-                raise _unwritten(path, error) from None
-            _keep(file, path, line.encode("utf-8", "replace"))
+            with files.writing(path):
+                _keep(opened(), path, line.encode("utf-8", "replace"))
 
         yield keep
-
-
-def _unwritten(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror or error}); choose another folder", option="out")
 
 
 def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
@@ -53,5 +44,5 @@ def _keep(file: BinaryIO, path: Path, line: bytes) -> None:
         file.truncate(whole)
         if not whole:
             path.unlink()
-            raise _unwritten(path, error) from None
+            raise
         raise InputError(f"{path}: cannot be written ({error.strerror}); it holds what came before. Make room, and begin anew") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -116,15 +115,10 @@ def _name(source: VehicleSource) -> str:
 
 def write(made: Made, folder: Path, pages: dict[str, str]) -> None:
     """scenario.toml, further pages, and last plan.json, whole or not at all."""
-    try:
-        with files.held(folder), files.staged(folder) as stage:
-            for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():
-                if (folder / name).is_dir():
-                    raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder with --out")
-                stage.save(name, partial(files.save_text, content=text))
-            stage.place()
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder with --out") from None
+    with files.staged(folder) as stage:
+        for name, text in {"scenario.toml": made.scenario, **pages, "plan.json": escape.document(made.plan)}.items():
+            stage.save(name, text)
+        stage.place()
 
 
 def default_folder(vehicle: Path) -> Path:

@@ -38,23 +38,18 @@ def write(out: Path | None, analysis: Analysis, result_json: str) -> Stored:
     Pages that massprop rendered from another result in that folder are removed first.
     """
     log = analysis.log.path
-    try:
+    with files.writing(out or BASE):
         if out is not None:
             files.check_own(out, ("history.parquet",) if not _is(out / "history.parquet", log) else (), "result.json")
         folder = _claimed(log) if out is None else out
-        with files.held(folder), files.staged(folder) as stage:
-            pages = _placed(stage, analysis, result_json)
-    except OSError as error:
-        raise InputError(f"{out or BASE}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
-    return Stored(folder, pages)
+        with files.staged(folder) as stage:
+            return Stored(folder, _placed(stage, analysis, result_json))
 
 
 def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleared:
     """Write all aside, so that nothing is lost where it can't be written, then remove the earlier result's pages and put it in place."""
     folder = stage.folder
     for name in ("history.parquet", RUN, "result.json"):
-        if (folder / name).is_dir():
-            raise InputError(f"{folder / name}: is a folder; nothing was written. Move it, or choose another folder", option="out")
         if _is(folder / name, analysis.log.path):
             raise InputError(f"{folder / name}: is the log itself; nothing was written. Choose another folder", option="out")
     unchanged = _holds(folder / "result.json", result_json.encode())
@@ -63,8 +58,8 @@ def _placed(stage: files.Staged, analysis: Analysis, result_json: str) -> Cleare
         told |= {"map": analysis.log.made.map, "mapped": list(analysis.log.made.said)}
     said = rendered.run_text(told, rendered.listed(folder) if unchanged else {})
     stage.save("history.parquet", lambda path: historyfile.write_history(analysis, path))
-    stage.save(RUN, lambda path: files.save_text(path, said))
-    stage.save("result.json", lambda path: files.save_text(path, result_json))
+    stage.save(RUN, said)
+    stage.save("result.json", result_json)
     pages = Cleared() if unchanged else rendered.clear(folder)
     stage.place()
     return pages

@@ -46,7 +46,7 @@ def simulate(
 
     ``running`` makes the estimator that the control may take its body from.
     """
-    try:
+    with files.writing(folder):
         if seeds is None:
             files.check_own(folder, (f"log.{kind}", "vehicle.toml"), "truth.json")
             flight = fly(source, [first_seed], progress=partial(_tell, progress, 0.0, 1.0), running=running)
@@ -54,8 +54,6 @@ def simulate(
                 write(flight, 0, source.scenario, folder, kind)
             return f"log.{kind}, vehicle.toml and truth.json"
         return _campaign(source, folder, range(first_seed, first_seed + seeds), kind, progress, running)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error}); choose another folder", option="out") from None
 
 
 def _campaign(
