@@ -338,10 +338,10 @@ def test_a_folder_that_was_made_and_stays_empty_is_removed(tmp_path: Path) -> No
 
 def test_files_that_belong_together_lack_their_mark_until_all_are_there(tmp_path: Path) -> None:
     (tmp_path / "mark").write_text("old", encoding="utf-8")
-    (tmp_path / "second").mkdir()  # can't be replaced by a file
     with files.staged(tmp_path) as stage:
         for name in ("first", "second", "mark"):
             stage.save(name, lambda path: path.write_text("new", encoding="utf-8"))
+        (tmp_path / "second").mkdir()  # meanwhile; can't be replaced by a file
         with pytest.raises(OSError, match="directory"):
             stage.place()
     assert not (tmp_path / "mark").exists()
